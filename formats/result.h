@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// A value or the reason why there is none. The reason carries the exit code
+// that a program ends with, so that main() needs no table of its own.
+#pragma once
+
+#include <cassert>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace trocar {
+
+/// The programs' exit codes (the outer contract).
+enum class ExitCode : int {
+  kDone = 0,
+  kBug = 1,          ///< an invariant of ours broke
+  kUsage = 2,        ///< what was asked cannot be asked this way
+  kRefused = 3,      ///< the input is not acceptable
+  kUnwritable = 4,   ///< an output could not be written
+  kDeviceFault = 5,  ///< stopped by the device or the safety layer
+};
+
+struct Error {
+  ExitCode code = ExitCode::kBug;
+  std::string message;  ///< one line: file, slice, place, why
+};
+
+/// Holds a T or an Error. Reading the one that is not there is a bug (assert).
+template <typename T>
+class [[nodiscard]] Result {
+ public:
+  Result(T value) : value_(std::move(value)) {}          // NOLINT(google-explicit-constructor)
+  Result(Error error) : error_(std::move(error)) {}      // NOLINT(google-explicit-constructor)
+
+  explicit operator bool() const { return value_.has_value(); }
+  T& operator*() { return assert(value_), *value_; }
+  const T& operator*() const { return assert(value_), *value_; }
+  T* operator->() { return assert(value_), &*value_; }
+  const T* operator->() const { return assert(value_), &*value_; }
+  const Error& error() const { return assert(!value_), error_; }
+
+ private:
+  std::optional<T> value_;
+  Error error_;
+};
+
+/// Success, or an Error.
+template <>
+class [[nodiscard]] Result<void> {
+ public:
+  Result() = default;
+  Result(Error error) : error_(std::move(error)) {}  // NOLINT(google-explicit-constructor)
+  explicit operator bool() const { return !error_.has_value(); }
+  const Error& error() const { return assert(error_), *error_; }
+
+ private:
+  std::optional<Error> error_;
+};
+
+inline Error refused(std::string message) { return {ExitCode::kRefused, std::move(message)}; }
+inline Error usage(std::string message) { return {ExitCode::kUsage, std::move(message)}; }
+inline Error unwritable(std::string message) { return {ExitCode::kUnwritable, std::move(message)}; }
+inline Error bug(std::string message) { return {ExitCode::kBug, std::move(message)}; }
+
+}  // namespace trocar

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/slice_mesh.h"
+
+#include <algorithm>
+
+namespace trocar {
+
+std::int64_t doubled_area(const Ring& ring) {
+  std::int64_t sum = 0;
+  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
+    sum += orient2d(ring[0], ring[i], ring[i + 1 == n ? 0 : i + 1]);
+  }
+  return sum;
+}
+
+std::int64_t doubled_area(const Pslg& pslg) {
+  std::int64_t sum = 0;
+  for (const Ring& ring : pslg.rings) sum += doubled_area(ring);
+  return sum;
+}
+
+std::int64_t doubled_area(const SliceMesh& mesh) {
+  std::int64_t sum = 0;
+  for (const Triangle& t : mesh.triangles) {
+    sum += orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]);
+  }
+  return sum;
+}
+
+Pslg boundary_rings(const SliceMesh& mesh) {
+  // Directed edges sorted by (low, high); an edge without its opposite is boundary.
+  struct Edge {
+    std::uint32_t from, to;
+    auto key() const { return std::pair{std::min(from, to), std::max(from, to)}; }
+  };
+  std::vector<Edge> edges;
+  edges.reserve(mesh.triangles.size() * 3);
+  for (const Triangle& t : mesh.triangles) {
+    for (int i = 0; i < 3; ++i) edges.push_back({t[i], t[(i + 1) % 3]});
+  }
+  std::sort(edges.begin(), edges.end(),
+            [](const Edge& a, const Edge& b) { return a.key() < b.key(); });
+  constexpr std::uint32_t kNone = 0xffffffff;
+  std::vector<std::uint32_t> next(mesh.vertices.size(), kNone);
+  for (std::size_t i = 0; i < edges.size();) {
+    if (i + 1 < edges.size() && edges[i].key() == edges[i + 1].key()) {
+      i += 2;
+    } else {
+      next[edges[i].from] = edges[i].to;
+      ++i;
+    }
+  }
+  Pslg out;
+  for (std::uint32_t v = 0; v < next.size(); ++v) {
+    if (next[v] == kNone) continue;
+    Ring ring;
+    for (std::uint32_t u = v; next[u] != kNone;) {
+      ring.push_back(mesh.vertices[u]);
+      const std::uint32_t w = next[u];
+      next[u] = kNone;
+      u = w;
+    }
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+    out.rings.push_back(std::move(ring));
+  }
+  std::sort(out.rings.begin(), out.rings.end());
+  return out;
+}
+
+}  // namespace trocar
