@@ -1,0 +1,574 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/asset.h"
+
+#define TINYGLTF_IMPLEMENTATION
+#define TINYGLTF_NO_STB_IMAGE
+#define TINYGLTF_NO_STB_IMAGE_WRITE
+#define TINYGLTF_NO_INCLUDE_STB_IMAGE
+#define TINYGLTF_NO_INCLUDE_STB_IMAGE_WRITE
+#define TINYGLTF_NO_EXTERNAL_IMAGE
+#include <tiny_gltf.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <sstream>
+
+#include "formats/draco_mesh.h"
+#include "formats/file_io.h"
+#include "formats/mesh_validity.h"
+
+// This file is compiled with hidden visibility: Debian's libdraco exports its
+// own tinygltf, built with other options, and must not be mixed with ours.
+
+namespace trocar {
+namespace {
+
+constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
+constexpr const char* kUnlitExtension = "KHR_materials_unlit";
+constexpr int kMaxJsonDepth = 64;
+constexpr std::size_t kMaxSlices = 100'000;
+
+// ---- JSON <-> tinygltf's own value type ------------------------------------
+
+tinygltf::Value to_value(const nlohmann::json& j) {
+  using tinygltf::Value;
+  if (j.is_boolean()) return Value(j.get<bool>());
+  if (j.is_number_integer()) {
+    const auto i = j.get<std::int64_t>();
+    if (i >= std::numeric_limits<int>::min() && i <= std::numeric_limits<int>::max()) {
+      return Value(static_cast<int>(i));
+    }
+    return Value(static_cast<double>(i));
+  }
+  if (j.is_number()) return Value(j.get<double>());
+  if (j.is_string()) return Value(j.get<std::string>());
+  if (j.is_array()) {
+    Value::Array array;
+    for (const nlohmann::json& e : j) array.push_back(to_value(e));
+    return Value(std::move(array));
+  }
+  if (j.is_object()) {
+    Value::Object object;
+    for (const auto& [key, e] : j.items()) object[key] = to_value(e);
+    return Value(std::move(object));
+  }
+  return {};
+}
+
+nlohmann::json to_json(const tinygltf::Value& v) {
+  if (v.IsBool()) return v.Get<bool>();
+  if (v.IsInt()) return v.Get<int>();
+  if (v.IsReal()) return v.Get<double>();
+  if (v.IsString()) return v.Get<std::string>();
+  if (v.IsArray()) {
+    nlohmann::json out = nlohmann::json::array();
+    for (std::size_t i = 0; i < v.ArrayLen(); ++i) out.push_back(to_json(v.Get(static_cast<int>(i))));
+    return out;
+  }
+  if (v.IsObject()) {
+    nlohmann::json out = nlohmann::json::object();
+    for (const std::string& key : v.Keys()) out[key] = to_json(v.Get(key));
+    return out;
+  }
+  return nullptr;
+}
+
+// The `trocar` object of some extras, or null.
+nlohmann::json our_extras(const tinygltf::Value& extras) {
+  return extras.IsObject() && extras.Has("trocar") ? to_json(extras.Get("trocar")) : nullptr;
+}
+
+// ---- encoding --------------------------------------------------------------
+
+Result<DracoGrid> common_grid(const Asset& asset) {
+  constexpr std::int32_t kMax = std::numeric_limits<std::int32_t>::max();
+  LatticePoint low{kMax, kMax}, high{-kMax, -kMax};
+  for (const AssetSlice& slice : asset.slices) {
+    for (LatticePoint p : slice.mesh.vertices) {
+      low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+      high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+    }
+  }
+  DracoGrid grid{asset.lattice, {0, 0}, 1};
+  if (low.x > high.x) return grid;
+  const std::int64_t extent =
+      std::max(std::int64_t{high.x} - low.x, std::int64_t{high.y} - low.y);
+  const std::int64_t farthest = std::max({std::abs(std::int64_t{low.x}), std::abs(std::int64_t{low.y}),
+                                          std::abs(std::int64_t{high.x}), std::abs(std::int64_t{high.y})});
+  if (extent > kMaxAssetExtent || farthest > kMaxAssetExtent) {
+    return refused("the outline spans " + std::to_string(std::max(extent, farthest)) +
+                   " lattice steps; an asset holds " + std::to_string(kMaxAssetExtent) +
+                   " (use a coarser lattice)");
+  }
+  grid.origin = low;
+  while ((std::int64_t{1} << grid.quantization_bits) - 1 < extent) ++grid.quantization_bits;
+  return grid;
+}
+
+class Buffer {
+ public:
+  // Appends bytes as a buffer view, 4-byte aligned; gives the view's index.
+  int add(tinygltf::Model& model, const void* data, std::size_t size, int target) {
+    bytes_.resize((bytes_.size() + 3) & ~std::size_t{3});
+    tinygltf::BufferView view;
+    view.buffer = 0;
+    view.byteOffset = bytes_.size();
+    view.byteLength = size;
+    view.target = target;
+    const auto* begin = static_cast<const unsigned char*>(data);
+    bytes_.insert(bytes_.end(), begin, begin + size);
+    model.bufferViews.push_back(std::move(view));
+    return static_cast<int>(model.bufferViews.size()) - 1;
+  }
+  std::vector<unsigned char> take() { return std::move(bytes_); }
+
+ private:
+  std::vector<unsigned char> bytes_;
+};
+
+int add_accessor(tinygltf::Model& model, int view, int component_type, int type, std::size_t count) {
+  tinygltf::Accessor accessor;
+  accessor.bufferView = view;
+  accessor.componentType = component_type;
+  accessor.type = type;
+  accessor.count = count;
+  model.accessors.push_back(std::move(accessor));
+  return static_cast<int>(model.accessors.size()) - 1;
+}
+
+// glTF wants the bounds of the float32 values; lattice multiples are exact in it.
+void set_bounds(tinygltf::Accessor& accessor, const std::vector<LatticePoint>& points,
+                const Lattice& lattice) {
+  LatticePoint low = points.front(), high = low;
+  for (LatticePoint p : points) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+  }
+  accessor.minValues = {lattice.to_mm(low.x), lattice.to_mm(low.y), 0.0};
+  accessor.maxValues = {lattice.to_mm(high.x), lattice.to_mm(high.y), 0.0};
+}
+
+Result<tinygltf::Primitive> triangles_primitive(tinygltf::Model& model, Buffer& buffer,
+                                                const SliceMesh& mesh, const DracoGrid& grid) {
+  auto payload = encode_draco(mesh, grid);
+  if (!payload) return payload.error();
+  // Counts and bounds come from the bytes just written, not from what we meant to write.
+  auto decoded = decode_draco(*payload, grid.lattice, mesh.vertices.size(), mesh.triangles.size());
+  if (!decoded) return bug("what Draco wrote does not decode: " + decoded.error().message);
+  if (decoded->vertices.size() != mesh.vertices.size() ||
+      decoded->triangles.size() != mesh.triangles.size() ||
+      doubled_area(*decoded) != doubled_area(mesh)) {
+    return bug("Draco did not keep every triangle");
+  }
+  tinygltf::Primitive primitive;
+  primitive.mode = TINYGLTF_MODE_TRIANGLES;
+  primitive.material = 0;
+  const int position = add_accessor(model, -1, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3,
+                                    decoded->vertices.size());
+  set_bounds(model.accessors[static_cast<std::size_t>(position)], decoded->vertices, grid.lattice);
+  primitive.attributes["POSITION"] = position;
+  primitive.indices = add_accessor(model, -1, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT,
+                                   TINYGLTF_TYPE_SCALAR, decoded->triangles.size() * 3);
+  const int view = buffer.add(model, payload->data(), payload->size(), 0);
+  primitive.extensions[kDracoExtension] = to_value(
+      {{"bufferView", view}, {"attributes", {{"POSITION", static_cast<int>(kDracoPositionId)}}}});
+  return primitive;
+}
+
+tinygltf::Primitive lines_primitive(tinygltf::Model& model, Buffer& buffer, const Pslg& pslg,
+                                    const Lattice& lattice) {
+  std::vector<LatticePoint> points;
+  std::vector<std::uint32_t> indices;
+  for (const Ring& ring : pslg.rings) {
+    const auto first = static_cast<std::uint32_t>(points.size());
+    const auto size = static_cast<std::uint32_t>(ring.size());
+    for (std::uint32_t i = 0; i < size; ++i) {
+      points.push_back(ring[i]);
+      indices.push_back(first + i);
+      indices.push_back(first + (i + 1) % size);
+    }
+  }
+  std::vector<float> xyz;
+  xyz.reserve(points.size() * 3);
+  for (LatticePoint p : points) {
+    xyz.push_back(static_cast<float>(lattice.to_mm(p.x)));
+    xyz.push_back(static_cast<float>(lattice.to_mm(p.y)));
+    xyz.push_back(0.0F);
+  }
+  tinygltf::Primitive primitive;
+  primitive.mode = TINYGLTF_MODE_LINE;
+  primitive.material = 1;
+  int view = buffer.add(model, xyz.data(), xyz.size() * sizeof(float), TINYGLTF_TARGET_ARRAY_BUFFER);
+  const int position =
+      add_accessor(model, view, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3, points.size());
+  set_bounds(model.accessors[static_cast<std::size_t>(position)], points, lattice);
+  primitive.attributes["POSITION"] = position;
+  if (points.size() < 65535) {
+    const std::vector<std::uint16_t> narrow(indices.begin(), indices.end());
+    view = buffer.add(model, narrow.data(), narrow.size() * sizeof(std::uint16_t),
+                      TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER);
+    primitive.indices = add_accessor(model, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT,
+                                     TINYGLTF_TYPE_SCALAR, indices.size());
+  } else {
+    view = buffer.add(model, indices.data(), indices.size() * sizeof(std::uint32_t),
+                      TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER);
+    primitive.indices = add_accessor(model, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT,
+                                     TINYGLTF_TYPE_SCALAR, indices.size());
+  }
+  return primitive;
+}
+
+void add_materials(tinygltf::Model& model) {
+  tinygltf::Material bone;
+  bone.name = "material";
+  bone.doubleSided = true;
+  bone.pbrMetallicRoughness.baseColorFactor = {0.89, 0.85, 0.76, 1.0};
+  bone.pbrMetallicRoughness.metallicFactor = 0.0;
+  bone.pbrMetallicRoughness.roughnessFactor = 0.9;
+  tinygltf::Material outline;
+  outline.name = "outline";
+  outline.pbrMetallicRoughness.baseColorFactor = {0.55, 0.1, 0.1, 1.0};
+  outline.extensions[kUnlitExtension] = tinygltf::Value(tinygltf::Value::Object{});
+  model.materials = {bone, outline};
+}
+
+// ---- decoding --------------------------------------------------------------
+
+// The smallest structure that tinygltf needs to be safe: one JSON chunk, not
+// nested deeply (its value type recurses), sizes that add up.
+Result<void> check_container(std::span<const std::uint8_t> glb, const std::string& name) {
+  const auto u32 = [&](std::size_t at) {
+    std::uint32_t v = 0;
+    std::memcpy(&v, glb.data() + at, 4);
+    return v;
+  };
+  if (glb.size() < 20 || u32(0) != 0x46546C67 || u32(4) != 2) {
+    return refused(name + ": not a binary glTF 2.0 file");
+  }
+  if (u32(8) != glb.size()) return refused(name + ": its length field says " + std::to_string(u32(8)) + " bytes, the file has " + std::to_string(glb.size()));
+  const std::uint64_t json_size = u32(12);
+  if (u32(16) != 0x4E4F534A || 20 + json_size > glb.size()) {
+    return refused(name + ": broken JSON chunk");
+  }
+  int depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 20; i < 20 + json_size; ++i) {
+    const std::uint8_t c = glb[i];
+    if (in_string) {
+      if (c == '\\') ++i;
+      in_string = c != '"';
+    } else if (c == '"') {
+      in_string = true;
+    } else if (c == '{' || c == '[') {
+      if (++depth > kMaxJsonDepth) return refused(name + ": JSON nested too deeply");
+    } else if (c == '}' || c == ']') {
+      --depth;
+    }
+  }
+  return {};
+}
+
+Result<tinygltf::Model> parse_container(std::span<const std::uint8_t> glb, const std::string& name) {
+  if (auto ok = check_container(glb, name); !ok) return ok.error();
+  tinygltf::TinyGLTF gltf;
+  gltf.SetFsCallbacks({[](const std::string&, void*) { return false; },
+                       [](const std::string& path, void*) { return path; },
+                       [](std::vector<unsigned char>*, std::string* err, const std::string&, void*) {
+                         *err += "external files are not read";
+                         return false;
+                       },
+                       [](std::string*, const std::string&, const std::vector<unsigned char>&,
+                          void*) { return false; },
+                       nullptr});
+  tinygltf::Model model;
+  std::string error, warning;
+  bool ok = false;
+  try {
+    ok = gltf.LoadBinaryFromMemory(&model, &error, &warning, glb.data(),
+                                   static_cast<unsigned>(glb.size()));
+  } catch (const std::exception& e) {
+    error = e.what();
+  }
+  if (!ok) {
+    std::replace(error.begin(), error.end(), '\n', ' ');
+    return refused(name + ": not readable as glTF: " + error);
+  }
+  if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty())) {
+    return refused(name + ": an asset has one embedded buffer");
+  }
+  return model;
+}
+
+// The bytes of a buffer view, or nothing if any number is out of range.
+std::optional<std::span<const std::uint8_t>> view_bytes(const tinygltf::Model& model, int view) {
+  if (view < 0 || static_cast<std::size_t>(view) >= model.bufferViews.size()) return std::nullopt;
+  const tinygltf::BufferView& v = model.bufferViews[static_cast<std::size_t>(view)];
+  if (v.buffer != 0 || model.buffers.empty() || v.byteStride != 0) return std::nullopt;
+  const std::vector<unsigned char>& bytes = model.buffers[0].data;
+  if (v.byteOffset > bytes.size() || v.byteLength > bytes.size() - v.byteOffset) return std::nullopt;
+  return std::span(bytes.data() + v.byteOffset, v.byteLength);
+}
+
+const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index) {
+  if (index < 0 || static_cast<std::size_t>(index) >= model.accessors.size()) return nullptr;
+  return &model.accessors[static_cast<std::size_t>(index)];
+}
+
+// The elements of a tightly packed accessor.
+template <typename T>
+std::optional<std::vector<T>> accessor_data(const tinygltf::Model& model,
+                                            const tinygltf::Accessor& accessor, std::size_t width) {
+  const auto bytes = view_bytes(model, accessor.bufferView);
+  if (!bytes || accessor.byteOffset != 0 || accessor.sparse.isSparse) return std::nullopt;
+  if (accessor.count > bytes->size() || accessor.count * width * sizeof(T) != bytes->size()) return std::nullopt;
+  std::vector<T> out(accessor.count * width);
+  std::memcpy(out.data(), bytes->data(), bytes->size());
+  return out;
+}
+
+int position_accessor(const tinygltf::Primitive& primitive) {
+  const auto it = primitive.attributes.find("POSITION");
+  return it == primitive.attributes.end() ? -1 : it->second;
+}
+
+Result<SliceMesh> decode_triangles(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
+                                   const Lattice& lattice) {
+  const auto it = primitive.extensions.find(kDracoExtension);
+  const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
+  const tinygltf::Accessor* indices = accessor_at(model, primitive.indices);
+  if (it == primitive.extensions.end() || !it->second.IsObject() || !it->second.Has("bufferView") ||
+      !it->second.Get("bufferView").IsInt() || position == nullptr || indices == nullptr) {
+    return refused("triangles without a Draco payload");
+  }
+  const auto payload = view_bytes(model, it->second.Get("bufferView").Get<int>());
+  if (!payload) return refused("Draco payload outside the buffer");
+  auto mesh = decode_draco(*payload, lattice, position->count, indices->count / 3);
+  if (!mesh) return mesh;
+  if (mesh->vertices.size() != position->count || mesh->triangles.size() * 3 != indices->count) {
+    return refused("Draco payload and accessor counts differ");
+  }
+  LatticePoint low = mesh->vertices.empty() ? LatticePoint{} : mesh->vertices.front(), high = low;
+  for (LatticePoint p : mesh->vertices) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+  }
+  if (position->minValues != std::vector<double>{lattice.to_mm(low.x), lattice.to_mm(low.y), 0.0} ||
+      position->maxValues != std::vector<double>{lattice.to_mm(high.x), lattice.to_mm(high.y), 0.0}) {
+    return refused("accessor bounds differ from the vertices");
+  }
+  return mesh;
+}
+
+Result<Pslg> decode_lines(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
+                          const Lattice& lattice) {
+  const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
+  const tinygltf::Accessor* index = accessor_at(model, primitive.indices);
+  if (position == nullptr || index == nullptr ||
+      position->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT || position->type != TINYGLTF_TYPE_VEC3 ||
+      index->type != TINYGLTF_TYPE_SCALAR) {
+    return refused("outline without positions or indices");
+  }
+  const auto xyz = accessor_data<float>(model, *position, 3);
+  std::vector<std::uint32_t> indices;
+  if (index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT) {
+    if (const auto narrow = accessor_data<std::uint16_t>(model, *index, 1)) {
+      indices.assign(narrow->begin(), narrow->end());
+    }
+  } else if (index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT) {
+    if (auto wide = accessor_data<std::uint32_t>(model, *index, 1)) indices = std::move(*wide);
+  }
+  if (!xyz || indices.size() != index->count || indices.size() != 2 * position->count) {
+    return refused("outline data outside the buffer or of the wrong size");
+  }
+  // Rings as written: (f, f+1) (f+1, f+2) ... (l, f).
+  Pslg pslg;
+  Ring ring;
+  std::uint32_t first = 0;
+  for (std::uint32_t i = 0; i < position->count; ++i) {
+    const double x = std::ldexp(static_cast<double>((*xyz)[3 * i]), lattice.bits);
+    const double y = std::ldexp(static_cast<double>((*xyz)[3 * i + 1]), lattice.bits);
+    if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
+        y != std::rint(y) || (*xyz)[3 * i + 2] != 0.0F) {
+      return refused("outline vertex " + std::to_string(i) + " is off the lattice");
+    }
+    ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
+    const std::uint32_t to = indices[2 * i + 1];
+    if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3)) {
+      return refused("outline segment " + std::to_string(i) + " does not continue its ring");
+    }
+    if (to == first) {
+      pslg.rings.push_back(std::exchange(ring, {}));
+      first = i + 1;
+    }
+  }
+  if (!ring.empty()) return refused("outline ring not closed");
+  return pslg;
+}
+
+std::vector<double> node_matrix(const Eigen::Affine3d& T) {
+  const Eigen::Matrix4d m = T.matrix();
+  return {m.data(), m.data() + 16};  // Eigen and glTF are both column-major
+}
+
+Result<AssetSlice> decode_slice(const tinygltf::Model& model, const tinygltf::Node& node,
+                                const Lattice& lattice, const DecodeOptions& options) {
+  const nlohmann::json extras = our_extras(node.extras);
+  if (!extras.is_object() || !extras.contains("index") || !extras["index"].is_number_integer() ||
+      !extras.contains("z_mm") || !extras["z_mm"].is_number()) {
+    return refused("a slice node without index and z_mm");
+  }
+  AssetSlice slice;
+  slice.index = extras["index"].get<int>();
+  slice.z_mm = extras["z_mm"].get<double>();
+  slice.measures = extras.value("measures", nlohmann::json::object());
+  const std::string where = "slice " + std::to_string(slice.index) + ": ";
+  if (node.matrix.size() != 16 ||
+      !std::all_of(node.matrix.begin(), node.matrix.end(), [](double d) { return std::isfinite(d); })) {
+    return refused(where + "node without a finite matrix");
+  }
+  slice.T_lps_plane.matrix() = Eigen::Map<const Eigen::Matrix4d>(node.matrix.data());
+  const bool wanted = options.all || std::find(options.slice_indices.begin(), options.slice_indices.end(),
+                                               slice.index) != options.slice_indices.end();
+  if (node.mesh < 0 || !wanted) return slice;
+  if (static_cast<std::size_t>(node.mesh) >= model.meshes.size()) {
+    return refused(where + "mesh index out of range");
+  }
+  const tinygltf::Mesh& mesh = model.meshes[static_cast<std::size_t>(node.mesh)];
+  if (mesh.primitives.size() != 2 || mesh.primitives[0].mode != TINYGLTF_MODE_TRIANGLES ||
+      mesh.primitives[1].mode != TINYGLTF_MODE_LINE) {
+    return refused(where + "expected one triangles and one lines primitive");
+  }
+  auto triangles = decode_triangles(model, mesh.primitives[0], lattice);
+  if (!triangles) return refused(where + triangles.error().message);
+  auto lines = decode_lines(model, mesh.primitives[1], lattice);
+  if (!lines) return refused(where + lines.error().message);
+  slice.mesh = std::move(*triangles);
+  slice.pslg = std::move(*lines);
+  return slice;
+}
+
+}  // namespace
+
+Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset) {
+  const auto grid = common_grid(asset);
+  if (!grid) return grid.error();
+
+  tinygltf::Model model;
+  model.asset.version = "2.0";
+  model.asset.generator = asset.generator;
+  model.extensionsUsed = {kDracoExtension, kUnlitExtension};
+  model.extensionsRequired = {kDracoExtension};
+  model.extras = to_value({{"trocar",
+                            {{"schema", kAssetSchema},
+                             {"lattice_bits", asset.lattice.bits},
+                             {"slices", asset.slices.size()},
+                             {"parameters", asset.parameters},
+                             {"input_digest", asset.input_digest}}}});
+  add_materials(model);
+
+  tinygltf::Node root;
+  root.name = "scan";
+  // LPS mm -> glTF metres, +Y up: (x, y, z) -> (x, z, -y) / 1000.
+  root.matrix = {1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1};
+  model.nodes.push_back(root);
+
+  Buffer buffer;
+  for (const AssetSlice& slice : asset.slices) {
+    tinygltf::Node node;
+    node.name = "slice " + std::to_string(slice.index);
+    node.matrix = node_matrix(slice.T_lps_plane);
+    node.extras = to_value({{"trocar",
+                             {{"index", slice.index}, {"z_mm", slice.z_mm}, {"measures", slice.measures}}}});
+    if (!slice.mesh.triangles.empty()) {
+      if (auto ok = check_mesh_against_pslg(slice.mesh, slice.pslg); !ok) {
+        return bug("slice " + std::to_string(slice.index) + ": " + ok.error().message);
+      }
+      auto triangles = triangles_primitive(model, buffer, slice.mesh, *grid);
+      if (!triangles) return bug("slice " + std::to_string(slice.index) + ": " + triangles.error().message);
+      tinygltf::Mesh mesh;
+      mesh.name = node.name;
+      mesh.primitives = {std::move(*triangles), lines_primitive(model, buffer, slice.pslg, asset.lattice)};
+      model.meshes.push_back(std::move(mesh));
+      node.mesh = static_cast<int>(model.meshes.size()) - 1;
+    }
+    model.nodes.push_back(std::move(node));
+    model.nodes[0].children.push_back(static_cast<int>(model.nodes.size()) - 1);
+  }
+  tinygltf::Scene scene;
+  scene.nodes = {0};
+  model.scenes.push_back(std::move(scene));
+  model.defaultScene = 0;
+  std::vector<unsigned char> bytes = buffer.take();
+  bytes.resize((bytes.size() + 3) & ~std::size_t{3});
+  if (!bytes.empty()) {
+    tinygltf::Buffer out;
+    out.data = std::move(bytes);
+    model.buffers.push_back(std::move(out));
+  }
+
+  std::ostringstream stream;
+  tinygltf::TinyGLTF gltf;
+  if (!gltf.WriteGltfSceneToStream(&model, stream, false, true)) return bug("tinygltf could not serialise");
+  const std::string text = std::move(stream).str();
+  return std::vector<std::uint8_t>(text.begin(), text.end());
+}
+
+Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
+                           const DecodeOptions& options) {
+  auto model = parse_container(glb, name);
+  if (!model) return model.error();
+  const nlohmann::json extras = our_extras(model->extras);
+  if (!extras.is_object() || extras.value("schema", nlohmann::json()) != kAssetSchema) {
+    return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
+  }
+  const nlohmann::json bits = extras.value("lattice_bits", nlohmann::json());
+  if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits) {
+    return refused(name + ": lattice_bits missing or out of range");
+  }
+  Asset asset;
+  asset.lattice.bits = bits.get<int>();
+  asset.generator = model->asset.generator;
+  asset.parameters = extras.value("parameters", nlohmann::json::object());
+  const nlohmann::json digest = extras.value("input_digest", nlohmann::json());
+  if (digest.is_string()) asset.input_digest = digest.get<std::string>();
+
+  if (model->nodes.empty() || model->nodes[0].children.size() > kMaxSlices) {
+    return refused(name + ": no scan node, or too many slices");
+  }
+  for (int child : model->nodes[0].children) {
+    if (child <= 0 || static_cast<std::size_t>(child) >= model->nodes.size()) {
+      return refused(name + ": node index out of range");
+    }
+    auto slice = decode_slice(*model, model->nodes[static_cast<std::size_t>(child)], asset.lattice, options);
+    if (!slice) return refused(name + ": " + slice.error().message);
+    if (!asset.slices.empty() && asset.slices.back().index >= slice->index) {
+      return refused(name + ": slice indices do not ascend");
+    }
+    asset.slices.push_back(std::move(*slice));
+  }
+  return asset;
+}
+
+Result<Asset> read_asset(const std::filesystem::path& file, const DecodeOptions& options) {
+  auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
+  if (!bytes) return bytes.error();
+  return decode_asset(*bytes, file.string(), options);
+}
+
+Result<void> verify_asset(const Asset& asset, const std::string& name) {
+  for (const AssetSlice& slice : asset.slices) {
+    if (slice.mesh.triangles.empty() && slice.pslg.rings.empty()) continue;
+    if (auto ok = check_mesh_against_pslg(slice.mesh, slice.pslg); !ok) {
+      return refused(name + ": slice " + std::to_string(slice.index) + ": " + ok.error().message);
+    }
+    const Eigen::Matrix3d L = slice.T_lps_plane.linear();
+    if (!((L.transpose() * L - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < 1e-4) || L.determinant() < 0) {
+      return refused(name + ": slice " + std::to_string(slice.index) + ": its plane's frame is not a rotation");
+    }
+  }
+  return {};
+}
+
+}  // namespace trocar

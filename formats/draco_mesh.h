@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// A slice mesh as a Draco (Edgebreaker) payload, lossless on the lattice.
+//
+// With range = (2^bits - 1) * step and step a power of two, Draco's float
+// arithmetic is exact: q = (x - origin) / step on the way in, x = q * step +
+// origin on the way out, as long as everything fits a float's 24 bits.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "formats/result.h"
+#include "formats/slice_mesh.h"
+
+namespace trocar {
+
+/// The quantisation grid that all slices of a scan share.
+struct DracoGrid {
+  Lattice lattice;
+  LatticePoint origin;        ///< smallest coordinates of the scan
+  int quantization_bits = 1;  ///< 2^bits - 1 >= largest extent; at most 24
+};
+
+/// In an asset every Draco payload holds one attribute, the position, under this id.
+inline constexpr std::uint32_t kDracoPositionId = 0;
+
+/// Fails (bug) on an empty mesh or one outside the grid.
+Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid);
+
+/// Fails (refused, without a file's name) if the payload is not what encode_draco
+/// makes: corrupt, more than `max_vertices` or `max_triangles`, a coordinate off the lattice,
+/// an index out of range. Vertices and triangles come in Draco's order.
+Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattice& lattice,
+                               std::uint64_t max_vertices, std::uint64_t max_triangles);
+
+}  // namespace trocar

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/file_io.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdlib>
+#include <system_error>
+#include <utility>
+
+namespace trocar {
+namespace {
+
+std::string why(int error) { return std::generic_category().message(error); }
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  int get() const { return fd_; }
+  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
+
+ private:
+  int fd_;
+};
+
+}  // namespace
+
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
+                                            std::uint64_t max_bytes) {
+  const Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
+  struct stat status {};
+  if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));
+  if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
+  if (static_cast<std::uint64_t>(status.st_size) > max_bytes) {
+    return refused(file.string() + ": larger than " + std::to_string(max_bytes) + " bytes");
+  }
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(status.st_size));
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t got = ::read(fd.get(), bytes.data() + done, bytes.size() - done);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return refused(file.string() + ": " + why(errno));
+    if (got == 0) return refused(file.string() + ": shrank while being read");
+    done += static_cast<std::size_t>(got);
+  }
+  return bytes;
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& file,
+                                   std::span<const std::uint8_t> bytes) {
+  std::string temporary = file.string() + ".XXXXXX";
+  Descriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
+  if (fd.get() < 0) return unwritable(file.string() + ": " + why(errno));
+  const auto fail = [&]() -> Error {
+    const int error = errno;
+    ::unlink(temporary.c_str());
+    return unwritable(file.string() + ": " + why(error));
+  };
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t put = ::write(fd.get(), bytes.data() + done, bytes.size() - done);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return fail();
+    done += static_cast<std::size_t>(put);
+  }
+  // mkostemp makes the file private; give it what open() would have given.
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  if (::fchmod(fd.get(), 0666 & ~mask) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
+      ::rename(temporary.c_str(), file.c_str()) != 0) {
+    return fail();
+  }
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (directory.get() >= 0) ::fsync(directory.get());
+  return {};
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text) {
+  return write_file_atomically(
+      file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+}
+
+}  // namespace trocar
