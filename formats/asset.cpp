@@ -27,6 +27,7 @@ namespace {
 
 constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
+constexpr const char* kIndicesSetAside = "trocar_indices";
 constexpr int kMaxJsonDepth = 64;
 constexpr std::size_t kMaxSlices = 100'000;
 
@@ -102,8 +103,15 @@ Result<DracoGrid> common_grid(const Asset& asset) {
                    " lattice steps; an asset holds " + std::to_string(kMaxAssetExtent) +
                    " (use a coarser lattice)");
   }
-  grid.origin = low;
-  while ((std::int64_t{1} << grid.quantization_bits) - 1 < extent) ++grid.quantization_bits;
+  // Draco's options travel as text with six decimals: the origin in whole mm and a range of at
+  // least 16 mm survive that exactly.
+  const auto whole_mm = [bits = asset.lattice.bits](std::int32_t c) {
+    return static_cast<std::int32_t>((c >> bits) * (1 << bits));
+  };
+  grid.origin = {whole_mm(low.x), whole_mm(low.y)};
+  const std::int64_t span = std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
+  grid.quantization_bits = std::min(24, asset.lattice.bits + 5);
+  while ((std::int64_t{1} << grid.quantization_bits) - 1 < span) ++grid.quantization_bits;
   return grid;
 }
 
@@ -270,8 +278,49 @@ Result<void> check_container(std::span<const std::uint8_t> glb, const std::strin
   return {};
 }
 
+// tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, which is how glTF says
+// that the indices are in the Draco payload. Moves such an index accessor's number into the Draco
+// extension, where decode_triangles() looks for it.
+Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::uint8_t> glb,
+                                                         const std::string& name) {
+  std::uint32_t json_size = 0;
+  std::memcpy(&json_size, glb.data() + 12, 4);
+  const auto text = glb.subspan(20, json_size);
+  nlohmann::json root = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
+  if (!root.is_object()) return refused(name + ": its JSON does not parse");
+  if (root.contains("meshes") && root["meshes"].is_array()) {
+    for (nlohmann::json& mesh : root["meshes"]) {
+      if (!mesh.is_object() || !mesh.contains("primitives") || !mesh["primitives"].is_array()) continue;
+      for (nlohmann::json& primitive : mesh["primitives"]) {
+        if (!primitive.is_object() || !primitive.contains("indices")) continue;
+        if (!primitive.contains("extensions") || !primitive["extensions"].is_object()) continue;
+        nlohmann::json& extensions = primitive["extensions"];
+        if (!extensions.contains(kDracoExtension) || !extensions[kDracoExtension].is_object()) continue;
+        extensions[kDracoExtension][kIndicesSetAside] = primitive["indices"];
+        primitive.erase("indices");
+      }
+    }
+  }
+  std::string out;
+  try {
+    out = root.dump();
+  } catch (const nlohmann::json::exception&) {
+    return refused(name + ": its JSON is not UTF-8");
+  }
+  out.resize((out.size() + 3) & ~std::size_t{3}, ' ');
+  std::vector<std::uint8_t> bytes(glb.begin(), glb.begin() + 20);
+  bytes.insert(bytes.end(), out.begin(), out.end());
+  bytes.insert(bytes.end(), glb.begin() + 20 + json_size, glb.end());
+  const auto total = static_cast<std::uint32_t>(bytes.size()), chunk = static_cast<std::uint32_t>(out.size());
+  std::memcpy(bytes.data() + 8, &total, 4);
+  std::memcpy(bytes.data() + 12, &chunk, 4);
+  return bytes;
+}
+
 Result<tinygltf::Model> parse_container(std::span<const std::uint8_t> glb, const std::string& name) {
   if (auto ok = check_container(glb, name); !ok) return ok.error();
+  const auto patched = with_indices_set_aside(glb, name);
+  if (!patched) return patched.error();
   tinygltf::TinyGLTF gltf;
   gltf.SetFsCallbacks({[](const std::string&, void*) { return false; },
                        [](const std::string& path, void*) { return path; },
@@ -286,8 +335,8 @@ Result<tinygltf::Model> parse_container(std::span<const std::uint8_t> glb, const
   std::string error, warning;
   bool ok = false;
   try {
-    ok = gltf.LoadBinaryFromMemory(&model, &error, &warning, glb.data(),
-                                   static_cast<unsigned>(glb.size()));
+    ok = gltf.LoadBinaryFromMemory(&model, &error, &warning, patched->data(),
+                                   static_cast<unsigned>(patched->size()));
   } catch (const std::exception& e) {
     error = e.what();
   }
@@ -337,12 +386,16 @@ Result<SliceMesh> decode_triangles(const tinygltf::Model& model, const tinygltf:
                                    const Lattice& lattice) {
   const auto it = primitive.extensions.find(kDracoExtension);
   const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
-  const tinygltf::Accessor* indices = accessor_at(model, primitive.indices);
-  if (it == primitive.extensions.end() || !it->second.IsObject() || !it->second.Has("bufferView") ||
-      !it->second.Get("bufferView").IsInt() || position == nullptr || indices == nullptr) {
+  const auto number = [&](const char* key) {
+    const bool there = it != primitive.extensions.end() && it->second.IsObject() &&
+                       it->second.Has(key) && it->second.Get(key).IsInt();
+    return there ? it->second.Get(key).Get<int>() : -1;
+  };
+  const tinygltf::Accessor* indices = accessor_at(model, number(kIndicesSetAside));
+  if (position == nullptr || indices == nullptr) {
     return refused("triangles without a Draco payload");
   }
-  const auto payload = view_bytes(model, it->second.Get("bufferView").Get<int>());
+  const auto payload = view_bytes(model, number("bufferView"));
   if (!payload) return refused("Draco payload outside the buffer");
   auto mesh = decode_draco(*payload, lattice, position->count, indices->count / 3);
   if (!mesh) return mesh;

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/asset_tools.h"
+
+#include <OpenMesh/Core/IO/MeshIO.hh>
+#include <OpenMesh/Core/Mesh/TriMesh_ArrayKernelT.hh>
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <set>
+#include <sstream>
+
+#include "formats/file_io.h"
+#include "pipeline/triangulation.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using nlohmann::json;
+using ObjMesh = OpenMesh::TriMesh_ArrayKernelT<>;
+
+std::string number(double v) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.17g", v);
+  return text;
+}
+
+// Is p strictly inside the ring, or one of its vertices?
+bool inside_or_vertex(const Ring& ring, LatticePoint p) {
+  bool in = false;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+    if (p == a) return true;
+    if ((a.y > p.y) == (b.y > p.y)) continue;
+    if (a.y > b.y) std::swap(a, b);
+    if (orient2d(a, b, p) > 0) in = !in;
+  }
+  return in;
+}
+
+// A point strictly inside each hole, clear of the islands in it: with every ring in the hole
+// reversed, the triangulation covers what is not material, and of its triangles those on the hole's
+// own rim are in this hole and no deeper one.
+Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const Lattice& lattice) {
+  std::vector<std::array<double, 2>> seeds;
+  for (const Ring& hole : pslg.rings) {
+    if (doubled_area(hole) > 0) continue;
+    Pslg complement;
+    for (const Ring& ring : pslg.rings) {
+      if (!std::all_of(ring.begin(), ring.end(), [&hole](LatticePoint p) { return inside_or_vertex(hole, p); })) continue;
+      complement.rings.emplace_back(ring.rbegin(), ring.rend());
+    }
+    const auto mesh = triangulate(complement);
+    if (!mesh) return mesh.error();
+    std::set<std::pair<LatticePoint, LatticePoint>> rim;
+    for (std::size_t i = 0; i < hole.size(); ++i) rim.emplace(hole[(i + 1) % hole.size()], hole[i]);
+    std::int64_t best = 0;
+    std::array<double, 2> seed{};
+    for (const Triangle& t : mesh->triangles) {
+      const std::array<LatticePoint, 3> p = {mesh->vertices[t[0]], mesh->vertices[t[1]], mesh->vertices[t[2]]};
+      const bool on_rim = rim.contains({p[0], p[1]}) || rim.contains({p[1], p[2]}) || rim.contains({p[2], p[0]});
+      if (on_rim && orient2d(p[0], p[1], p[2]) > best) {
+        best = orient2d(p[0], p[1], p[2]);
+        seed = {(lattice.to_mm(p[0].x) + lattice.to_mm(p[1].x) + lattice.to_mm(p[2].x)) / 3,
+                (lattice.to_mm(p[0].y) + lattice.to_mm(p[1].y) + lattice.to_mm(p[2].y)) / 3};
+      }
+    }
+    seeds.push_back(seed);
+  }
+  return seeds;
+}
+
+Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice) {
+  const auto seeds = hole_seeds(slice.pslg, lattice);
+  if (!seeds) return seeds.error();
+  std::size_t n = 0;
+  for (const Ring& ring : slice.pslg.rings) n += ring.size();
+  std::ostringstream out;
+  out << "# slice " << slice.index << ", mm in the slice plane\n" << n << " 2 0 1\n";
+  std::size_t at = 0;
+  for (const Ring& ring : slice.pslg.rings) {
+    for (const LatticePoint p : ring) out << ++at << ' ' << number(lattice.to_mm(p.x)) << ' ' << number(lattice.to_mm(p.y)) << " 1\n";
+  }
+  out << n << " 1\n";
+  std::size_t first = 1, segment = 0;
+  for (const Ring& ring : slice.pslg.rings) {
+    for (std::size_t i = 0; i < ring.size(); ++i) out << ++segment << ' ' << first + i << ' ' << first + (i + 1) % ring.size() << " 1\n";
+    first += ring.size();
+  }
+  out << seeds->size() << '\n';
+  for (std::size_t i = 0; i < seeds->size(); ++i) out << i + 1 << ' ' << number((*seeds)[i][0]) << ' ' << number((*seeds)[i][1]) << '\n';
+  return out.str();
+}
+
+// By OpenMesh, which refuses what is not a manifold: an opinion other than our own.
+Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
+  ObjMesh mesh;
+  std::vector<ObjMesh::VertexHandle> handles;
+  for (const LatticePoint p : slice.mesh.vertices) {
+    const Eigen::Vector3d q = slice.T_lps_plane * Eigen::Vector3d(lattice.to_mm(p.x), lattice.to_mm(p.y), 0);
+    handles.push_back(mesh.add_vertex(ObjMesh::Point(static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()))));
+  }
+  for (const Triangle& t : slice.mesh.triangles) {
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid()) {
+      return refused("slice " + std::to_string(slice.index) + ": OpenMesh finds it not manifold");
+    }
+  }
+  std::ostringstream out;
+  if (!OpenMesh::IO::write_mesh(mesh, out, ".obj", OpenMesh::IO::Options::Default, 9)) return bug("OpenMesh cannot write .obj");
+  return out.str();
+}
+
+std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
+  LatticePoint low = slice.mesh.vertices[0], high = low;
+  for (const LatticePoint p : slice.mesh.vertices) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+  }
+  const double x0 = lattice.to_mm(low.x) - 1, y0 = lattice.to_mm(low.y) - 1;
+  const double w = lattice.to_mm(high.x) + 1 - x0, h = lattice.to_mm(high.y) + 1 - y0;
+  std::ostringstream out;
+  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"" << x0 << ' ' << y0 << ' ' << w << ' ' << h << "\" width=\"" << w << "mm\" height=\"" << h
+      << "mm\">\n<path fill=\"#e3d9c2\" stroke=\"#888\" stroke-width=\"0.03\" d=\"";
+  for (const Triangle& t : slice.mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const LatticePoint p = slice.mesh.vertices[t[i]];
+      out << (i == 0 ? 'M' : 'L') << lattice.to_mm(p.x) << ' ' << lattice.to_mm(p.y);
+    }
+    out << "Z\n";
+  }
+  out << "\"/>\n<path fill=\"none\" stroke=\"#a11\" stroke-width=\"0.1\" d=\"";
+  for (const Ring& ring : slice.pslg.rings) {
+    for (std::size_t i = 0; i < ring.size(); ++i) out << (i == 0 ? 'M' : 'L') << lattice.to_mm(ring[i].x) << ' ' << lattice.to_mm(ring[i].y);
+    out << "Z\n";
+  }
+  out << "\"/>\n</svg>\n";
+  return out.str();
+}
+
+}  // namespace
+
+json describe_asset(const Asset& asset, std::uint64_t bytes) {
+  json slices = json::array();
+  std::size_t triangles = 0;
+  const double step2 = asset.lattice.step_mm() * asset.lattice.step_mm();
+  for (const AssetSlice& s : asset.slices) {
+    std::size_t outline = 0;
+    for (const Ring& ring : s.pslg.rings) outline += ring.size();
+    triangles += s.mesh.triangles.size();
+    slices.push_back({{"index", s.index},
+                      {"z_mm", s.z_mm},
+                      {"vertices", s.mesh.vertices.size()},
+                      {"triangles", s.mesh.triangles.size()},
+                      {"rings", s.pslg.rings.size()},
+                      {"outline_segments", outline},
+                      {"area_mm2", 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2},
+                      {"measures", s.measures}});
+  }
+  return {{"generator", asset.generator}, {"schema", kAssetSchema}, {"lattice_bits", asset.lattice.bits},
+          {"lattice_step_mm", asset.lattice.step_mm()}, {"input_digest", asset.input_digest},
+          {"parameters", asset.parameters}, {"bytes", bytes}, {"triangles", triangles}, {"slices", std::move(slices)}};
+}
+
+Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return unwritable(folder.string() + ": " + error.message());
+  for (const AssetSlice& slice : asset.slices) {
+    if (slice.mesh.triangles.empty()) continue;
+    char name[32];
+    std::snprintf(name, sizeof name, "slice_%04d", slice.index);
+    const auto poly = poly_text(slice, asset.lattice);
+    if (!poly) return poly.error();
+    const auto obj = obj_text(slice, asset.lattice);
+    if (!obj) return obj.error();
+    const std::string svg = svg_text(slice, asset.lattice);
+    for (const auto& [ending, text] : {std::pair{".poly", &*poly}, std::pair{".obj", &*obj}, std::pair{".svg", &svg}}) {
+      if (auto ok = write_file_atomically(folder / (std::string(name) + ending), std::string_view(*text)); !ok) return ok;
+    }
+  }
+  return {};
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What can be done with a finished asset: say what is in it, write it for other programs.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "formats/asset.h"
+
+namespace trocar::pipeline {
+
+/// Counts, planes, areas and parameters of an asset, slice by slice.
+nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
+
+/// Per non-empty slice `slice_NNNN.poly` (Triangle's format: the outline with a seed in each
+/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is made if need be.
+Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder);
+
+}  // namespace trocar::pipeline

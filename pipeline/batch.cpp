@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/batch.h"
+
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <chrono>
+#include <mutex>
+
+#include "pipeline/report.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using nlohmann::json;
+
+double ms_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+struct Done {
+  AssetSlice slice;
+  json report, stages;
+  std::vector<Warning> warnings;
+};
+
+void warn(Done& out, const MeshedSlice& meshed) {
+  const std::string where = "slice " + std::to_string(out.slice.index);
+  if (meshed.refined.mesh.triangles.empty()) {
+    out.warnings.push_back({"empty_slice", where, "no material in this slice"});
+  }
+  if (meshed.refined.out_of_vertices) {
+    out.warnings.push_back({"vertex_budget", where, "refinement stopped at its vertex budget; the mesh is valid, but not all angles and areas are within bounds"});
+  }
+  const std::uint32_t others = meshed.quality.below_min_angle - meshed.quality.below_at_small_input_angle;
+  if (others > 0) {
+    out.warnings.push_back({"angle_not_reached", where, std::to_string(others) + " triangles away from small input angles are below the wanted angle"});
+  }
+}
+
+Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& options) {
+  auto meshed = mesh_slice(stack, index, options.mesh);
+  if (!meshed) return meshed.error();
+  const SlicePlane& plane = stack.plane(index);
+  Done out;
+  out.slice = {index, plane.z_mm, plane.T_lps_plane, meshed->outline, meshed->refined.mesh, slice_measures(*meshed)};
+  out.report = slice_report(index, plane.z_mm, *meshed, options.mesh);
+  if (options.dump_slice == index) out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
+  warn(out, *meshed);
+  return out;
+}
+
+Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) {
+  if (options.slices) {
+    const auto [a, b] = *options.slices;
+    if (a < 0 || b < a || b >= stack.size()) {
+      return usage("--slices " + std::to_string(a) + ":" + std::to_string(b) + " is outside 0:" + std::to_string(stack.size() - 1));
+    }
+  }
+  if (options.mesh.crop) {
+    const Crop& c = *options.mesh.crop;
+    if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() || c.y1 >= stack.height()) {
+      return usage("--crop is outside 0:" + std::to_string(stack.width() - 1) + ",0:" + std::to_string(stack.height() - 1));
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options, const json& parameters) {
+  const auto start = std::chrono::steady_clock::now();
+  if (auto ok = check_ranges(stack, options); !ok) return ok.error();
+  const auto [first, last] = options.slices.value_or(std::pair{0, stack.size() - 1});
+  const int threads = options.threads > 0 ? options.threads : oneapi::tbb::info::default_concurrency();
+  const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+
+  std::vector<std::optional<Result<Done>>> done(static_cast<std::size_t>(last - first + 1));
+  std::mutex mutex;
+  int finished = 0;
+  oneapi::tbb::parallel_for(first, last + 1, [&](int index) {
+    done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
+    if (options.progress) {
+      const std::lock_guard lock(mutex);
+      options.progress(++finished, last - first + 1);
+    }
+  });
+
+  BatchResult out;
+  out.asset.lattice = options.mesh.lattice;
+  out.asset.generator = "trocar-mesh " TROCAR_VERSION;
+  out.asset.parameters = parameters;
+  out.asset.input_digest = stack.input_digest;
+  json slices = json::array(), warnings = json::array();
+  for (const Warning& w : stack.warnings) warnings.push_back(to_json(w));
+  std::size_t triangles = 0;
+  for (auto& result : done) {
+    if (!*result) return result->error();
+    Done& one = **result;
+    triangles += one.slice.mesh.triangles.size();
+    out.asset.slices.push_back(std::move(one.slice));
+    slices.push_back(std::move(one.report));
+    for (const Warning& w : one.warnings) warnings.push_back(to_json(w));
+    if (!one.stages.is_null()) out.stages = std::move(one.stages);
+  }
+  const auto encode_start = std::chrono::steady_clock::now();
+  auto glb = encode_asset(out.asset);
+  if (!glb) return glb.error();
+  // What the file holds is proved, not what we meant to write.
+  auto decoded = decode_asset(*glb, "the asset just written");
+  if (!decoded) return bug(decoded.error().message);
+  if (auto ok = verify_asset(*decoded, "the asset just written"); !ok) return bug(ok.error().message);
+  out.glb = std::move(*glb);
+
+  out.report = {{"parameters", parameters},
+                {"slices", std::move(slices)},
+                {"asset", {{"bytes", out.glb.size()},
+                           {"triangles", triangles},
+                           {"bytes_per_triangle", triangles == 0 ? 0.0 : static_cast<double>(out.glb.size()) / static_cast<double>(triangles)}}},
+                {"encode_ms", ms_since(encode_start)},
+                {"total_ms", ms_since(start)},
+                {"threads", threads},
+                {"peak_rss_bytes", peak_rss_bytes()},
+                {"warnings", std::move(warnings)}};
+  return out;
+}
+
+}  // namespace trocar::pipeline

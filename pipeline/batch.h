@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A whole scan: every slice meshed, slices in parallel, into one asset and one report.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <utility>
+
+#include "formats/asset.h"
+#include "pipeline/mesh_slice.h"
+
+namespace trocar::pipeline {
+
+struct BatchOptions {
+  MeshOptions mesh;
+  std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
+  int threads = 0;                            ///< 0: all cores
+  std::optional<int> dump_slice;              ///< keep this slice's stages for pictures
+  std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
+};
+
+struct BatchResult {
+  Asset asset;
+  std::vector<std::uint8_t> glb;
+  nlohmann::json report;
+  nlohmann::json stages;  ///< of dump_slice, or null
+};
+
+/// The same stack and options give the same glb, whatever the threads. Errors: those of
+/// mesh_slice(), the lowest slice's first; (usage) slices or crop outside the stack.
+Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
+                               const nlohmann::json& parameters);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Angles and areas of a refined mesh, measured on the result.
+#pragma once
+
+#include "pipeline/refinement.h"
+
+namespace trocar::pipeline {
+
+struct MeshQuality {
+  double min_angle_deg = 0;  ///< 0 for an empty mesh
+  double max_area_mm2 = 0;
+  std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
+  /// How many of these sit at an input angle below 60 degrees: a corner of the triangle is an
+  /// input vertex with such an angle in the material, or its shortest edge joins the two input
+  /// segments that meet in one. There no mesh can do better, or only at the price of more such.
+  std::uint32_t below_at_small_input_angle = 0;
+};
+
+MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/mesh_slice.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "formats/asset.h"
+#include "formats/mesh_validity.h"
+#include "pipeline/triangulation.h"
+
+namespace trocar::pipeline {
+namespace {
+
+class Stopwatch {
+ public:
+  double lap_ms() {
+    const auto now = std::chrono::steady_clock::now();
+    const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
+    start_ = now;
+    return ms;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+Image cropped(Image image, const Crop& c) {
+  Image out{c.x1 - c.x0 + 1, c.y1 - c.y0 + 1, {}};
+  out.values.reserve(static_cast<std::size_t>(out.width) * out.height);
+  for (int y = c.y0; y <= c.y1; ++y) {
+    const auto row = image.values.begin() + static_cast<std::ptrdiff_t>(y) * image.width;
+    out.values.insert(out.values.end(), row + c.x0, row + c.x1 + 1);
+  }
+  return out;
+}
+
+Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane, const Lattice& lattice) {
+  const double smallest = std::min(plane.spacing_u_mm, plane.spacing_v_mm);
+  if (smallest < kMinStepsPerPixel * lattice.step_mm()) {
+    return refused("pixels of " + std::to_string(smallest) + " mm are narrower than " + std::to_string(kMinStepsPerPixel) +
+                   " lattice steps; use a finer lattice (--lattice-bits)");
+  }
+  const double extent = std::max(stack.width() * plane.spacing_u_mm, stack.height() * plane.spacing_v_mm);
+  if (extent / lattice.step_mm() > static_cast<double>(kMaxAssetExtent)) {
+    return refused("an image of " + std::to_string(extent) + " mm has more lattice steps than an asset holds; use a coarser lattice (--lattice-bits)");
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
+  const SlicePlane& plane = stack.plane(slice);
+  const auto fail = [&](const Error& e) { return Error{e.code, stack.name(slice) + ": " + e.message}; };
+  if (auto ok = check_lattice(stack, plane, options.lattice); !ok) return fail(ok.error());
+
+  MeshedSlice out;
+  Stopwatch watch;
+  auto image = stack.read(slice);
+  if (!image) return image.error();
+  out.times.read_ms = watch.lap_ms();
+
+  PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
+  if (options.crop) {
+    grid.offset_x = options.crop->x0;
+    grid.offset_y = options.crop->y0;
+    *image = cropped(std::move(*image), *options.crop);
+  }
+  const Field field = segment(std::move(*image), stack.calibration(), options.segmentation);
+  out.times.segment_ms = watch.lap_ms();
+
+  out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2, options.lattice);
+  out.times.contour_ms = watch.lap_ms();
+
+  out.pslg = simplify(out.contours, options.lattice, options.simplification);
+  out.times.simplify_ms = watch.lap_ms();
+  if (auto ok = check_pslg(out.pslg); !ok) return fail(bug("after simplification: " + ok.error().message));
+  out.simplification_error_mm = hausdorff_mm(out.contours, out.pslg, options.lattice);
+  out.times.check_ms = watch.lap_ms();
+
+  auto cdt = triangulate(out.pslg);
+  if (!cdt) return fail(cdt.error());
+  out.cdt = std::move(*cdt);
+  out.times.triangulate_ms = watch.lap_ms();
+
+  RefinementOptions refinement = options.refinement;
+  if (options.max_area_px2) refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
+  out.max_area_bound_mm2 = refinement.max_area_mm2;
+  out.refined = refine(out.cdt, options.lattice, refinement);
+  out.times.refine_ms = watch.lap_ms();
+
+  out.outline = boundary_rings(out.refined.mesh);
+  if (auto ok = check_mesh_against_pslg(out.refined.mesh, out.outline); !ok) {
+    return fail(bug("after refinement: " + ok.error().message));
+  }
+  if (!is_constrained_delaunay(out.refined.mesh)) return fail(bug("after refinement: not constrained Delaunay"));
+  out.quality = measure_quality(out.refined, options.lattice, refinement.min_angle_deg);
+  out.area_mm2 = 0.5 * static_cast<double>(doubled_area(out.refined.mesh)) * options.lattice.step_mm() * options.lattice.step_mm();
+  out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(), [](const Ring& r) { return doubled_area(r) < 0; }));
+  out.times.check_ms += watch.lap_ms();
+  return out;
+}
+
+}  // namespace trocar::pipeline

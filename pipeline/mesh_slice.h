@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// One slice from pixels to a proved mesh: the stages in their order.
+#pragma once
+
+#include <optional>
+
+#include "formats/result.h"
+#include "pipeline/contour.h"
+#include "pipeline/mesh_quality.h"
+#include "pipeline/refinement.h"
+#include "pipeline/segmentation.h"
+#include "pipeline/simplification.h"
+#include "pipeline/slice_stack.h"
+
+namespace trocar::pipeline {
+
+struct Crop {
+  int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< pixels, both ends included
+};
+
+struct MeshOptions {
+  Segmentation segmentation = Threshold{};
+  ContourKind contour = ContourKind::kSubpixel;
+  SimplificationOptions simplification;
+  RefinementOptions refinement;
+  std::optional<double> max_area_px2;  ///< overrides refinement.max_area_mm2, in the slice's pixels
+  double min_region_mm2 = 1;
+  Lattice lattice;
+  std::optional<Crop> crop;
+};
+
+struct StageTimes {
+  double read_ms = 0, segment_ms = 0, contour_ms = 0, simplify_ms = 0, triangulate_ms = 0, refine_ms = 0, check_ms = 0;
+};
+
+/// Everything of one slice that the asset, the report and the pictures need.
+struct MeshedSlice {
+  Pslg contours;   ///< full resolution, small rings dropped
+  Pslg pslg;       ///< simplified
+  SliceMesh cdt;   ///< constrained Delaunay, outside removed
+  Refined refined;
+  Pslg outline;    ///< the refined mesh's boundary: the PSLG with its Steiner points
+  MeshQuality quality;
+  double simplification_error_mm = 0;
+  double area_mm2 = 0;
+  double max_area_bound_mm2 = 0;
+  int holes = 0;
+  StageTimes times;
+};
+
+/// Every proof of DESIGN's lattice section has been run on what comes back. Errors: what the
+/// stack's read() says; (refused) pixels too fine for the lattice or the image too large for it;
+/// (bug) a proof failed.
+Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Delaunay refinement to a minimum angle and a largest area: Ruppert (1995) with Uengoer's
+// off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the rule of
+// Miller, Pav and Walkington (2003) that a short edge across a small input angle is left alone.
+// Every decision is exact on the lattice; Steiner points are made on it.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "formats/slice_mesh.h"
+
+namespace trocar::pipeline {
+
+struct RefinementOptions {
+  double min_angle_deg = 30;  ///< up to 33 ends in practice for any input
+  double max_area_mm2 = 50;
+  /// Stops, with what is there, when the mesh would grow beyond this many vertices. 0: from input
+  /// and area.
+  std::uint32_t max_vertices = 0;
+};
+
+/// Refined meshes keep this of each vertex: it tells input angles from our own.
+struct VertexOrigin {
+  static constexpr std::int32_t kFree = -1;    ///< a Steiner point in the material
+  static constexpr std::int32_t kCorner = -2;  ///< a vertex of the input
+  std::int32_t segment = kFree;                ///< else the input segment that it splits
+};
+
+struct Refined {
+  SliceMesh mesh;
+  std::vector<VertexOrigin> origins;  ///< by vertex
+  /// Input segments by number: end points as vertices of `mesh`, and the material angle between
+  /// a segment's predecessor and itself at its start (segment s starts at its vertex `from`).
+  struct Segment {
+    std::uint32_t from, to;
+    std::int32_t previous;     ///< segment that ends where this one starts
+    double angle_at_from_deg;  ///< in the material, 0..360
+  };
+  std::vector<Segment> segments;
+  bool out_of_vertices = false;
+  std::uint32_t too_short = 0;  ///< bad triangles left because their shortest edge is near the lattice's step
+};
+
+/// Is the smallest angle of the triangle below the angle whose squared cosine is given? Exact but
+/// for one rounding. The one judgement that refinement, report and tests share.
+bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double cos2);
+
+/// `mesh` is valid and constrained Delaunay (triangulate()). The result is too, with each
+/// boundary edge of the input a chain of edges whose inner vertices lie on it or, where the
+/// lattice does not meet it, less than one step inside the material.
+Refined refine(const SliceMesh& mesh, const Lattice& lattice, const RefinementOptions& options);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The report of a run (R.json of the outer contract), the error figures kept in the asset, and
+// the stages of one slice for pictures.
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include "pipeline/mesh_slice.h"
+
+namespace trocar::pipeline {
+
+/// One entry of `slices[]`.
+nlohmann::json slice_report(int index, double z_mm, const MeshedSlice& slice, const MeshOptions& options);
+
+/// What of it the asset keeps: only what does not change from run to run (no times).
+nlohmann::json slice_measures(const MeshedSlice& slice);
+
+/// Contours, PSLG, carved triangulation and refined mesh of a slice, in mm.
+nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice, const Lattice& lattice);
+
+nlohmann::json to_json(const Warning& warning);
+
+/// Peak resident memory of this process so far.
+std::uint64_t peak_rss_bytes();
+
+}  // namespace trocar::pipeline

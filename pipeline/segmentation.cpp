@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/segmentation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+namespace trocar::pipeline {
+namespace {
+
+// cv::equalizeHist on 8 bits, as in the paper's time. The levels of an image file are used as they
+// are; a calibrated slice is first mapped from its own range.
+void equalize(Image& image, Calibration calibration) {
+  const auto [low, high] = std::minmax_element(image.values.begin(), image.values.end());
+  const float offset = calibration == Calibration::kGrey ? 0.0F : *low;
+  const float scale = calibration == Calibration::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
+  cv::Mat levels(image.height, image.width, CV_8U);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      levels.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>((image.at(x, y) - offset) * scale);
+    }
+  }
+  cv::equalizeHist(levels, levels);
+  std::copy(levels.begin<std::uint8_t>(), levels.end<std::uint8_t>(), image.values.begin());
+}
+
+}  // namespace
+
+Field segment(Image image, Calibration calibration, const Segmentation& how) {
+  Field field{std::move(image), 0};
+  if (const auto* threshold = std::get_if<Threshold>(&how)) {
+    field.iso = static_cast<float>(threshold->value);
+  } else if (const auto* paper = std::get_if<Equalize>(&how)) {
+    equalize(field.image, calibration);
+    field.iso = static_cast<float>(paper->level);
+  } else {
+    const auto& labels = std::get<Labels>(how).labels;
+    for (float& v : field.image.values) {
+      const float nearest = std::rint(v);
+      const bool in = nearest == v && std::abs(v) < 1e9F && labels.contains(static_cast<int>(nearest));
+      v = in ? 1.0F : 0.0F;
+    }
+    field.iso = 0.5F;
+  }
+  return field;
+}
+
+}  // namespace trocar::pipeline

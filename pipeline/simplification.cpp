@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/simplification.h"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+namespace trocar::pipeline {
+namespace {
+
+// Squared distance from p to the segment ab, in steps^2.
+double segment_distance2(LatticePoint a, LatticePoint b, LatticePoint p) {
+  const double abx = static_cast<double>(b.x) - a.x, aby = static_cast<double>(b.y) - a.y;
+  const double apx = static_cast<double>(p.x) - a.x, apy = static_cast<double>(p.y) - a.y;
+  const double length2 = abx * abx + aby * aby;
+  const double along = apx * abx + apy * aby;
+  if (along <= 0 || length2 == 0) return apx * apx + apy * apy;
+  if (along >= length2) {
+    const double bpx = apx - abx, bpy = apy - aby;
+    return bpx * bpx + bpy * bpy;
+  }
+  const double cross = abx * apy - aby * apx;
+  return cross * cross / length2;
+}
+
+// A contour and which of its vertices are kept. A span runs from one kept vertex to the next,
+// round the end of the ring.
+struct Simplified {
+  const Ring* contour;
+  std::vector<std::uint32_t> kept;  // ascending
+
+  std::uint32_t size() const { return static_cast<std::uint32_t>(contour->size()); }
+  LatticePoint at(std::uint32_t i) const { return (*contour)[i % size()]; }
+
+  // The vertex of the open span (i, j), j may exceed the size, that is farthest from the chord.
+  std::pair<std::uint32_t, double> farthest(std::uint32_t i, std::uint32_t j) const {
+    std::pair<std::uint32_t, double> best{i, -1.0};
+    for (std::uint32_t k = i + 1; k < j; ++k) {
+      const double d = segment_distance2(at(i), at(j), at(k));
+      if (d > best.second) best = {k, d};
+    }
+    return best;
+  }
+
+  std::uint32_t span_end(std::size_t k) const {
+    return k + 1 < kept.size() ? kept[k + 1] : kept[0] + size();
+  }
+
+  Ring ring() const {
+    Ring out;
+    for (std::uint32_t k : kept) out.push_back((*contour)[k]);
+    return out;
+  }
+};
+
+void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t last, double tolerance2,
+                     std::vector<std::uint32_t>& kept) {
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> spans{{first, last}};
+  while (!spans.empty()) {
+    const auto [i, j] = spans.back();
+    spans.pop_back();
+    const auto [k, d2] = s.farthest(i, j);
+    if (d2 <= tolerance2) continue;
+    kept.push_back(k % s.size());
+    spans.emplace_back(i, k);
+    spans.emplace_back(k, j);
+  }
+}
+
+Simplified simplify_ring(const Ring& contour, double tolerance2) {
+  // Two extreme vertices to start from: the smallest, and the one farthest from it.
+  Simplified s{&contour, {}};
+  const auto a = static_cast<std::uint32_t>(std::min_element(contour.begin(), contour.end()) - contour.begin());
+  std::uint32_t b = a;
+  for (std::uint32_t i = 0; i < s.size(); ++i) {
+    if (distance2(contour[a], contour[i]) > distance2(contour[a], contour[b])) b = i;
+  }
+  s.kept = {a, b};
+  const std::uint32_t b_after_a = b > a ? b : b + s.size();
+  douglas_peucker(s, a, b_after_a, tolerance2, s.kept);
+  douglas_peucker(s, b, a > b ? a : a + s.size(), tolerance2, s.kept);
+  std::sort(s.kept.begin(), s.kept.end());
+  return s;
+}
+
+struct Edge {
+  LatticePoint a, b;
+  std::uint32_t ring, span;
+};
+
+// Marks every span whose chord crosses another. Sweep over x.
+bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
+  std::vector<Edge> edges;
+  for (std::uint32_t r = 0; r < rings.size(); ++r) {
+    for (std::uint32_t k = 0; k < rings[r].kept.size(); ++k) {
+      edges.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
+    }
+  }
+  std::sort(edges.begin(), edges.end(), [](const Edge& e, const Edge& f) {
+    return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} < std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
+  });
+  bool any = false;
+  std::vector<const Edge*> active;
+  for (const Edge& e : edges) {
+    const std::int32_t x = std::min(e.a.x, e.b.x);
+    std::erase_if(active, [x](const Edge* o) { return std::max(o->a.x, o->b.x) < x; });
+    const auto [lo, hi] = std::minmax(e.a.y, e.b.y);
+    for (const Edge* o : active) {
+      if (std::max(o->a.y, o->b.y) < lo || std::min(o->a.y, o->b.y) > hi) continue;
+      if (segments_cross(e.a, e.b, o->a, o->b)) {
+        marks[e.ring][e.span] = marks[o->ring][o->span] = 1;
+        any = true;
+      }
+    }
+    active.push_back(&e);
+  }
+  return any;
+}
+
+struct Box {
+  LatticePoint low, high;
+  explicit Box(const Ring& ring) : low(ring[0]), high(ring[0]) {
+    for (LatticePoint p : ring) {
+      low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+      high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+    }
+  }
+  bool contains(LatticePoint p) const { return p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y; }
+};
+
+// Crossing number of p in a simple ring; p on the ring itself counts as neither (-1).
+int inside(const Ring& ring, LatticePoint p) {
+  bool in = false;
+  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
+    LatticePoint a = ring[i], b = ring[i + 1 == n ? 0 : i + 1];
+    if (a == p) return -1;
+    if ((a.y > p.y) == (b.y > p.y)) continue;
+    if (a.y > b.y) std::swap(a, b);
+    if (orient2d(a, b, p) > 0) in = !in;
+  }
+  return in ? 1 : 0;
+}
+
+// A simplified ring may not jump over a vertex that another ring keeps, though nothing crosses:
+// marks the jumper's spans. A vertex is looked at from every ring whose box holds it.
+bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
+  bool any = false;
+  std::vector<Ring> now;
+  for (const Simplified& s : rings) now.push_back(s.ring());
+  for (std::size_t r = 0; r < rings.size(); ++r) {
+    const Box box(*rings[r].contour);
+    for (std::size_t q = 0; q < rings.size(); ++q) {
+      if (q == r) continue;
+      // Nothing crosses, so one vertex off the ring speaks for the whole of q.
+      for (LatticePoint p : now[q]) {
+        if (!box.contains(p)) break;
+        const int before = inside(*rings[r].contour, p), after = inside(now[r], p);
+        if (before < 0 || after < 0) continue;
+        if (before != after) {
+          std::fill(marks[r].begin(), marks[r].end(), char{1});
+          any = true;
+        }
+        break;
+      }
+    }
+  }
+  return any;
+}
+
+}  // namespace
+
+Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
+  const double tolerance = options.tolerance_mm / lattice.step_mm();
+  std::vector<Simplified> rings;
+  for (const Ring& contour : contours.rings) rings.push_back(simplify_ring(contour, tolerance * tolerance));
+
+  // Split every span that breaks something at its farthest vertex, until nothing does. At the
+  // latest this ends with the contours themselves, which are valid.
+  while (true) {
+    std::vector<std::vector<char>> marks;
+    for (const Simplified& s : rings) marks.emplace_back(s.kept.size(), char{0});
+    bool any = false;
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+      const bool collapsed = rings[r].kept.size() < 3 ||
+                             (doubled_area(rings[r].ring()) > 0) != (doubled_area(*rings[r].contour) > 0);
+      if (collapsed) {
+        std::fill(marks[r].begin(), marks[r].end(), char{1});
+        any = true;
+      }
+    }
+    any = mark_crossings(rings, marks) || any;
+    if (!any) any = mark_jumps(rings, marks);
+    if (!any) break;
+    bool split = false;
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+      Simplified& s = rings[r];
+      const std::size_t spans = s.kept.size();
+      for (std::size_t k = 0; k < spans; ++k) {
+        if (marks[r][k] == 0) continue;
+        const std::uint32_t i = s.kept[k], j = k + 1 < spans ? s.kept[k + 1] : s.kept[0] + s.size();
+        if (j - i < 2) continue;
+        s.kept.push_back(s.farthest(i, j).first % s.size());
+        split = true;
+      }
+      std::sort(s.kept.begin(), s.kept.end());
+    }
+    if (!split) break;  // the contours themselves were at fault; the caller's check says so
+  }
+
+  Pslg out;
+  for (const Simplified& s : rings) out.rings.push_back(s.ring());
+  return out;
+}
+
+double hausdorff_mm(const Pslg& contours, const Pslg& simplified, const Lattice& lattice) {
+  // Each chord stands for the contour span between its ends. The span is a path from end to end,
+  // so it passes every foot of a perpendicular: the chord is as near to the span as the span's
+  // farthest vertex is to the chord.
+  double worst2 = 0;
+  for (std::size_t r = 0; r < contours.rings.size(); ++r) {
+    const Ring& contour = contours.rings[r];
+    const Ring& ring = simplified.rings[r];
+    const std::size_t n = contour.size();
+    std::size_t at = static_cast<std::size_t>(std::find(contour.begin(), contour.end(), ring[0]) - contour.begin());
+    for (std::size_t k = 0; k < ring.size(); ++k) {
+      const LatticePoint a = ring[k], b = ring[(k + 1) % ring.size()];
+      for (std::size_t steps = 0; steps < n && contour[(at + 1) % n] != b; ++steps) {
+        at = (at + 1) % n;
+        worst2 = std::max(worst2, segment_distance2(a, b, contour[at]));
+      }
+      at = (at + 1) % n;
+    }
+  }
+  return std::sqrt(worst2) * lattice.step_mm();
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A scan as a stack of slices, whatever it was stored as. Slices are ordered along
+// the slice normal and each keeps its own plane: nothing is resampled.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "formats/result.h"
+
+namespace trocar::pipeline {
+
+/// One channel, row-major: value(x, y) = values[y * width + x].
+struct Image {
+  int width = 0, height = 0;
+  std::vector<float> values;
+  float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
+};
+
+/// Something the user should know, that did not stop the work.
+struct Warning {
+  std::string code;   ///< stable, for scripts
+  std::string where;  ///< files or slices
+  std::string sentence;
+};
+
+enum class Calibration {
+  kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
+  kGrey,        ///< image files: 8-bit levels, or 16-bit ones over 257 (0..255 either way)
+};
+
+/// Where a slice lies. Plane coordinates are (u, v) in mm: u along a row, v along a
+/// column, origin at the centre of pixel (0, 0); u x v is the normal.
+struct SlicePlane {
+  double spacing_u_mm = 0, spacing_v_mm = 0;
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< orthonormal, mm
+  double z_mm = 0;  ///< origin along the first slice's normal
+};
+
+/// Read-only and safe to read from several threads at once.
+class SliceStack {
+ public:
+  virtual ~SliceStack() = default;
+  virtual int size() const = 0;
+  virtual int width() const = 0;
+  virtual int height() const = 0;
+  virtual Calibration calibration() const = 0;
+  virtual const SlicePlane& plane(int slice) const = 0;
+  virtual std::string name(int slice) const = 0;  ///< for messages: file or volume and index
+  /// Errors (refused) name file, slice and reason.
+  virtual Result<Image> read(int slice) const = 0;
+
+  std::vector<Warning> warnings;  ///< what was noticed on opening
+  std::string input_digest;       ///< BLAKE2b-256 over the input's bytes, hex
+};
+
+struct OpenOptions {
+  std::optional<std::array<double, 3>> spacing_mm;  ///< for input that has none
+  std::string series_uid;                           ///< of a DICOM folder; empty: the largest
+};
+
+/// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
+/// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
+/// missing.
+Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
+                                               const OpenOptions& options);
+
+// The readers behind open_stack().
+Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
+                                                const OpenOptions& options);
+Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
+                                               const OpenOptions& options);
+Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
+                                               const OpenOptions& options);
+
+inline constexpr int kMaxImageSide = 1 << 15;
+
+/// BLAKE2b-256 of the files' bytes, one after the other.
+Result<std::string> digest_files(const std::vector<std::filesystem::path>& files);
+
+}  // namespace trocar::pipeline
