@@ -35,6 +35,10 @@ std::vector<DirectedEdge> sorted_edges(const SliceMesh& mesh) {
   return edges;
 }
 
+struct Box {
+  LatticePoint low, high;
+};
+
 struct Segment {
   LatticePoint a, b;
   std::int32_t min_x() const { return std::min(a.x, b.x); }
@@ -59,6 +63,57 @@ Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) 
       }
     }
     active.push_back(&s);
+  }
+  return {};
+}
+
+// How often the other rings wind around the middle of ring r's first edge, which lies on none of
+// them since nothing crosses. In doubled coordinates, so that the middle is exact.
+int winding_around(const std::vector<Ring>& rings, const std::vector<Box>& boxes,
+                   const std::vector<int>& orientations, std::size_t r) {
+  const std::int64_t px = std::int64_t{rings[r][0].x} + rings[r][1].x;
+  const std::int64_t py = std::int64_t{rings[r][0].y} + rings[r][1].y;
+  int winding = 0;
+  for (std::size_t q = 0; q < rings.size(); ++q) {
+    const Box& box = boxes[q];
+    if (q == r || px < 2 * std::int64_t{box.low.x} || px > 2 * std::int64_t{box.high.x} ||
+        py < 2 * std::int64_t{box.low.y} || py > 2 * std::int64_t{box.high.y}) {
+      continue;
+    }
+    bool inside = false;
+    for (std::size_t i = 0, n = rings[q].size(); i < n; ++i) {
+      LatticePoint a = rings[q][i], b = rings[q][i + 1 == n ? 0 : i + 1];
+      if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
+      if (a.y > b.y) std::swap(a, b);
+      const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
+                          Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
+      if (turn > 0) inside = !inside;
+    }
+    if (inside) winding += orientations[q];
+  }
+  return winding;
+}
+
+Result<void> check_nesting(const std::vector<Ring>& rings) {
+  std::vector<Box> boxes;
+  std::vector<int> orientations;
+  for (const Ring& ring : rings) {
+    Box box{ring[0], ring[0]};
+    for (LatticePoint p : ring) {
+      box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
+      box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
+    }
+    boxes.push_back(box);
+    const std::int64_t area = doubled_area(ring);
+    if (area == 0) return refused("a ring without area " + place(ring[0]));
+    orientations.push_back(area > 0 ? 1 : -1);
+  }
+  for (std::size_t r = 0; r < rings.size(); ++r) {
+    const int wanted = orientations[r] > 0 ? 0 : 1;
+    if (winding_around(rings, boxes, orientations, r) != wanted) {
+      return refused((wanted == 0 ? "an outer ring inside material " : "a hole outside material ") +
+                     place(rings[r][0]));
+    }
   }
   return {};
 }
@@ -144,11 +199,15 @@ Result<void> check_pslg(const Pslg& pslg) {
     if (ring.size() < 3) return refused("a ring of fewer than three vertices");
     for (std::size_t i = 0; i < ring.size(); ++i) {
       const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-      if (a == b) return refused("a repeated vertex " + place(a));
       segments.push_back({a, b});
     }
+    Ring sorted = ring;
+    std::sort(sorted.begin(), sorted.end());
+    const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
+    if (twice != sorted.end()) return refused("a ring with a vertex twice " + place(*twice));
   }
-  return check_no_crossing(std::move(segments), "outline edges");
+  if (auto ok = check_no_crossing(std::move(segments), "outline edges"); !ok) return ok;
+  return check_nesting(pslg.rings);
 }
 
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg) {

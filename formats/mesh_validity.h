@@ -16,16 +16,18 @@ namespace trocar {
 ///    in opposite directions), and every vertex's triangles form one fan
 ///    (manifold; a pinch is two vertices at one point);
 ///  - no two boundary edges cross.
-/// With positive triangles these imply a tiling without overlap wherever the
-/// boundary winds once. O(n log n).
+/// The triangles then tile without overlap wherever the boundary winds once, which
+/// check_mesh_against_pslg() proves. O(n log n).
 Result<void> check_mesh(const SliceMesh& mesh);
 
 /// check_mesh, and the mesh's boundary is exactly the PSLG's edges, in their
 /// direction, and their areas are equal.
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 
-/// Proves that rings have >= 3 vertices, no repeated consecutive vertex, and that
-/// no two edges cross or coincide (touching in vertices is allowed).
+/// Proves that rings have >= 3 vertices and none of them twice, that no two edges cross or
+/// coincide (touching in vertices is allowed), and that they nest: every outer ring lies in
+/// nothing or in a hole, every hole directly in an outer ring. Then every point of the plane
+/// is either material once or not at all. O(n log n) typically, O(rings^2) boxes.
 Result<void> check_pslg(const Pslg& pslg);
 
 /// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.

@@ -2,8 +2,36 @@
 #include "formats/slice_mesh.h"
 
 #include <algorithm>
+#include <map>
+#include <utility>
 
 namespace trocar {
+namespace {
+
+// Appends the ring, cut into simple ones where it comes back to a point.
+void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
+  Ring sorted = ring;
+  std::sort(sorted.begin(), sorted.end());
+  if (std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end()) {
+    out.push_back(ring);
+    return;
+  }
+  Ring path;
+  std::map<LatticePoint, std::size_t> position;  // in path
+  for (const LatticePoint p : ring) {
+    if (const auto it = position.find(p); it != position.end()) {
+      const auto first = path.begin() + static_cast<std::ptrdiff_t>(it->second);
+      out.emplace_back(first, path.end());
+      for (const LatticePoint q : out.back()) position.erase(q);
+      path.erase(first, path.end());
+    }
+    position[p] = path.size();
+    path.push_back(p);
+  }
+  out.push_back(std::move(path));
+}
+
+}  // namespace
 
 std::int64_t doubled_area(const Ring& ring) {
   std::int64_t sum = 0;
@@ -60,8 +88,10 @@ Pslg boundary_rings(const SliceMesh& mesh) {
       next[u] = kNone;
       u = w;
     }
+    split_at_pinches(ring, out.rings);
+  }
+  for (Ring& ring : out.rings) {
     std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-    out.rings.push_back(std::move(ring));
   }
   std::sort(out.rings.begin(), out.rings.end());
   return out;

@@ -34,9 +34,10 @@ std::int64_t doubled_area(const Pslg& pslg);
 /// Sum over the triangles. Exact.
 std::int64_t doubled_area(const SliceMesh& mesh);
 
-/// The boundary of a valid mesh as rings with the material on the left, each
-/// starting at its smallest vertex, ordered by that vertex: the same mesh gives
-/// the same rings in whatever order its triangles come. O(n log n).
+/// The boundary of a valid mesh as simple rings with the material on the left (a
+/// boundary that meets itself in a pinch comes as rings that touch), each starting
+/// at its smallest vertex, in order: the same mesh gives the same rings in whatever
+/// order its triangles come. O(n log n).
 Pslg boundary_rings(const SliceMesh& mesh);
 
 }  // namespace trocar

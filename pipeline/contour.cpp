@@ -16,9 +16,10 @@ namespace {
 //    crossing point; the cell on one side enters it and the cell on the other leaves it: with one
 //    successor an edge, loops close.
 //  - The image is padded by one pixel of outside, so no loop leaves it.
-//  - A crossing stays two lattice steps away from the grid points, and all points of one grid line
-//    snap to one lattice line in order: snapped segments of a cell keep their order on the cell's
-//    border, so two of them cannot cross.
+//  - A crossing stays 1/16 pixel, and at least two lattice steps, away from the grid points, and all
+//    points of one grid line snap to one lattice line in order: snapped segments of a cell keep
+//    their order on the cell's border, so two of them cannot cross. The margin also keeps edges
+//    long enough for the mesher; it moves an eighth of the crossings, by 1/32 pixel on average.
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)
@@ -93,7 +94,8 @@ class MarchingSquares {
     const auto along = [&](int from, double spacing) {
       const std::int32_t low = grid_.lattice.snap_mm(from * spacing), high = grid_.lattice.snap_mm((from + 1) * spacing);
       const std::int32_t at = grid_.lattice.snap_mm((from + t) * spacing);
-      return std::clamp(at, low + 2, high - 2);
+      const std::int32_t margin = std::max(2, (high - low) / 16);
+      return std::clamp(at, low + margin, high - margin);
     };
     const int px = x - 1 + grid_.offset_x, py = y - 1 + grid_.offset_y;
     if (is_vertical) return {grid_.lattice.snap_mm(px * grid_.spacing_u_mm), along(py, grid_.spacing_v_mm)};

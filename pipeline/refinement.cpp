@@ -14,9 +14,9 @@ namespace {
 
 constexpr std::uint32_t kNone = 0xffffffff;
 constexpr double kSmallInputAngle_deg = 60;
-// Below this many lattice steps an edge is not shortened further: rounding to the lattice would
-// decide the angles.
-constexpr std::int64_t kShortestEdge = 16;
+// An edge is not split into halves of fewer lattice steps than this, nor a triangle with a shorter
+// edge improved: rounding to the lattice would decide the angles.
+constexpr std::int64_t kShortestEdge = 4;
 
 // A triangle of the working mesh. Side i is opposite v[i]; its neighbour, or kNone at the
 // boundary, where `segment` says which input segment it belongs to.
@@ -293,7 +293,9 @@ class Refiner {
     const double d = 2 * (qx * ry - qy * rx);
     double x = (ry * q2 - qy * r2) / d, y = (qx * r2 - rx * q2) / d;
     if (off_centre) {
-      const double ox = 0.5 * qx - off_centre_ * qy, oy = 0.5 * qy + off_centre_ * qx;
+      // On a short edge rounding moves the apex by a sizeable angle: stay nearer, to see it wider.
+      const double reach = off_centre_ * (1 - std::min(0.4, 3 / std::sqrt(q2)));
+      const double ox = 0.5 * qx - reach * qy, oy = 0.5 * qy + reach * qx;
       const double mx = 0.5 * qx, my = 0.5 * qy;
       if ((ox - mx) * (ox - mx) + (oy - my) * (oy - my) < (x - mx) * (x - mx) + (y - my) * (y - my)) x = ox, y = oy;
     }

@@ -48,7 +48,8 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double cos2)
 
 /// `mesh` is valid and constrained Delaunay (triangulate()). The result is too, with each
 /// boundary edge of the input a chain of edges whose inner vertices lie on it or, where the
-/// lattice does not meet it, less than one step inside the material.
+/// lattice does not meet it, on its material side less than three steps away (each split rounds by
+/// less than 1.5 steps, and passes on less than half of its parent's).
 Refined refine(const SliceMesh& mesh, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline
