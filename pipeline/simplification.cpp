@@ -194,12 +194,16 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
     bool split = false;
     for (std::size_t r = 0; r < rings.size(); ++r) {
       Simplified& s = rings[r];
-      const std::size_t spans = s.kept.size();
-      for (std::size_t k = 0; k < spans; ++k) {
+      const std::vector<std::uint32_t> before = s.kept;
+      for (std::size_t k = 0; k < before.size(); ++k) {
         if (marks[r][k] == 0) continue;
-        const std::uint32_t i = s.kept[k], j = k + 1 < spans ? s.kept[k + 1] : s.kept[0] + s.size();
+        const std::uint32_t i = before[k], j = k + 1 < before.size() ? before[k + 1] : before[0] + s.size();
         if (j - i < 2) continue;
-        s.kept.push_back(s.farthest(i, j).first % s.size());
+        const std::uint32_t m = s.farthest(i, j).first;
+        s.kept.push_back(m % s.size());
+        // The halves' chords are new ones: they owe the tolerance too.
+        douglas_peucker(s, i, m, tolerance * tolerance, s.kept);
+        douglas_peucker(s, m, j, tolerance * tolerance, s.kept);
         split = true;
       }
       std::sort(s.kept.begin(), s.kept.end());
