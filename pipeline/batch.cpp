@@ -33,9 +33,8 @@ void warn(Done& out, const MeshedSlice& meshed) {
   if (meshed.refined.out_of_vertices) {
     out.warnings.push_back({"vertex_budget", where, "refinement stopped at its vertex budget; the mesh is valid, but not all angles and areas are within bounds"});
   }
-  const std::uint32_t others = meshed.quality.below_min_angle - meshed.quality.below_at_small_input_angle;
-  if (others > 0) {
-    out.warnings.push_back({"angle_not_reached", where, std::to_string(others) + " triangles away from small input angles are below the wanted angle"});
+  if (meshed.quality.below_unexplained > 0) {
+    out.warnings.push_back({"angle_not_reached", where, std::to_string(meshed.quality.below_unexplained) + " triangles are below the wanted angle though the input has none so small there"});
   }
 }
 

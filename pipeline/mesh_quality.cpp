@@ -16,9 +16,10 @@ double angle_at(LatticePoint v, LatticePoint p, LatticePoint q) {
 
 class SmallInputAngles {
  public:
-  explicit SmallInputAngles(const Refined& refined) : refined_(refined), at_vertex_(refined.mesh.vertices.size(), 0) {
+  SmallInputAngles(const Refined& refined, double limit_deg)
+      : refined_(refined), limit_deg_(limit_deg), at_vertex_(refined.mesh.vertices.size(), 0) {
     for (const Refined::Segment& s : refined.segments) {
-      if (s.angle_at_from_deg < kSmallInputAngle_deg) at_vertex_[s.from] = 1;
+      if (s.angle_at_from_deg < limit_deg) at_vertex_[s.from] = 1;
     }
   }
 
@@ -36,12 +37,13 @@ class SmallInputAngles {
   bool meet(std::int32_t s, std::int32_t t) const {
     const auto small = [this](std::int32_t a, std::int32_t b) {
       const Refined::Segment& segment = refined_.segments[static_cast<std::size_t>(b)];
-      return segment.previous == a && segment.angle_at_from_deg < kSmallInputAngle_deg;
+      return segment.previous == a && segment.angle_at_from_deg < limit_deg_;
     };
     return s >= 0 && t >= 0 && (small(s, t) || small(t, s));
   }
 
   const Refined& refined_;
+  double limit_deg_;
   std::vector<char> at_vertex_;
 };
 
@@ -50,7 +52,7 @@ class SmallInputAngles {
 MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg) {
   MeshQuality out;
   if (refined.mesh.triangles.empty()) return out;
-  const SmallInputAngles small(refined);
+  const SmallInputAngles small(refined, kSmallInputAngle_deg), unavoidable(refined, min_angle_deg + kLatticeAllowance_deg);
   const double cosine = std::cos(min_angle_deg * std::numbers::pi / 180);
   double min_angle = std::numbers::pi;
   std::int64_t max_doubled_area = 0;
@@ -61,6 +63,7 @@ MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, doub
     if (is_angle_below(a, b, c, cosine * cosine)) {
       ++out.below_min_angle;
       if (small.touches(t)) ++out.below_at_small_input_angle;
+      if (!unavoidable.touches(t)) ++out.below_unexplained;
     }
   }
   out.min_angle_deg = min_angle * 180 / std::numbers::pi;

@@ -5,6 +5,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 #include <tuple>
@@ -14,6 +15,10 @@ namespace {
 
 constexpr std::uint32_t kNone = 0xffffffff;
 constexpr double kSmallInputAngle_deg = 60;
+// Corners below this pull splits of their segments onto concentric shells.
+constexpr double kAcute_deg = 75;
+// Distances from a corner that differ by no more than this many steps are one shell.
+constexpr double kSameShell = 2;
 // An edge is not split into halves of fewer lattice steps than this, nor a triangle with a shorter
 // edge improved: rounding to the lattice would decide the angles.
 constexpr std::int64_t kShortestEdge = 4;
@@ -39,7 +44,7 @@ struct Ticket {
 class Refiner {
  public:
   Refiner(const SliceMesh& mesh, const Lattice& lattice, const RefinementOptions& options)
-      : points_(mesh.vertices) {
+      : points_(mesh.vertices), min_angle_deg_(options.min_angle_deg) {
     const double angle = options.min_angle_deg * std::numbers::pi / 180;
     cos2_ = std::cos(angle) * std::cos(angle);
     // Uengoer's off-centre sees the shortest edge under slightly more than the wanted angle.
@@ -115,11 +120,8 @@ class Refiner {
       if (s.angle_at_from_deg <= 0) s.angle_at_from_deg += 360;
     }
     out_.origins.assign(points_.size(), {VertexOrigin::kCorner});
-    // Corners with a small material angle pull splits onto concentric shells.
-    acute_.assign(points_.size(), 0);
-    for (const Refined::Segment& s : out_.segments) {
-      acute_[s.from] = s.angle_at_from_deg < kSmallInputAngle_deg + 15 ? 1 : 0;
-    }
+    corner_angle_deg_.assign(points_.size(), 360);
+    for (const Refined::Segment& s : out_.segments) corner_angle_deg_[s.from] = s.angle_at_from_deg;
     star_.assign(points_.size(), kNone);
   }
 
@@ -131,9 +133,29 @@ class Refiner {
 
   // ---- what is wrong with a triangle ----
 
+  double distance(std::uint32_t a, std::uint32_t b) const {
+    return std::sqrt(static_cast<double>(distance2(at(a), at(b))));
+  }
+
   bool is_encroached(Side s) const {
     const auto [a, b] = ends(s);
-    return diametral_dot(at(a), at(b), at(triangles_[s.triangle].v[s.side])) < 0;
+    const std::uint32_t apex = triangles_[s.triangle].v[s.side];
+    if (diametral_dot(at(a), at(b), at(apex)) >= 0) return false;
+    // Across a small input angle, the vertex on the same shell encroaches by rounding alone.
+    const std::uint32_t corner = common_small_corner(triangles_[s.triangle].segment[s.side], out_.origins[apex].segment);
+    if (corner == kNone) return true;
+    const double d = distance(apex, corner);
+    return std::abs(d - distance(a, corner)) > kSameShell && std::abs(d - distance(b, corner)) > kSameShell;
+  }
+
+  // The corner where two input segments meet under a small angle in the material, or kNone.
+  std::uint32_t common_small_corner(std::int32_t s, std::int32_t t) const {
+    if (s < 0 || t < 0 || s == t) return kNone;
+    const auto& from_s = out_.segments[static_cast<std::size_t>(s)];
+    const auto& from_t = out_.segments[static_cast<std::size_t>(t)];
+    if (from_s.previous == t && from_s.angle_at_from_deg < kSmallInputAngle_deg) return from_s.from;
+    if (from_t.previous == s && from_t.angle_at_from_deg < kSmallInputAngle_deg) return from_t.from;
+    return kNone;
   }
 
   // Queues what is wrong with a new triangle.
@@ -174,18 +196,40 @@ class Refiner {
     }
   }
 
-  // Where to split ab: the middle, or from an acute corner at the power of two that is nearest.
-  double split_fraction(std::uint32_t a, std::uint32_t b) const {
-    const bool from_a = is_corner(a) && acute_[a] != 0, from_b = is_corner(b) && acute_[b] != 0;
-    if (from_a == from_b) return 0.5;
-    const double length = std::sqrt(static_cast<double>(distance2(at(a), at(b))));
-    double shell = 1;
-    while (length > 3 * shell) shell *= 2;
-    const double fraction = shell / length;  // 1/3 .. 2/3
-    return from_a ? fraction : 1 - fraction;
+  // Where to split ab, a piece of an input segment: the middle, but if the segment has an acute corner
+  // on a shell around it, so that pieces of the two segments that meet there end at equal distances.
+  double split_fraction(std::uint32_t a, std::uint32_t b, std::int32_t segment) const {
+    const Refined::Segment& s = out_.segments[static_cast<std::size_t>(segment)];
+    double fraction = 0.5, nearest = std::numeric_limits<double>::max();
+    for (const std::uint32_t corner : {s.from, s.to}) {
+      if (corner_angle_deg_[corner] >= kAcute_deg) continue;
+      const double da = distance(a, corner), db = distance(b, corner);
+      const double near = std::min(da, db), far = std::max(da, db);
+      if (near >= nearest) continue;
+      nearest = near;
+      fraction = (shell_between(near, far) - near) / (far - near);
+      if (db < da) fraction = 1 - fraction;
+    }
+    return fraction;
   }
 
-  bool is_corner(std::uint32_t v) const { return out_.origins[v].segment == VertexOrigin::kCorner; }
+  // The shells around a corner, the same for every segment: the powers of two, between them their
+  // ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between segments
+  // that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in this order
+  // that lies well inside (near, far).
+  static double shell_between(double near, double far) {
+    const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
+    double power = 1;
+    while (power * 2 <= high) power *= 2;
+    if (power >= low) return power;
+    double from = power, to = 2 * power, middle = power * std::numbers::sqrt2;
+    for (int depth = 0; depth < 20; ++depth) {
+      if (middle >= low && middle <= high) return middle;
+      (middle < low ? from : to) = middle;
+      middle = 0.5 * (from + to);
+    }
+    return 0.5 * (near + far);
+  }
 
   // The lattice point nearest to the split point that lies on the edge or on its inner side and
   // leaves two positive triangles: the boundary then never moves outwards, so it cannot meet
@@ -193,7 +237,7 @@ class Refiner {
   std::optional<LatticePoint> split_point(Side s) const {
     const auto [ia, ib] = ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(triangles_[s.triangle].v[s.side]);
-    const double f = split_fraction(ia, ib);
+    const double f = split_fraction(ia, ib, triangles_[s.triangle].segment[s.side]);
     const double x = a.x + f * (static_cast<double>(b.x) - a.x), y = a.y + f * (static_cast<double>(b.y) - a.y);
     std::optional<LatticePoint> best;
     double best_d2 = 0;
@@ -226,7 +270,15 @@ class Refiner {
     const Tri tri = triangles_[t];
     const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
     const bool large = static_cast<double>(orient2d(a, b, c)) > max_doubled_area_;
-    if (!large && (is_across_small_angle(tri) || is_too_short(tri))) return;
+    if (!large) {
+      if (is_too_short(tri)) return;
+      if (const std::uint32_t corner = across_small_angle(tri); corner != kNone) {
+        // Miller, Pav and Walkington: shortening this edge would go on for ever. Where the input
+        // angle allows the wanted one, closer shells reach it.
+        if (corner_angle_deg_[corner] < min_angle_deg_ + kLatticeAllowance_deg) return;
+        if (split_shells(t, corner)) return;
+      }
+    }
     const std::optional<LatticePoint> p = large && !is_angle_below(a, b, c, cos2_) ? circumcentre(tri, false) : circumcentre(tri, true);
     if (!p || in_circle(a, b, c, *p) <= 0) return;
     find_cavity(t, *p);
@@ -256,9 +308,9 @@ class Refiner {
     return is;
   }
 
-  // Miller, Pav and Walkington: the shortest edge joins two input segments that meet under a small
-  // angle, at the same distance from where they meet. Shortening it would go on for ever.
-  bool is_across_small_angle(const Tri& tri) const {
+  // The corner, if the shortest edge joins two input segments that meet there under a small angle,
+  // at the same distance from it; else kNone.
+  std::uint32_t across_small_angle(const Tri& tri) const {
     std::uint32_t shortest = 0;
     std::int64_t length2 = std::numeric_limits<std::int64_t>::max();
     for (std::uint32_t i = 0; i < 3; ++i) {
@@ -266,14 +318,19 @@ class Refiner {
       if (d2 < length2) length2 = d2, shortest = i;
     }
     const std::uint32_t p = tri.v[(shortest + 1) % 3], q = tri.v[(shortest + 2) % 3];
-    const std::int32_t sp = out_.origins[p].segment, sq = out_.origins[q].segment;
-    if (sp < 0 || sq < 0 || sp == sq) return false;
-    for (const auto& [s, t] : {std::pair{sp, sq}, std::pair{sq, sp}}) {
-      const Refined::Segment& segment = out_.segments[static_cast<std::size_t>(s)];
-      if (segment.previous != t || segment.angle_at_from_deg >= kSmallInputAngle_deg) continue;
-      const double dp = std::sqrt(static_cast<double>(distance2(at(p), at(segment.from))));
-      const double dq = std::sqrt(static_cast<double>(distance2(at(q), at(segment.from))));
-      if (std::abs(dp - dq) <= 2.0 + 1e-3 * dp) return true;
+    const std::uint32_t corner = common_small_corner(out_.origins[p].segment, out_.origins[q].segment);
+    if (corner == kNone || std::abs(distance(p, corner) - distance(q, corner)) > kSameShell) return kNone;
+    return corner;
+  }
+
+  // Splits the sides of a triangle that lie on segments from the corner and reach from one shell
+  // to the next but one, so that shells follow in the ratio sqrt(2).
+  bool split_shells(std::uint32_t t, std::uint32_t corner) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (triangles_[t].neighbour[i] != kNone) continue;
+      const auto [a, b] = ends({t, i});
+      const double da = distance(a, corner), db = distance(b, corner);
+      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_side({t, i})) return true;
     }
     return false;
   }
@@ -351,7 +408,7 @@ class Refiner {
     points_.push_back(p);
     out_.origins.push_back(origin);
     star_.push_back(kNone);
-    acute_.push_back(0);
+    corner_angle_deg_.push_back(360);
     fresh_.clear();
     for (std::size_t k = 0; k < rim_.size(); ++k) {
       std::uint32_t t = 0;
@@ -409,9 +466,9 @@ class Refiner {
   std::vector<LatticePoint> points_;
   std::vector<Tri> triangles_;
   std::vector<std::uint32_t> stamps_;  // by triangle; grows when it is replaced
-  std::vector<char> acute_;            // by vertex
+  std::vector<double> corner_angle_deg_;  // by vertex: the material angle of an input vertex
   std::vector<std::uint32_t> star_;    // by vertex; scratch of fill_cavity
-  double cos2_ = 0, off_centre_ = 0, max_doubled_area_ = 0;
+  double min_angle_deg_, cos2_ = 0, off_centre_ = 0, max_doubled_area_ = 0;
   std::uint32_t max_vertices_ = 0;
   std::vector<Ticket> encroached_, split_first_;
   std::array<std::vector<Ticket>, 65> bad_;

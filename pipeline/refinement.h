@@ -12,6 +12,10 @@
 
 namespace trocar::pipeline {
 
+/// An input angle this little above the wanted one is treated like one below it: where the
+/// triangle at the corner is small, rounding to the lattice decides which it gets.
+inline constexpr double kLatticeAllowance_deg = 1.5;
+
 struct RefinementOptions {
   double min_angle_deg = 30;  ///< up to 33 ends in practice for any input
   double max_area_mm2 = 50;
