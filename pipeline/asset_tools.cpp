@@ -3,6 +3,7 @@
 
 #include <OpenMesh/Core/IO/MeshIO.hh>
 #include <OpenMesh/Core/Mesh/TriMesh_ArrayKernelT.hh>
+#include <OpenMesh/Core/System/omstream.hh>
 
 #include <algorithm>
 #include <array>
@@ -162,6 +163,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
 }
 
 Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder) {
+  omlog().disable();  // OpenMesh tells of every file it writes
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) return unwritable(folder.string() + ": " + error.message());

@@ -10,6 +10,7 @@
 
 #include "formats/asset.h"
 #include "formats/file_io.h"
+#include "formats/nearest_name.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 
@@ -206,17 +207,30 @@ int info(const fs::path& file, bool as_json) {
   return 0;
 }
 
+// One line on the first word that no option took.
+std::string what_is_left(const CLI::App& app) {
+  const std::vector<std::string> rest = app.remaining(true);
+  const std::string word = rest.empty() ? "" : rest.front();
+  const CLI::App& where = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
+  std::vector<std::string> names;
+  for (const CLI::Option* option : where.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  return "not expected: " + word + did_you_mean(word.substr(0, word.find('=')), names) + " (see trocar-mesh --help)";
+}
+
 int run(int argc, char** argv) {
   CLI::App app{"From a CT scan to an asset of exact triangle meshes, one a slice.\n"
                "INPUT is a folder or list of images, a folder of DICOM files, or a .nii/.nii.gz."};
   app.name("trocar-mesh");
+  app.get_formatter()->column_width(46);
   app.set_version_flag("--version", kVersion);
   app.require_subcommand(0, 1);
   Arguments a;
   app.add_option("INPUT", a.inputs, "the scan");
   app.add_option("-o,--output", a.output, "the asset to write (.glb)");
   a.threshold_given = app.add_option("--threshold", a.threshold, "iso-value in HU; on images a grey level")->capture_default_str()->check(CLI::Range(-1e6, 1e6));
-  a.equalize_given = app.add_option("--equalize", a.equalize, "histogram equalisation, then this level of 0..255")->check(CLI::Range(0.0, 255.0));
+  a.equalize_given = app.add_option("--equalize", a.equalize, "histogram equalisation, then this level")->capture_default_str()->check(CLI::Range(0.0, 255.0));
   a.labels_given = app.add_option("--labels", a.labels, "the input is a label map: these labels")->delimiter(',');
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")->capture_default_str()->check(CLI::IsMember({"subpixel", "pixel"}));
   a.tolerance_given = app.add_option("--tolerance", a.tolerance_mm, "Douglas-Peucker tolerance, mm")->capture_default_str()->check(CLI::Range(0.0, 1e4));
@@ -248,6 +262,8 @@ int run(int argc, char** argv) {
 
   try {
     app.parse(argc, argv);
+  } catch (const CLI::ExtrasError&) {
+    return fail(usage(what_is_left(app)));
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);
     return fail(usage(std::string(e.what()) + " (see trocar-mesh --help)"));

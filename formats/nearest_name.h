@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// "--treshold": did you mean --threshold?
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace trocar {
+
+/// The candidate with the smallest edit distance (Levenshtein) to `name`, or empty if none is
+/// near enough (a third of the name's length, at least one) to be meant.
+std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
+
+/// ", did you mean X?" or nothing.
+std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);
+
+}  // namespace trocar

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""nifti_orientation_test.py BIN WORK: a shape without symmetry, stored in all 48 orders and
+directions of array axes by nibabel, must come out at the same place in the patient."""
+import itertools
+import json
+import pathlib
+import subprocess
+import sys
+
+import nibabel
+import numpy as np
+
+
+def main():
+    mesh, work = pathlib.Path(sys.argv[1]) / "trocar-mesh", pathlib.Path(sys.argv[2])
+    work.mkdir(parents=True, exist_ok=True)
+    # Boxes of different sizes in a corner of a volume indexed by x, y, z of RAS, mm voxels 1, 1.5, 2.
+    volume = np.zeros((24, 20, 6), np.int16)
+    volume[3:11, 4:10, 1:4] = 500
+    volume[14:16, 12:18, 3] = 500
+    sizes = np.array([1.0, 1.5, 2.0])
+    origin = np.array([-7.0, 11.0, 5.0])
+    failures = 0
+    expected = None
+    for order in itertools.permutations(range(3)):
+        for flips in itertools.product((False, True), repeat=3):
+            affine = np.zeros((4, 4))
+            affine[3, 3] = 1
+            affine[:3, 3] = origin
+            data = volume.transpose(order)
+            for axis, (source, flip) in enumerate(zip(order, flips)):
+                affine[source, axis] = -sizes[source] if flip else sizes[source]
+                if flip:
+                    affine[source, 3] += sizes[source] * (volume.shape[source] - 1)
+                    data = np.flip(data, axis)
+            file, asset = work / "turned.nii", work / "turned.glb"
+            nibabel.save(nibabel.Nifti1Image(np.ascontiguousarray(data), affine), file)
+            subprocess.run([mesh, file, "-o", asset, "--quiet", "--tolerance", "0", "--threshold", "250"], check=True)
+            subprocess.run([mesh, "export", asset, "-o", work / "export"], check=True)
+            info = json.loads(subprocess.run([mesh, "info", asset, "--json"], check=True, stdout=subprocess.PIPE).stdout)
+            points = []
+            for obj in sorted((work / "export").glob("*.obj")):
+                rows = [line.split()[1:4] for line in obj.read_text().splitlines() if line.startswith("v ")]
+                points.append(sorted(map(tuple, np.array(rows, float).round(3).tolist())))
+            seen = ([round(s["area_mm2"], 3) for s in info["slices"]], points)
+            if expected is None:
+                # The first is the identity: its vertices must lie half a voxel around the boxes, in LPS.
+                low, high = np.array(points[0]).min(0), np.array(points[0]).max(0)
+                right, left = origin[0] + 2.5, origin[0] + 10.5
+                front, back = origin[1] + 1.5 * 9.5, origin[1] + 1.5 * 3.5
+                want = [-left, -front, origin[2] + 2, -right, -back, origin[2] + 2]
+                if not np.allclose([*low, *high], want, atol=0.01):
+                    print("identity lies at", low, high, "not", want)
+                    failures += 1
+                expected = seen
+            elif seen != expected:
+                print("order", order, "flips", flips, "comes out elsewhere")
+                failures += 1
+    print("48 orientations,", failures, "wrong")
+    sys.exit(1 if failures else 0)
+
+
+main()
