@@ -21,6 +21,7 @@ struct LatticePoint {
   std::int32_t x = 0;
   std::int32_t y = 0;
   friend bool operator==(const LatticePoint&, const LatticePoint&) = default;
+  // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
   friend auto operator<=>(const LatticePoint&, const LatticePoint&) = default;
 };
 

@@ -29,7 +29,7 @@ find_package_handle_standard_args(OpenCVParts
 if(OpenCVParts_FOUND)
   foreach(_part core imgproc imgcodecs)
     if(NOT TARGET OpenCV::${_part})
-      add_library(OpenCV::${_part} UNKNOWN IMPORTED)
+      add_library(OpenCV::${_part} UNKNOWN IMPORTED GLOBAL)
       set_target_properties(OpenCV::${_part} PROPERTIES
         IMPORTED_LOCATION "${OpenCVParts_${_part}_LIBRARY}"
         INTERFACE_INCLUDE_DIRECTORIES "${OpenCVParts_INCLUDE_DIR}"

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// Contact and puncture (paper, II.C, Fig. 11 and 12): each sheet's state machine and
+// the force of Hooke's law (Eq. 1). One tool tip, sheets stacked along z.
+//
+// Laws (tests/contact_test.cpp tests each):
+//  1. A sheet is met when the tip passes from above to below it with material under the tool;
+//     with none it is passed beside, without force, until the tip is above it again.
+//  2. In contact F = overlap (K dx + b dx'), at least 0, with dx = z_sheet - z_tip, dx' its
+//     backward difference and overlap the share of the tool's outline that has material.
+//  3. If F would exceed the threshold, the sheet gives way in this very tick: the force is
+//     zero, and a hole of the tool's outline is asked for. No later tick feels that sheet until
+//     the tip has been above it.
+//  4. The topmost sheet in contact bears the force; those below are shielded from the tool until
+//     a later tick than that in which it gives way.
+//  5. A hole asked for counts as open at once, whether its mesh is there or not.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "formats/recording.h"
+#include "formats/scene.h"
+#include "runtime/contact/sheet.h"
+#include "runtime/contact/tool.h"
+
+namespace trocar::runtime {
+
+/// What stays the same through a session.
+struct ContactModel {
+  Tissue tissue;
+  Tool tool;
+  double dt_s = 1e-3;  ///< of a tick
+  /// Share of the outline that must lie over material for a sheet to be met. Without it a
+  /// tool that goes back through its own hole a hair off would feel the rim as a full sheet does.
+  double least_overlap = 0.05;
+};
+
+enum class SheetState : std::uint8_t { kFree, kContact, kShielded, kPunctured, kBeside };
+
+struct SheetTrack {
+  SheetState state = SheetState::kFree;
+  bool was_above = false;         ///< the tip has been above the sheet
+  double last_penetration_m = 0;  ///< of the tick before; meaningful in kContact
+  bool has_last = false;
+  std::uint32_t cuts_requested = 0;
+  int pending_count = 0;
+  std::array<LatticeOutline, kMaxPendingHoles> pending;  ///< asked for, mesh not there yet
+};
+
+/// The haptic thread's memory between ticks.
+struct ContactState {
+  std::array<SheetTrack, kMaxSceneSlices> tracks;
+};
+
+/// A hole to be cut: the `cut`-th (from 1) of sheet `sheet` (an index into the scene's sheets,
+/// the topmost first).
+struct CutRequest {
+  std::int32_t sheet = -1;
+  std::uint32_t cut = 0;
+  LatticeOutline outline;
+};
+
+struct ContactOutput {
+  Eigen::Vector3d tip_device_m = Eigen::Vector3d::Zero();
+  double force_N = 0;              ///< along +z of {B}, at the tip
+  double penetration_m = 0;        ///< of the active sheet, while in contact or giving way
+  std::int32_t active_sheet = -1;  ///< in contact or giving way; else the lowest one above the tip
+  ContactPhase phase = ContactPhase::kFree;
+  bool gave_way = false;      ///< law 3 happened: `cut` is to be sent to the remesher
+  double judged_force_N = 0;  ///< what would have exceeded the threshold
+  CutRequest cut;
+  bool backlog = false;  ///< more than kMaxPendingHoles wait on one sheet: `cut` is not valid
+};
+
+/// One tick. `sheets` are the meshes in use, the topmost first, at most kMaxSceneSlices; a
+/// sheet's `cuts` never decreases from tick to tick. No allocation; at most one overlap for
+/// each sheet that the tip is below and that is not punctured, shielded or passed beside.
+void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
+                    const Pose& T_device_plate, ContactState& state,
+                    ContactOutput& output) noexcept;
+
+/// The force at the tip as a wrench at the plate's origin, in {B}.
+Wrench contact_wrench(const ContactOutput& contact, const Pose& T_device_plate) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rigid transforms, twists and wrenches of the device. SI units; fixed size, no
+// allocation. A pose's name says its frames: T_device_plate maps coordinates in
+// the plate's frame {T} to the device's frame {B}.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cmath>
+
+namespace trocar::runtime {
+
+/// [v; omega]: velocity in m/s of a frame's origin, angular velocity in rad/s.
+using Twist = Eigen::Matrix<double, 6, 1>;
+/// [f; n]: force in N, moment in N*m about a frame's origin.
+using Wrench = Eigen::Matrix<double, 6, 1>;
+
+struct Pose {
+  Eigen::Vector3d p_m = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit
+};
+
+/// T_a_c = T_a_b * T_b_c.
+inline Pose operator*(const Pose& T_a_b, const Pose& T_b_c) noexcept {
+  return {T_a_b.p_m + T_a_b.q * T_b_c.p_m, (T_a_b.q * T_b_c.q).normalized()};
+}
+inline Eigen::Vector3d operator*(const Pose& T_a_b, const Eigen::Vector3d& p_b) noexcept {
+  return T_a_b.p_m + T_a_b.q * p_b;
+}
+inline Pose inverse(const Pose& T_a_b) noexcept {
+  const Eigen::Quaterniond q_b_a = T_a_b.q.conjugate();
+  return {-(q_b_a * T_a_b.p_m), q_b_a};
+}
+inline bool is_finite(const Pose& T) noexcept {
+  return T.p_m.allFinite() && T.q.coeffs().allFinite();
+}
+
+/// Axis times angle of a unit quaternion, angle in [0, pi].
+inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
+  const double sign = q.w() < 0 ? -1 : 1;
+  const Eigen::Vector3d v = sign * q.vec();
+  const double sine = v.norm();
+  const double factor = sine < 1e-12 ? 2.0 : 2 * std::atan2(sine, sign * q.w()) / sine;
+  return factor * v;
+}
+
+/// The inverse: the unit quaternion that turns about r by |r|.
+inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
+  const double angle = r.norm();
+  const double factor = angle < 1e-6 ? 0.5 - angle * angle / 48 : std::sin(angle / 2) / angle;
+  Eigen::Quaterniond q;
+  q.w() = std::cos(angle / 2);
+  q.vec() = factor * r;
+  return q.normalized();
+}
+
+/// The same wrench with its moment about a point that lies `lever_m` before the
+/// old one: new point + lever_m = old point.
+inline Wrench moved_by(const Wrench& wrench, const Eigen::Vector3d& lever_m) noexcept {
+  Wrench moved = wrench;
+  moved.tail<3>() += lever_m.cross(Eigen::Vector3d(wrench.head<3>()));
+  return moved;
+}
+
+/// A wrench about the tool's tip, in {B}, as the wrench about the plate's origin
+/// that does the same work.
+inline Wrench wrench_at_plate(const Wrench& wrench_tip, const Pose& T_device_plate,
+                              const Pose& T_plate_tool) noexcept {
+  return moved_by(wrench_tip, T_device_plate.q * T_plate_tool.p_m);
+}
+
+}  // namespace trocar::runtime

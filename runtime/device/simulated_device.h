@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// The haptic device as a model in the process. The plate is a rigid body, moved
+// by the motors' wrench G^T tau at its true pose, the motor joints' viscous
+// friction and a simulated hand; links and rotors are massless and the mechanism
+// is taken as balanced (gravity 0 unless the description says otherwise).
+// Deterministic: the same calls give the same bits.
+#pragma once
+
+#include <optional>
+
+#include "formats/device_description.h"
+#include "formats/result.h"
+#include "runtime/device/device.h"
+#include "runtime/device/hand.h"
+#include "runtime/device/kinematics.h"
+#include "runtime/device/pose.h"
+
+namespace trocar::runtime {
+
+struct SimulatedDeviceOptions {
+  Pose T_plate_tool;                         ///< the tool's tip on the plate
+  std::optional<Pose> T_device_plate_start;  ///< else: the tip at the hand's first keyframe, or
+                                             ///< without a hand kSimulatedHome
+  bool limit_torque = true;                  ///< the drives clip each motor to its peak torque
+};
+/// Where the plate starts if nothing says otherwise: upright on the z axis.
+inline constexpr double kSimulatedHomeHeight_m = 0.15;
+
+/// Work since the start, by midpoint velocities: for translation the sum closes
+/// to rounding, for rotation with the substep's length.
+struct EnergyBook {
+  double hand_J = 0;      ///< done by the hand on the plate
+  double motors_J = 0;    ///< done by the motors on the plate
+  double friction_J = 0;  ///< done by joint friction on the plate, not positive
+  double gravity_J = 0;   ///< done by gravity
+  double stop_J = 0;      ///< taken from the plate by the end of reach, not positive
+};
+
+/// What the model knows and a real device would not tell.
+struct SimulatedTruth {
+  double t_s = 0;
+  Pose T_device_plate;
+  Twist twist_device = Twist::Zero();  ///< of the plate's origin, in {B}
+  JointAngles joints;
+  MotorVector tau_motor_Nm = MotorVector::Zero();  ///< as applied, after the drives' limit
+  Wrench wrench_motors = Wrench::Zero();  ///< on the plate about its origin, at the last substep
+  Wrench wrench_hand = Wrench::Zero();    ///< on the tool about its tip, at the last substep
+  double kinetic_J = 0;
+  EnergyBook work;
+  bool torque_limited = false;   ///< the last command exceeded a motor's peak
+  bool command_refused = false;  ///< the last command was not finite; zero torques are applied
+  bool at_stop = false;          ///< the last step ended at the end of reach
+};
+
+class SimulatedDevice final : public Device {
+ public:
+  /// Refused: a hand that check_hand refuses, a start out of reach.
+  static Result<SimulatedDevice> make(const DeviceDescription& device,
+                                      const HandTrajectory& trajectory,
+                                      const HandImpedance& impedance,
+                                      const SimulatedDeviceOptions& options = {});
+
+  /// Time and encoders of the true pose, quantised as the description says.
+  DeviceStatus read(DeviceState& state) noexcept override;
+  /// Holds the torques (zero-order hold) for the steps to come.
+  DeviceStatus write(const DeviceCommand& command) noexcept override;
+
+  /// Moves time on by dt_s in (0, kLongestStep_s] (else false, and nothing
+  /// happens): semi-implicit Euler in at least the description's minimum_substeps,
+  /// none longer than its maximum_substep_s. Where the mechanism cannot follow
+  /// it stops dead: pose kept, velocity zero. No allocation.
+  bool step(double dt_s) noexcept;
+
+  const SimulatedTruth& truth() const noexcept { return truth_; }
+  Pose T_device_tool() const noexcept { return truth_.T_device_plate * options_.T_plate_tool; }
+
+ private:
+  SimulatedDevice(const DeviceDescription& device, const HandTrajectory& trajectory,
+                  const HandImpedance& impedance, const SimulatedDeviceOptions& options)
+      : device_(device), trajectory_(trajectory), impedance_(impedance), options_(options) {}
+  void substep(double t_s, double h_s) noexcept;
+
+  DeviceDescription device_;
+  HandTrajectory trajectory_;
+  HandImpedance impedance_;
+  SimulatedDeviceOptions options_;
+  SimulatedTruth truth_;
+};
+
+inline constexpr double kLongestStep_s = 0.1;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Durations counted in logarithmic buckets of 1/64 octave (1.6 %) from 1 ns to
+// 18 minutes: fixed size, no allocation, any number of samples.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+
+namespace trocar::runtime {
+
+class Histogram {
+ public:
+  void add(std::int64_t duration_ns) noexcept {
+    const std::uint64_t value = static_cast<std::uint64_t>(std::max<std::int64_t>(duration_ns, 0));
+    ++count_[std::min(bucket(value), kBuckets - 1)];
+    ++samples_;
+    max_ns_ = std::max(max_ns_, value);
+  }
+  std::uint64_t samples() const noexcept { return samples_; }
+  double max_us() const noexcept { return static_cast<double>(max_ns_) * 1e-3; }
+
+  /// The upper end of the bucket that holds the sample of rank ceil(share * samples), not
+  /// above max_us(); 0 without samples.
+  double quantile_us(double share) const noexcept {
+    if (samples_ == 0) return 0;
+    const double wanted = share * static_cast<double>(samples_);
+    std::uint64_t seen = 0;
+    for (std::size_t i = 0; i < kBuckets; ++i) {
+      seen += count_[i];
+      if (static_cast<double>(seen) >= wanted && seen > 0) {
+        return static_cast<double>(std::min(upper_end(i), max_ns_)) * 1e-3;
+      }
+    }
+    return max_us();
+  }
+
+ private:
+  static constexpr unsigned kBits = 6;                            // 64 buckets an octave
+  static constexpr std::size_t kExact = std::size_t{2} << kBits;  // values below have their own
+  static constexpr std::size_t kBuckets = kExact + (std::size_t{33} << kBits);
+
+  static std::size_t bucket(std::uint64_t value) noexcept {
+    if (value < kExact) return value;
+    const unsigned shift = static_cast<unsigned>(std::bit_width(value)) - (kBits + 1);
+    return (std::size_t{shift} << kBits) + (value >> shift);
+  }
+  static std::uint64_t upper_end(std::size_t index) noexcept {
+    if (index < kExact) return index;
+    const std::size_t shift = (index >> kBits) - 1;
+    const std::uint64_t mantissa = index - (shift << kBits);
+    return ((mantissa + 1) << shift) - 1;
+  }
+
+  std::array<std::uint64_t, kBuckets> count_{};
+  std::uint64_t samples_ = 0;
+  std::uint64_t max_ns_ = 0;
+};
+
+}  // namespace trocar::runtime

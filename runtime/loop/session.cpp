@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/loop/session.h"
+
+#include <time.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <deque>
+
+#include "runtime/loop/allocation_counter.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::size_t kMaxListedPunctures = 4096;
+constexpr double kCharacteristicLength_m = 0.05;
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+double wrench_norm(const std::array<double, 6>& w) noexcept {
+  double sum = 0;
+  for (int i = 0; i < 3; ++i)
+    sum += w[i] * w[i];
+  for (int i = 3; i < 6; ++i)
+    sum += w[i] * w[i] / (kCharacteristicLength_m * kCharacteristicLength_m);
+  return std::sqrt(sum);
+}
+
+bool same_bits(const std::array<double, 8>& a, const std::array<double, 8>& b) noexcept {
+  return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
+    return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y);
+  });
+}
+
+class Session {
+ public:
+  Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
+          Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
+          Recorder* recorder)
+      : remesher_(remesher),
+        device_(device),
+        advance_(advance),
+        options_(options),
+        recorder_(recorder),
+        ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
+                                      : options.replay.size()) {
+    model_.device = description;
+    model_.contact.tissue = scene.tissue;
+    model_.contact.tool = make_tool(scene.tool);
+    model_.contact.dt_s = 1 / options.rate_Hz;
+    model_.limits = options.limits;
+    model_.rate_Hz = options.rate_Hz;
+    sheets_.resize(remesher.size());
+    report_.punctures.reserve(kMaxListedPunctures);
+  }
+
+  /// One call of the haptic thread. False: the session is over.
+  bool tick(double gap_s) noexcept {
+    const NoAllocationScope scope;
+    if (state_.tick == ticks_) return false;
+    const std::int64_t start_ns = now_ns();
+    cuts_published_ = 0;
+    for (std::size_t i = 0; i < sheets_.size(); ++i) {
+      sheets_[i] = remesher_.current(i);
+      cuts_published_ += sheets_[i]->cuts;
+    }
+    haptic_tick(model_, sheets_, gap_s, device_, state_, result_);
+    if (result_.end_of_data) return false;
+    result_.row.cuts_published = cuts_published_;
+    if (result_.contact.gave_way) give_way();
+    if (recorder_ != nullptr) recorder_->push(result_.row);
+    if (options_.live != nullptr) options_.live->write(result_.row);
+    keep_count(result_.row);
+    report_.tick.add(now_ns() - start_ns);
+    advance_(model_.contact.dt_s);
+    return !result_.ramp_done;
+  }
+
+  void run_real() {
+    remesher_.start();
+    if (recorder_ != nullptr) recorder_->start();
+    const RealtimeOptions realtime{options_.rate_Hz, RealtimeOptions{}.priority, options_.stop};
+    report_.realtime = run_realtime(realtime, [this](double gap_s) { return tick(gap_s); });
+    remesher_.stop();
+  }
+
+  void run_virtual() {
+    std::deque<std::uint64_t> due;  // ticks at whose start the next hand-overs are
+    std::size_t recorded = 0;
+    for (;;) {
+      if (options_.stop != nullptr && options_.stop->load()) break;
+      hand_over(due);
+      if (!tick(0)) break;
+      if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
+      remesher_.serve();
+      if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
+    }
+    while (remesher_.publish_next()) {
+    }
+  }
+
+  SessionReport finish() {
+    device_.write(DeviceCommand{});
+    report_.ticks = state_.tick;
+    report_.fault = state_.fault;
+    report_.fault_t_s = state_.fault_t_s;
+    report_.end = state_.fault != Fault::kNone ? SessionEnd::kFault
+                  : state_.tick == ticks_      ? SessionEnd::kDone
+                                               : SessionEnd::kInterrupted;
+    return std::move(report_);
+  }
+
+ private:
+  void give_way() noexcept {
+    const CutRequest& cut = result_.contact.cut;
+    if (!remesher_.request(cut) && state_.fault == Fault::kNone) {
+      state_.fault = Fault::kRemeshBacklog;
+      state_.fault_t_s = result_.row.t_s;
+      state_.tau_at_fault_Nm = state_.tau_motor_Nm;
+    }
+    if (report_.punctures.size() == kMaxListedPunctures) {
+      ++report_.punctures_not_listed;
+      return;
+    }
+    PunctureEvent event;
+    event.sheet = cut.sheet;
+    event.slice = sheets_[cut.sheet]->slice_index;
+    event.cut = cut.cut;
+    event.t_s = result_.row.t_s;
+    event.tool_z_m = result_.contact.tip_device_m.z();
+    event.penetration_m = result_.contact.penetration_m;
+    event.force_N = last_active_sheet_ == cut.sheet ? last_force_N_ : 0;
+    event.judged_force_N = result_.contact.judged_force_N;
+    report_.punctures.push_back(event);
+  }
+
+  void keep_count(const RecordingRow& row) noexcept {
+    last_force_N_ = result_.contact.force_N;
+    last_active_sheet_ = result_.contact.active_sheet;
+    if (!options_.replay.empty() && report_.replay_first_difference < 0) {
+      const RecordingRow& old = options_.replay[state_.tick - 1];
+      if (!same_bits(old.tau_Nm, row.tau_Nm) || old.cuts_published != row.cuts_published) {
+        report_.replay_first_difference = static_cast<std::int64_t>(state_.tick - 1);
+      }
+    }
+    for (const double tau : row.tau_Nm) {
+      report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
+    }
+    if (row.fault != Fault::kNone) return;  // the ramp renders nothing
+    report_.max_force_N = std::max(report_.max_force_N, result_.contact.force_N);
+    if (row.wrench_scale < 1) ++report_.scaled_ticks;
+    const double wanted = wrench_norm(row.wrench_wanted);
+    if (wanted > 0) {
+      std::array<double, 6> difference;
+      for (int i = 0; i < 6; ++i)
+        difference[i] = row.wrench_delivered[i] - row.wrench_wanted[i];
+      report_.wrench_error_max =
+          std::max(report_.wrench_error_max, wrench_norm(difference) / wanted);
+    }
+  }
+
+  /// Virtual clock, before a tick: new meshes that are due, or that the recording has here.
+  void hand_over(std::deque<std::uint64_t>& due) {
+    if (options_.replay.empty()) {
+      while (!due.empty() && due.front() <= state_.tick) {
+        due.pop_front();
+        remesher_.publish_next();
+      }
+      return;
+    }
+    if (state_.tick >= options_.replay.size()) return;
+    std::int64_t missing = options_.replay[state_.tick].cuts_published - cuts_published_;
+    while (missing-- > 0 && remesher_.publish_next()) {
+    }
+  }
+
+  LoopModel model_;
+  LoopState state_;
+  TickResult result_;
+  Remesher& remesher_;
+  Device& device_;
+  const std::function<void(double)>& advance_;
+  const SessionOptions& options_;
+  Recorder* recorder_;
+  std::uint64_t ticks_;
+  std::vector<const Sheet*> sheets_;
+  std::int64_t cuts_published_ = 0;
+  double last_force_N_ = 0;
+  std::int32_t last_active_sheet_ = -1;
+  SessionReport report_;
+};
+
+}  // namespace
+
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description) {
+  HandTrajectory trajectory;
+  for (const TipKeyframe& keyframe : scene.hand.trajectory) {
+    HandKeyframe frame;
+    frame.t_s = keyframe.t_s;
+    frame.T_device_tool.p_m = Eigen::Vector3d(keyframe.tip_m.data());
+    trajectory.keyframes.push_back(frame);
+  }
+  const SceneHand& hand = scene.hand;
+  HandImpedance impedance;
+  impedance.stiffness_N_per_m = hand.stiffness_N_per_m.value_or(impedance.stiffness_N_per_m);
+  impedance.damping_Ns_per_m = hand.damping_N_s_per_m.value_or(impedance.damping_Ns_per_m);
+  impedance.rotational_stiffness_Nm_per_rad =
+      hand.rotation_stiffness_Nm_per_rad.value_or(impedance.rotational_stiffness_Nm_per_rad);
+  impedance.rotational_damping_Nms_per_rad =
+      hand.rotation_damping_Nm_s_per_rad.value_or(impedance.rotational_damping_Nms_per_rad);
+  SimulatedDeviceOptions options;
+  options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
+  return SimulatedDevice::make(description, trajectory, impedance, options);
+}
+
+Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
+                                  Remesher& remesher, Device& device,
+                                  const std::function<void(double dt_s)>& advance,
+                                  const SessionOptions& options) {
+  std::unique_ptr<Recorder> recorder;
+  if (options.record) {
+    Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
+    if (!writer) return writer.error();
+    recorder = std::make_unique<Recorder>(std::move(*writer));
+  }
+  auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
+                                           recorder.get());
+  const std::uint64_t allocations_before = allocations_in_scopes();
+  if (options.clock == Clock::kReal && options.replay.empty()) {
+    session->run_real();
+  } else {
+    session->run_virtual();
+  }
+  SessionReport report = session->finish();
+  if (allocations_are_counted()) {
+    report.allocations_in_loop = allocations_in_scopes() - allocations_before;
+  }
+  if (recorder) {
+    if (Result<void> written = recorder->finish(); !written) return written.error();
+  }
+  return report;
+}
+
+std::uint64_t tick_count(double duration_s, double rate_Hz) {
+  // A duration of whole periods must not gain a tick from rounding.
+  const double ticks = duration_s * rate_Hz;
+  const double nearest = std::round(ticks);
+  return static_cast<std::uint64_t>(
+      std::max(1.0, std::abs(ticks - nearest) < 1e-6 ? nearest : std::ceil(ticks)));
+}
+
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
+  if (rows.size() < 2) return refused(name + ": a single row has no rate");
+  const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
+  const double nearest = std::round(exact);
+  const double rate_Hz = std::abs(exact - nearest) < 1e-6 * exact ? nearest : exact;
+  if (!(rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz)) {
+    return refused(name + ": its rate is outside of what the loop runs at");
+  }
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    if (std::abs(rows[k].t_s - static_cast<double>(k) / rate_Hz) > 1e-3 / rate_Hz) {
+      return refused(name + ": row " + std::to_string(k + 1) + " is not at its time");
+    }
+  }
+  return rate_Hz;
+}
+
+}  // namespace trocar::runtime

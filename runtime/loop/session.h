@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// A session: the haptic loop run over a scene for its duration, in real or in
+// virtual time, with its workers, and what happened in it.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "formats/device_description.h"
+#include "formats/scene.h"
+#include "runtime/device/simulated_device.h"
+#include "runtime/loop/haptic_loop.h"
+#include "runtime/loop/histogram.h"
+#include "runtime/loop/realtime_thread.h"
+#include "runtime/loop/triple_buffer.h"
+#include "runtime/loop/workers.h"
+
+namespace trocar::runtime {
+
+enum class Clock : std::uint8_t {
+  kReal,     ///< wall clock; new meshes are used as soon as they are there
+  kVirtual,  ///< as fast as it goes, deterministic: the same input gives the same recording
+};
+
+struct SessionOptions {
+  Clock clock = Clock::kReal;
+  double rate_Hz = 1000;
+  double duration_s = 1;
+  /// Virtual clock: ticks from a request for a hole to the use of its mesh.
+  std::uint64_t handover_ticks = 8;
+  std::optional<std::filesystem::path> record;
+  /// If not empty: virtual clock, hand-overs where these rows have them, and the torques are
+  /// compared with theirs. The device must be a ReplayDevice over the same rows.
+  std::span<const RecordingRow> replay;
+  SafetyLimits limits;
+  const std::atomic<bool>* stop = nullptr;     ///< ends the session between two ticks
+  TripleBuffer<RecordingRow>* live = nullptr;  ///< gets every row
+};
+
+enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
+
+struct PunctureEvent {
+  std::int32_t sheet = -1;  ///< the topmost is 0
+  std::int32_t slice = -1;  ///< asset's index
+  std::uint32_t cut = 0;    ///< of this sheet, from 1
+  double t_s = 0;
+  double tool_z_m = 0;
+  double penetration_m = 0;   ///< that the sheet did not stand
+  double force_N = 0;         ///< the last one felt before
+  double judged_force_N = 0;  ///< the one it did not stand
+};
+
+struct SessionReport {
+  SessionEnd end = SessionEnd::kDone;
+  std::uint64_t ticks = 0;
+  Fault fault = Fault::kNone;
+  double fault_t_s = 0;
+  RealtimeReport realtime;  ///< virtual clock: empty
+  Histogram tick;           ///< wall time of a tick, from reading the device to publishing
+  std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted in this build
+  double max_force_N = 0;
+  double torque_max_Nm = 0;
+  double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques over 0.05 m
+  std::uint64_t scaled_ticks = 0;  ///< in which the motors could not give the wanted wrench
+  std::vector<PunctureEvent> punctures;
+  std::uint64_t punctures_not_listed = 0;
+  /// Replay: the first row whose torques, bit for bit, or hand-over differ; -1: none does.
+  std::int64_t replay_first_difference = -1;
+};
+
+/// The device of the scene's hand, at the hand's first keyframe.
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description);
+
+/// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
+/// Ends with torques at zero. Errors: the recording cannot be written (unwritable).
+Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
+                                  Remesher& remesher, Device& device,
+                                  const std::function<void(double dt_s)>& advance,
+                                  const SessionOptions& options);
+
+/// Ticks of a session: one at 0, then one every 1/rate until, not including, its end.
+std::uint64_t tick_count(double duration_s, double rate_Hz);
+
+/// The rate at which a recording was made; refused if its times are not k / rate.
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name);
+
+}  // namespace trocar::runtime

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// A bounded queue between one writing and one reading thread: no lock, no wait,
+// no allocation after construction (L. Lamport's ring; each side keeps a copy of the
+// other's index, so that it touches the shared one only when it seems full or empty).
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <type_traits>
+
+namespace trocar::runtime {
+
+/// Holds up to `Capacity` elements, a power of two. Elements are copied in and out.
+template <typename T, std::size_t Capacity>
+class SpscQueue {
+  static_assert(Capacity >= 2 && (Capacity & (Capacity - 1)) == 0, "a power of two");
+  static_assert(std::is_trivially_copyable_v<T>);
+
+ public:
+  /// Writer. False, and nothing happens, if the queue is full.
+  bool push(const T& value) noexcept {
+    const std::size_t tail = tail_.load(std::memory_order_relaxed);
+    if (tail - head_seen_ == Capacity) {
+      head_seen_ = head_.load(std::memory_order_acquire);
+      if (tail - head_seen_ == Capacity) return false;
+    }
+    ring_[tail % Capacity] = value;
+    tail_.store(tail + 1, std::memory_order_release);
+    return true;
+  }
+
+  /// Reader. False, and `value` stays as it is, if the queue is empty.
+  bool pop(T& value) noexcept {
+    const std::size_t head = head_.load(std::memory_order_relaxed);
+    if (head == tail_seen_) {
+      tail_seen_ = tail_.load(std::memory_order_acquire);
+      if (head == tail_seen_) return false;
+    }
+    value = ring_[head % Capacity];
+    head_.store(head + 1, std::memory_order_release);
+    return true;
+  }
+
+ private:
+  static constexpr std::size_t kLine = 64;
+  alignas(kLine) std::atomic<std::size_t> head_{0};  // next to read; grows without end
+  alignas(kLine) std::size_t tail_seen_ = 0;         // the reader's
+  alignas(kLine) std::atomic<std::size_t> tail_{0};  // next to write
+  alignas(kLine) std::size_t head_seen_ = 0;         // the writer's
+  alignas(kLine) std::array<T, Capacity> ring_{};
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The latest value from one writing to one reading thread: neither ever waits, the
+// reader sees whole values only and never an older one after a newer one.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <type_traits>
+
+namespace trocar::runtime {
+
+template <typename T>
+class TripleBuffer {
+  static_assert(std::is_trivially_copyable_v<T>);
+
+ public:
+  /// Writer.
+  void write(const T& value) noexcept {
+    slots_[back_] = value;
+    back_ = middle_.exchange(static_cast<std::uint8_t>(back_ | kFresh), std::memory_order_acq_rel) &
+            kIndex;
+  }
+
+  /// Reader. False, and `value` stays as it is, if nothing was written since the last read.
+  bool read(T& value) noexcept {
+    if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
+    front_ = middle_.exchange(front_, std::memory_order_acq_rel) & kIndex;
+    value = slots_[front_];
+    return true;
+  }
+
+ private:
+  static constexpr std::uint8_t kIndex = 3, kFresh = 4;
+  std::array<T, 3> slots_{};
+  std::atomic<std::uint8_t> middle_{1};
+  std::uint8_t back_ = 0;   // the writer's
+  std::uint8_t front_ = 2;  // the reader's
+};
+
+}  // namespace trocar::runtime

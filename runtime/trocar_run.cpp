@@ -1,0 +1,423 @@
+// SPDX-License-Identifier: Apache-2.0
+// trocar-run: a session of the haptic loop over a scene. The outer contract (options, exit
+// codes, files) is what users and scripts rely on; all the work is in runtime/loop.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "formats/asset.h"
+#include "formats/file_io.h"
+#include "formats/scene.h"
+#include "runtime/loop/replay_device.h"
+#include "runtime/loop/session.h"
+#include "runtime/loop/summary.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kDefaultRate_Hz = 1000;
+
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);  // it is set in a signal handler
+
+void request_stop(int) {
+  stop_requested.store(true);
+}
+
+struct Arguments {
+  std::string scene, asset, device = "inproc", description, clock = "real";
+  std::optional<double> rate_Hz, duration_s;
+  std::string record, summary, replay, meshes;
+  bool check = false, quiet = false;
+};
+
+int fail(const Error& error) {
+  std::fprintf(stderr, "trocar-run: %s\n", error.message.c_str());
+  return static_cast<int>(error.code);
+}
+
+std::string version() {
+  return "trocar-run " TROCAR_VERSION " (Eigen " + std::to_string(EIGEN_WORLD_VERSION) + "." +
+         std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION) +
+         ", nlohmann-json " + std::to_string(NLOHMANN_JSON_VERSION_MAJOR) + "." +
+         std::to_string(NLOHMANN_JSON_VERSION_MINOR) + "." +
+         std::to_string(NLOHMANN_JSON_VERSION_PATCH) +
+         ", CLI11 " CLI11_VERSION ", Draco and tinygltf for assets)";
+}
+
+void declare(CLI::App& app, Arguments& arguments) {
+  app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/scene.schema.json)")
+      ->required();
+  app.add_option("--device", arguments.device,
+                 "inproc: simulated in the process; udp:HOST:PORT: a device process (inproc)");
+  app.add_option("--clock", arguments.clock,
+                 "real: wall clock; virtual: as fast as it goes, deterministic (real)");
+  app.add_option("--rate", arguments.rate_Hz,
+                 "loop rate in Hz, 100 to 8000 (the scene's, or 1000)");
+  app.add_option("--duration", arguments.duration_s, "in s (the scene's)");
+  app.add_option("--record", arguments.record, "write a recording: CSV, one row a tick");
+  app.add_option("--summary", arguments.summary, "write what happened: JSON");
+  app.add_option("--meshes", arguments.meshes,
+                 "write the sheets before and after the punctures: JSON");
+  app.add_option("--replay", arguments.replay,
+                 "run on a recording's encoders (virtual clock), compare the torques");
+  app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
+  app.add_option("--device-description", arguments.description,
+                 "a device description (JSON) in the place of the scene's");
+  app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
+  app.add_flag("--quiet", arguments.quiet, "print errors only");
+  app.set_help_flag("-h,--help", "print this");
+  app.set_version_flag("--version", version(), "print the version");
+  app.footer(
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 could not be written; 5 stopped by\n"
+      "a fault; 1 a bug. Ctrl-C ends a session with torques at zero and its files written.");
+}
+
+/// Number of single-letter edits from a to b (Levenshtein).
+std::size_t edits(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j <= b.size(); ++j)
+    row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i);
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i - 1] != b[j - 1]);
+      diagonal = row[j];
+      row[j] = std::min({replaced, diagonal + 1, row[j - 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+/// The option of ours that is nearest to one nobody knows.
+std::string nearest_option(const CLI::App& app, int count, char** words) {
+  for (int i = 1; i < count; ++i) {
+    const std::string word = std::string(words[i]).substr(0, std::string(words[i]).find('='));
+    if (word.rfind("--", 0) != 0) continue;
+    std::string best;
+    std::size_t best_edits = word.size();
+    bool known = false;
+    for (const CLI::Option* option : app.get_options()) {
+      for (const std::string& name : option->get_lnames()) {
+        known = known || word == "--" + name;
+        const std::size_t distance = edits(word, "--" + name);
+        if (distance < best_edits) {
+          best = "--" + name;
+          best_edits = distance;
+        }
+      }
+    }
+    if (!known && !best.empty()) return "; did you mean " + best + "?";
+  }
+  return "; see --help";
+}
+
+Result<void> check_arguments(const Arguments& a) {
+  if (a.device.rfind("udp:", 0) == 0) {
+    return usage("--device " + a.device + ": this version has only inproc");
+  }
+  if (a.device != "inproc") {
+    return usage("--device " + a.device + ": must be inproc or udp:HOST:PORT");
+  }
+  if (a.clock != "real" && a.clock != "virtual") {
+    return usage("--clock " + a.clock + ": must be real or virtual");
+  }
+  // Written so that nan is refused too.
+  if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
+    return usage("--rate: must be within 100 and 8000 Hz");
+  }
+  if (a.duration_s && !(*a.duration_s >= 1e-3 && *a.duration_s <= kMaxDuration_s)) {
+    return usage("--duration: must be within 0.001 and 86400 s");
+  }
+  if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
+    return usage(
+        "--replay: rate and duration are the recording's; leave --rate and --duration out");
+  }
+  return {};
+}
+
+/// An output that cannot be written is better known before a session than after it.
+Result<void> check_writable(const std::string& file) {
+  if (file.empty()) return {};
+  const std::filesystem::path path(file);
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) return unwritable(file + ": is a folder");
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    return unwritable(file + ": there is no folder " + folder.string());
+  }
+  if (::access(folder.c_str(), W_OK) != 0) return unwritable(file + ": the folder is read-only");
+  return {};
+}
+
+struct Loaded {
+  Scene scene;
+  DeviceDescription description;
+  std::vector<std::unique_ptr<const Sheet>> sheets;
+  std::vector<RecordingRow> replay;
+};
+
+Result<Loaded> load(const Arguments& arguments) {
+  Loaded loaded;
+  Result<Scene> scene = read_scene(arguments.scene);
+  if (!scene) return scene.error();
+  loaded.scene = std::move(*scene);
+  if (!arguments.asset.empty()) loaded.scene.asset = arguments.asset;
+  if (!arguments.description.empty()) loaded.scene.device = arguments.description;
+
+  loaded.description = default_device_description();
+  if (loaded.scene.device) {
+    Result<DeviceDescription> description = read_device_description(loaded.scene.device->string());
+    if (!description) return description.error();
+    loaded.description = std::move(*description);
+  }
+
+  DecodeOptions decode;
+  decode.all = false;
+  for (const SceneSlice& slice : loaded.scene.slices)
+    decode.slice_indices.push_back(slice.index);
+  const Result<Asset> asset = read_asset(loaded.scene.asset, decode);
+  if (!asset) return asset.error();
+  auto sheets = place_slices(loaded.scene, *asset, loaded.scene.asset.string());
+  if (!sheets) return sheets.error();
+  loaded.sheets = std::move(*sheets);
+
+  if (!arguments.replay.empty()) {
+    Result<std::vector<RecordingRow>> rows = read_recording(arguments.replay);
+    if (!rows) return rows.error();
+    loaded.replay = std::move(*rows);
+  }
+  return loaded;
+}
+
+/// What the motors need to hold the threshold force where a sheet gives way, or why they cannot.
+std::string describe_need(const Loaded& loaded, const Sheet& sheet) {
+  const Tissue& tissue = loaded.scene.tissue;
+  const Tool tool = make_tool(loaded.scene.tool);
+  Pose T_device_plate;
+  T_device_plate.p_m << sheet.transform.at_m,
+      sheet.z_m - tissue.threshold_N / tissue.stiffness_N_per_m;
+  T_device_plate.p_m -= tool.tip_plate_m;
+  const InverseResult inverse = inverse_kinematics(loaded.description, T_device_plate);
+  if (!inverse.status) return "out of the device's reach";
+  const JacobianResult motion = jacobian(loaded.description, T_device_plate, inverse.joints);
+  if (!motion.status) return "at a singularity of the device";
+  ContactOutput contact;
+  contact.tip_device_m = T_device_plate * tool.tip_plate_m;
+  contact.force_N = tissue.threshold_N;
+  const AllocationResult allocation = allocate_torques(
+      motion.G, contact_wrench(contact, T_device_plate), loaded.description.motor_peak_torque_Nm);
+  char text[128];
+  std::snprintf(text, sizeof text, "threshold needs %.2f of %.2f Nm%s",
+                allocation.tau_motor_Nm.cwiseAbs().maxCoeff(),
+                loaded.description.motor_peak_torque_Nm,
+                allocation.scale < 1 ? ", and is then not given in full" : "");
+  return text;
+}
+
+void print_needs(const Loaded& loaded, double rate_Hz, double duration_s) {
+  const Scene& scene = loaded.scene;
+  std::printf("scene      %s\nasset      %s\n", scene.name.c_str(), scene.asset.c_str());
+  std::printf("device     %s, %.3g Nm peak a motor\n", loaded.description.name.c_str(),
+              loaded.description.motor_peak_torque_Nm);
+  std::printf("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
+              static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
+  std::printf("tissue     %.6g N/m up to %.6g N\n", scene.tissue.stiffness_N_per_m,
+              scene.tissue.threshold_N);
+  std::printf("tool       %d corners on a circle of %.3g mm\n", scene.tool.sides,
+              scene.tool.radius_m * 1e3);
+  Pose T_device_plate;
+  for (const auto& sheet : loaded.sheets) {
+    const Tool tool = make_tool(scene.tool);
+    T_device_plate.p_m = -tool.tip_plate_m;
+    T_device_plate.p_m.head<2>() += sheet->transform.at_m;
+    const double overlap =
+        overlap_fraction(*sheet, outline_on_lattice(tool, T_device_plate, sheet->transform), {});
+    std::printf(
+        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.0f %% of the tool over "
+        "material at the anchor; %s\n",
+        sheet->slice_index, sheet->z_m, sheet->mesh.vertices.size(), sheet->mesh.triangles.size(),
+        100 * overlap, describe_need(loaded, *sheet).c_str());
+  }
+}
+
+void print_outcome(const SessionReport& report, const SessionOptions& options) {
+  std::printf(
+      "%llu ticks at %.6g Hz, %llu missed deadlines, largest force %.3f N, largest torque "
+      "%.3f Nm\n",
+      static_cast<unsigned long long>(report.ticks), options.rate_Hz,
+      static_cast<unsigned long long>(report.realtime.missed_deadlines), report.max_force_N,
+      report.torque_max_Nm);
+  for (const PunctureEvent& event : report.punctures) {
+    std::printf("slice %d gave way at %.4f s: %.3f N felt, %.3f mm deep, tip at %.5f m\n",
+                event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
+  }
+  if (!options.replay.empty() && report.replay_first_difference < 0) {
+    std::printf("replay: all torques identical to the recording's\n");
+  } else if (!options.replay.empty()) {
+    std::printf("replay: differs from the recording from row %lld on\n",
+                static_cast<long long>(report.replay_first_difference + 1));
+  }
+}
+
+/// A line on the terminal while a session in real time runs.
+class Progress {
+ public:
+  Progress(TripleBuffer<RecordingRow>& live, double duration_s)
+      : thread_([this, &live, duration_s] {
+          RecordingRow row;
+          while (!done_.load()) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(100));
+            if (!live.read(row)) continue;
+            std::fprintf(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s,
+                         duration_s, row.tool_m[2], row.wrench_wanted[2], to_word(row.phase));
+          }
+          std::fprintf(stderr, "\r%*s\r", 72, "");
+        }) {}
+  ~Progress() {
+    done_.store(true);
+    thread_.join();
+  }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+ private:
+  std::atomic<bool> done_{false};
+  std::thread thread_;
+};
+
+Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& remesher,
+                          SessionOptions& options) {
+  if (!loaded.replay.empty()) {
+    ReplayDevice device(loaded.replay);
+    return run_session(
+        loaded.scene, loaded.description, remesher, device, [](double) {}, options);
+  }
+  Result<SimulatedDevice> device = make_simulated_device(loaded.scene, loaded.description);
+  if (!device) {
+    return Error{device.error().code, arguments.scene + ": " + device.error().message};
+  }
+  // The simulated world stands still while the machine does something else: no gap is dangerous.
+  options.limits.gap_max_s = 0;
+  TripleBuffer<RecordingRow> live;
+  std::optional<Progress> progress;
+  if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0) {
+    options.live = &live;
+    progress.emplace(live, options.duration_s);
+  }
+  Result<SessionReport> report = run_session(
+      loaded.scene, loaded.description, remesher, *device, [&](double dt_s) { device->step(dt_s); },
+      options);
+  options.live = nullptr;
+  return report;
+}
+
+Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
+                           const SessionOptions& options, const SessionReport& report,
+                           const Remesher& remesher) {
+  if (!arguments.summary.empty()) {
+    const std::string text = summarize(loaded.scene, options, report, remesher).dump(2) + "\n";
+    if (Result<void> done = write_file_atomically(arguments.summary, text); !done) return done;
+  }
+  if (!arguments.meshes.empty()) {
+    const std::string text = describe_sheets(loaded.scene, remesher).dump() + "\n";
+    if (Result<void> done = write_file_atomically(arguments.meshes, text); !done) return done;
+  }
+  return {};
+}
+
+int session(const Arguments& arguments) {
+  for (const std::string& file : {arguments.record, arguments.summary, arguments.meshes}) {
+    if (const Result<void> writable = check_writable(file); !writable) {
+      return fail(writable.error());
+    }
+  }
+  Result<Loaded> loaded = load(arguments);
+  if (!loaded) return fail(loaded.error());
+
+  SessionOptions options;
+  options.clock = arguments.clock == "real" ? Clock::kReal : Clock::kVirtual;
+  options.rate_Hz = arguments.rate_Hz.value_or(loaded->scene.rate_Hz.value_or(kDefaultRate_Hz));
+  options.duration_s = arguments.duration_s.value_or(loaded->scene.duration_s);
+  if (!loaded->replay.empty()) {
+    const Result<double> rate_Hz = recorded_rate_Hz(loaded->replay, arguments.replay);
+    if (!rate_Hz) return fail(rate_Hz.error());
+    options.rate_Hz = *rate_Hz;
+    options.duration_s = static_cast<double>(loaded->replay.size()) / *rate_Hz;
+    options.replay = loaded->replay;
+  }
+  if (!arguments.record.empty()) options.record = arguments.record;
+  options.stop = &stop_requested;
+  if (arguments.check) {
+    print_needs(*loaded, options.rate_Hz, options.duration_s);
+    return 0;
+  }
+
+  Remesher remesher(std::move(loaded->sheets));
+  const Result<SessionReport> report = run(arguments, *loaded, remesher, options);
+  if (!report) return fail(report.error());
+  if (!arguments.quiet) {
+    print_outcome(*report, options);
+    if (!report->realtime.note.empty()) {
+      std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
+    }
+  }
+  if (const Result<void> written = write_outputs(arguments, *loaded, options, *report, remesher);
+      !written) {
+    return fail(written.error());
+  }
+  for (const CutRecord& record : remesher.records()) {
+    if (record.error) return fail(bug("a hole could not be cut: " + record.error->message));
+  }
+  if (report->fault != Fault::kNone) {
+    std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report->fault_t_s,
+                 to_word(report->fault));
+    return static_cast<int>(ExitCode::kDeviceFault);
+  }
+  return 0;
+}
+
+int main_without_exceptions(int count, char** words) {
+  Arguments arguments;
+  CLI::App app("Runs a session of the haptic loop over a scene.", "trocar-run");
+  declare(app, arguments);
+  try {
+    app.parse(count, words);
+  } catch (const CLI::CallForHelp&) {
+    std::fputs(app.help().c_str(), stdout);
+    return 0;
+  } catch (const CLI::CallForVersion&) {
+    std::puts(version().c_str());
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    return fail(usage(error.what() + nearest_option(app, count, words)));
+  }
+  if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    ::sigaction(signal, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  return session(arguments);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  try {
+    return trocar::runtime::main_without_exceptions(argc, argv);
+  } catch (const std::exception& failure) {
+    std::fprintf(stderr, "trocar-run: unexpected: %s\n", failure.what());
+    return static_cast<int>(trocar::ExitCode::kBug);
+  }
+}

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// The truth to measure errors against: the exact outline of the material at any
+// height, as the level set of a smooth function of the plane.
+//
+// Two truths are offered:
+//  - surface_section: the anatomy itself, where the bone's outer surface is;
+//  - iso_section: where a noiseless scanner of the given geometry (pixel and slice
+//    apertures, point spread) reads the iso-value between pixel centres too. This
+//    is what a perfect contour of the scan would be; it lies outside the anatomy
+//    by a few tenths of a mm at 226 HU, which is the threshold's doing and not a
+//    contouring program's.
+//
+// Method: a quadtree that discards squares in which the distance to the bone's
+// surface rules the level set out, marching squares on the rest, every crossing
+// refined by bracketing root finding (ITP: Oliveira and Takahashi 2020), every chord
+// split until the curve's rise above it is below the tolerance.
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "formats/result.h"
+#include "sample_ct/render.h"
+
+namespace trocar::sample {
+
+struct SectionOptions {
+  /// Marching squares' cell: parts and gaps below it may be missed. Halved by itself,
+  /// up to four times, where the outline turns out to bend within a cell.
+  double cell_mm = 0.2;
+  double tolerance_mm = 1e-3;  ///< greatest rise of the true curve above a chord
+};
+
+/// An exact cross-section. Rings lie in the x-y plane of the scan frame (mm),
+/// simple and disjoint, without the first point repeated: outer ones have positive
+/// area (counter-clockwise from x to y), holes negative, so material is on the left.
+/// Every point lies on the level set to 1e-9 mm; chords are within tolerance_mm of
+/// it; rings start at their smallest (y, x) point and are ordered by it.
+struct CrossSection {
+  double z_mm = 0;
+  double tolerance_mm = 0;
+  std::vector<std::vector<Vec2>> rings;
+  double area_mm2 = 0;        ///< of the curve: the polygon plus its parabolic segments
+  double area_error_mm2 = 0;  ///< bound on area_mm2's error: perimeter * tolerance / 4
+};
+
+/// A function of the plane, positive in the material, and a bound: within
+/// clear_mm(x, y) of the point the function keeps its sign.
+struct PlaneField {
+  std::function<double(Vec2)> value;
+  std::function<double(Vec2)> clear_mm;
+};
+
+/// The level set 0 of the field inside [lower, upper] (mm). refused if the curve
+/// leaves that rectangle; usage error if an option is not positive or the rectangle is
+/// wider than 1024 cells; bug if the outline is too sharp for the smallest cells. O(n)
+/// field evaluations for n crossed cells.
+Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
+                                   const SectionOptions& options);
+
+/// The bone's outer surface at height z. Never fails for |z| <= 40 mm.
+Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
+                                     const SectionOptions& options = {});
+
+/// Where a noiseless scanner reads iso_hu at height z (the middle of the slice).
+/// usage error unless iso_hu lies above all soft tissue (110 HU) and below the
+/// cancellous core (its mean less its texture): elsewhere the level set is texture.
+Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
+                                 double z_mm, double iso_hu = 226,
+                                 const SectionOptions& options = {});
+
+/// Planar signed distance to a cross-section, negative in the material: exact for
+/// the polygon, hence within tolerance_mm of exact for the curve. Built once, O(n);
+/// asked often, O(1) near the outline.
+class SectionDistance {
+ public:
+  explicit SectionDistance(const CrossSection& section);
+  /// +infinity if the section is empty.
+  double operator()(Vec2 p) const;
+
+ private:
+  struct Segment {
+    Vec2 a, b;
+  };
+  bool inside(Vec2 p) const;
+
+  std::vector<Segment> segments_;
+  std::vector<std::vector<int>> buckets_;  // segments by grid cell, row by row
+  std::vector<std::vector<int>> strips_;   // segments by grid row, for inside()
+  Vec2 origin_;
+  double cell_mm_ = 1;
+  int columns_ = 0, rows_ = 0;
+};
+
+}  // namespace trocar::sample

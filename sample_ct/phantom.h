@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// The phantom: what is where, and how radio-dense it is, at any point in space.
+// Bone is analytic (vertebra.h); soft tissue is made of simple solids; both get
+// a faint seeded texture. No pixel, slice or noise comes into it: see render.h.
+//
+// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy
+// sits in it turned and shifted a little (options), z unchanged, so that nothing
+// is aligned with the pixel grid by accident.
+//
+// The scanner's in-plane blur (point spread) is part of the field, analytically:
+// across a surface at signed distance d the HU follow the normal distribution's
+// cumulative function Phi(-d / sigma), which is exact for a flat layer and a
+// close approximation where the surface bends on a scale above sigma.
+#pragma once
+
+#include <cstdint>
+
+#include "sample_ct/sdf.h"
+#include "sample_ct/vertebra.h"
+
+namespace trocar::sample {
+
+/// Mean radio-density of each tissue in HU.
+struct TissueHu {
+  double air = -1000;
+  double fat = -100;
+  double skin = 40;
+  double muscle = 55;
+  double bowel = 30;
+  double vessel = 48;
+  double disc = 90;
+  double canal = 20;
+  double cortical = 900;
+  double cancellous = 315;
+  double cancellous_texture = 40;  ///< greatest departure from the mean
+  double soft_texture = 9;         ///< greatest departure, fat and muscle
+};
+
+struct PhantomOptions {
+  std::uint64_t seed = 1;  ///< of the textures
+  TissueHu tissue;
+  double edge_sigma_mm = 0.4;   ///< in-plane point spread; 0 gives sharp edges
+  double rotation_rad = 0.045;  ///< of the anatomy about z in the scan frame
+  Vec2 shift_mm{1.7, -1.2};     ///< of the anatomy in the scan frame
+};
+
+/// A point of the scan frame in the anatomical frame, and back.
+Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
+Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
+
+/// The bone at a point of the scan frame (vertebra.h): signed distance of its
+/// outer surface, negative inside and 1-Lipschitz, and the shell's thickness.
+BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
+
+/// sample_bone(phantom, p_scan).distance_mm.
+double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan);
+
+/// How much of a point reads as bone, and as cancellous core, after the in-plane
+/// blur: 0..1 each, core <= bone.
+struct BoneFractions {
+  double bone = 0;
+  double core = 0;
+  BoneFractions& operator+=(BoneFractions o) { return bone += o.bone, core += o.core, *this; }
+  friend BoneFractions operator*(BoneFractions f, double s) { return {f.bone * s, f.core * s}; }
+};
+BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone);
+
+/// Farther from a surface than this, its blurred edge departs from 0 or 1 by less
+/// than 4e-4 (0.3 HU) and may be taken as 0 or 1.
+double edge_reach_mm(const PhantomOptions& phantom);
+
+/// HU at a point of the scan frame if no bone were there, and if all were core.
+double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan);
+double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan);
+
+/// What the three mix to.
+inline double mixed_hu(const PhantomOptions& phantom, BoneFractions fraction, double soft_hu,
+                       double core_hu) {
+  return soft_hu + (phantom.tissue.cortical - soft_hu) * fraction.bone +
+         (core_hu - phantom.tissue.cortical) * fraction.core;
+}
+
+/// Noiseless HU at a point of the scan frame, before any pixel or slice averages it.
+double field_hu(const PhantomOptions& phantom, Vec3 p_scan);
+
+}  // namespace trocar::sample

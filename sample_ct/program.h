@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+// The program trocar-sample-ct without its main().
+#pragma once
+
+namespace trocar::sample {
+
+/// Writes the sample scan as the arguments say (argv as main() gets it) and returns
+/// the exit code; what went wrong is said in one line on stderr. Never throws.
+int run_sample_ct(int argc, const char* const* argv);
+
+}  // namespace trocar::sample

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+// The scanner: turns the phantom's field into slices of integer HU.
+//
+// A pixel holds the mean of the bone's share over the pixel's area and the slice's
+// thickness (partial volume), by supersampling where the bone's outer or inner
+// surface is near and by one sample where it is not; the textures, which vary
+// little over a pixel, are taken at its centre. Then noise is added, mildly correlated in the plane
+// as a reconstruction kernel leaves it; then the sum is rounded to an integer, once.
+//
+// Results are a pure function of the arguments: neither the number of threads
+// nor the order of the slices enters.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "formats/result.h"
+#include "sample_ct/phantom.h"
+
+namespace trocar::sample {
+
+/// The grid and the apertures of a scan. Pixel (column i, row j) of slice k has
+/// its centre at first_pixel_mm + (i * pixel_mm, j * pixel_mm, k * slice_step_mm)
+/// in the scan frame (LPS): columns run to the left, rows to the back, slices up.
+struct ScanGeometry {
+  int columns = 512;
+  int rows = 512;
+  int slices = 35;
+  double pixel_mm = 0.3125;
+  double slice_step_mm = 1.0;
+  Vec3 first_pixel_mm{-79.84375, -54.84375, -17.0};
+  double slice_thickness_mm = 1.0;  ///< 0: infinitely thin slices
+  int subsamples_xy = 3;            ///< along each side of a pixel
+  int subsamples_z = 3;             ///< across the slice's thickness
+};
+
+inline constexpr int kMinSize = 32, kMaxSize = 1024;
+inline constexpr int kMinSlices = 1, kMaxSlices = 61;
+inline constexpr double kFieldOfView_mm = 160.0;
+inline constexpr double kMaxNoise_hu = 200.0;
+
+/// The sample scan's geometry: `size` x `size` pixels over a field of view of
+/// 160 mm, `slices` slices 1 mm apart, centred on the middle of the vertebral body.
+/// usage error if a number is outside the limits above.
+Result<ScanGeometry> sample_geometry(int size, int slices);
+
+/// Centre of a pixel in the scan frame; i, j, k may be fractional.
+Vec3 pixel_centre_mm(const ScanGeometry& scan, double i, double j, double k);
+
+/// What a noiseless scanner of this geometry reads with a pixel centred at any
+/// point of the scan frame: a smooth function of the point near the bone's surface.
+double scanner_hu(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre);
+
+/// How far a pixel's aperture (its area by the slice's thickness) reaches from its centre.
+double aperture_radius_mm(const ScanGeometry& scan);
+
+/// One slice of noiseless, unrounded HU, rows * columns values, row by row.
+std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeometry& scan, int k);
+
+/// Noise of mean 0 and standard deviation sigma_hu, rows * columns values; its
+/// correlation with the neighbour in the row or column is 4/9, with the one
+/// beyond 1/18, and 0 farther out and between slices.
+std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, double sigma_hu,
+                                int k);
+
+/// A scan as every writer gets it.
+struct Scan {
+  ScanGeometry geometry;
+  std::uint64_t seed = 1;
+  double noise_hu = 12;
+  std::vector<std::int16_t> hu;  ///< slices * rows * columns, within kMinHu .. kMaxHu
+  const std::int16_t* slice(int k) const {
+    return hu.data() + static_cast<std::ptrdiff_t>(k) * geometry.rows * geometry.columns;
+  }
+};
+inline constexpr int kMinHu = -1024, kMaxHu = 3071;
+
+/// The whole scan; the noise is seeded by phantom.seed. threads <= 0: all cores.
+Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
+                 int threads = 0);
+
+/// The mean of field(Vec3) over a pixel and the slice's thickness about the centre,
+/// by the midpoint rule, summed in a fixed order. T needs += T and * double.
+template <typename T, typename Field>
+T aperture_mean(const ScanGeometry& scan, Vec3 centre, const Field& field) {
+  const int n = scan.subsamples_xy, m = scan.slice_thickness_mm > 0 ? scan.subsamples_z : 1;
+  T sum{};
+  for (int c = 0; c < m; ++c)
+    for (int b = 0; b < n; ++b)
+      for (int a = 0; a < n; ++a)
+        sum += field(centre + Vec3{((a + 0.5) / n - 0.5) * scan.pixel_mm,
+                                   ((b + 0.5) / n - 0.5) * scan.pixel_mm,
+                                   ((c + 0.5) / m - 0.5) * scan.slice_thickness_mm});
+  return sum * (1.0 / (n * n * m));
+}
+
+}  // namespace trocar::sample

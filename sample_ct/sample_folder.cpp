@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sample_ct/sample_folder.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <system_error>
+
+#include "formats/file_io.h"
+#include "sample_ct/write_dicom.h"
+#include "sample_ct/write_nifti.h"
+
+namespace trocar::sample {
+namespace {
+
+namespace fs = std::filesystem;
+
+Error failed(const fs::path& path, const std::error_code& reason) {
+  return unwritable(path.string() + ": " + reason.message());
+}
+std::error_code last_error() {
+  return {errno, std::generic_category()};
+}
+
+/// Removes the folder when the scope is left, whatever the way.
+struct Scratch {
+  fs::path path;
+  explicit Scratch(fs::path folder) : path(std::move(folder)) {}
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+  ~Scratch() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+};
+
+Result<void> sync_folder(const fs::path& folder) {
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) return failed(folder, last_error());
+  const bool synced = ::fsync(descriptor) == 0;
+  const std::error_code reason = last_error();
+  ::close(descriptor);
+  if (!synced) return failed(folder, reason);
+  return {};
+}
+
+/// Is the folder absent, empty, or full of nothing but files that we name so?
+Result<void> check_replaceable(const fs::path& folder, const char* pattern) {
+  std::error_code error;
+  const fs::file_status status = fs::symlink_status(folder, error);
+  if (status.type() == fs::file_type::not_found) return {};
+  if (error) return failed(folder, error);
+  if (status.type() != fs::file_type::directory)
+    return unwritable(folder.string() + ": is in the way and not a folder");
+  const std::regex ours(pattern);
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error))
+    if (!std::regex_match(it->path().filename().string(), ours))
+      return unwritable(folder.string() + ": holds " + it->path().filename().string() +
+                        ", which is not an earlier run's; it will not be replaced");
+  if (error) return failed(folder, error);
+  return {};
+}
+
+/// Moves `made` to `place`, swapping it with what is there.
+Result<void> put_in_place(const fs::path& made, const fs::path& place) {
+  if (::rename(made.c_str(), place.c_str()) == 0) return {};
+  // A folder that is not empty has to be swapped; the old one goes with the scratch.
+  if (errno != ENOTEMPTY && errno != EEXIST) return failed(place, last_error());
+  if (::renameat2(AT_FDCWD, made.c_str(), AT_FDCWD, place.c_str(), RENAME_EXCHANGE) == 0) return {};
+  if (errno != EINVAL && errno != ENOSYS) return failed(place, last_error());
+  // The file system cannot swap: out with the old, in with the new.
+  const fs::path old = made.string() + ".old";
+  if (::rename(place.c_str(), old.c_str()) != 0) return failed(place, last_error());
+  if (::rename(made.c_str(), place.c_str()) == 0) return {};
+  const std::error_code reason = last_error();
+  ::rename(old.c_str(), place.c_str());
+  return failed(place, reason);
+}
+
+}  // namespace
+
+std::string describe_scan(const Scan& scan, const GreyWindow& window) {
+  const ScanGeometry& g = scan.geometry;
+  const TissueHu tissue;
+  const nlohmann::ordered_json json{
+      {"program", "trocar-sample-ct " TROCAR_VERSION},
+      {"seed", scan.seed},
+      {"slices", g.slices},
+      {"columns", g.columns},
+      {"rows", g.rows},
+      {"frame",
+       "LPS, z up; pixel (column, row) of slice k lies at first_pixel_mm + (column * "
+       "spacing[0], row * spacing[1], k * spacing[2])"},
+      {"spacing_mm", {g.pixel_mm, g.pixel_mm, g.slice_step_mm}},
+      {"first_pixel_mm", {g.first_pixel_mm.x, g.first_pixel_mm.y, g.first_pixel_mm.z}},
+      {"slice_thickness_mm", g.slice_thickness_mm},
+      {"noise_HU", scan.noise_hu},
+      {"png_window_HU", {window.low_hu, window.high_hu}},
+      {"cortical_HU", tissue.cortical},
+      {"cancellous_HU", tissue.cancellous},
+      {"files",
+       {{"png", png_name(0) + " .. " + png_name(g.slices - 1)},
+        {"dicom", dicom_name(0) + " .. " + dicom_name(g.slices - 1)},
+        {"nifti", "sample.nii.gz"}}},
+  };
+  return json.dump(2) + "\n";
+}
+
+Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, const fs::path& folder,
+                                 const std::function<void(const std::string&)>& progress) {
+  const auto say = [&](const char* what) {
+    if (progress) progress(what);
+  };
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return failed(folder, error);
+  for (const auto& [name, pattern] :
+       {std::pair{"png", R"(slice_\d{3}\.png)"}, std::pair{"dicom", R"(CT_\d{3}\.dcm)"}})
+    if (Result<void> fit = check_replaceable(folder / name, pattern); !fit) return fit;
+
+  const Scratch scratch(folder / (".trocar-sample-ct." + std::to_string(::getpid())));
+  fs::remove_all(scratch.path, error);
+  for (const fs::path& made : {scratch.path, scratch.path / "png", scratch.path / "dicom"}) {
+    fs::create_directory(made, error);
+    if (error) return failed(made, error);
+  }
+
+  say("writing PNG");
+  if (Result<void> r = write_png(scan, window, scratch.path / "png"); !r) return r;
+  say("writing DICOM");
+  if (Result<void> r = write_dicom(scan, scratch.path / "dicom"); !r) return r;
+  say("writing NIfTI");
+  if (Result<void> r = write_nifti(scan, scratch.path / "sample.nii.gz"); !r) return r;
+  if (Result<void> r =
+          write_file_atomically(scratch.path / "sample.json", describe_scan(scan, window));
+      !r)
+    return r;
+  for (const fs::path& made : {scratch.path / "png", scratch.path / "dicom", scratch.path})
+    if (Result<void> r = sync_folder(made); !r) return r;
+
+  for (const char* name : {"png", "dicom", "sample.nii.gz", "sample.json"})
+    if (Result<void> r = put_in_place(scratch.path / name, folder / name); !r) return r;
+  return sync_folder(folder);
+}
+
+}  // namespace trocar::sample

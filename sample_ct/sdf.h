@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+// Signed distances of simple solids, in mm, negative inside.
+//
+// Laws (tests/phantom_test.cpp holds the whole vertebra against them):
+//  1. every function here is 1-Lipschitz in its point: |f(p) - f(q)| <= |p - q|,
+//     so |f(p)| never exceeds the true distance to the surface;
+//  2. f < 0 inside, f > 0 outside, f = 0 on the surface;
+//  3. min, max, smooth_min and smooth_max keep law 1 (their gradient is a convex
+//     combination of their arguments' gradients).
+//
+// Source: the closed forms collected by Inigo Quilez (iquilezles.org, "Distance
+// functions", "Smooth minimum"; the round cone and the polygon).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+namespace trocar::sample {
+
+struct Vec2 {
+  double x = 0, y = 0;
+};
+struct Vec3 {
+  double x = 0, y = 0, z = 0;
+};
+
+inline Vec2 operator+(Vec2 a, Vec2 b) {
+  return {a.x + b.x, a.y + b.y};
+}
+inline Vec2 operator-(Vec2 a, Vec2 b) {
+  return {a.x - b.x, a.y - b.y};
+}
+inline Vec2 operator*(double s, Vec2 a) {
+  return {s * a.x, s * a.y};
+}
+inline double dot(Vec2 a, Vec2 b) {
+  return a.x * b.x + a.y * b.y;
+}
+inline double cross(Vec2 a, Vec2 b) {
+  return a.x * b.y - a.y * b.x;
+}
+inline double norm(Vec2 a) {
+  return std::sqrt(dot(a, a));
+}
+
+inline Vec3 operator+(Vec3 a, Vec3 b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+inline Vec3 operator-(Vec3 a, Vec3 b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+inline Vec3 operator*(double s, Vec3 a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+inline double dot(Vec3 a, Vec3 b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+inline double norm(Vec3 a) {
+  return std::sqrt(dot(a, a));
+}
+
+/// min(a, b) rounded over a blend of width k > 0; equals min where |a - b| >= k
+/// and is at most k/4 below it elsewhere.
+inline double smooth_min(double a, double b, double k) {
+  const double h = std::max(k - std::abs(a - b), 0.0) / k;
+  return std::min(a, b) - h * h * k * 0.25;
+}
+inline double smooth_max(double a, double b, double k) {
+  return -smooth_min(-a, -b, k);
+}
+
+inline double sphere_distance(Vec3 p, Vec3 centre, double radius) {
+  return norm(p - centre) - radius;
+}
+
+/// Distance to the segment ab, less the radius.
+inline double capsule_distance(Vec3 p, Vec3 a, Vec3 b, double radius) {
+  const Vec3 ab = b - a, ap = p - a;
+  const double t = std::clamp(dot(ap, ab) / dot(ab, ab), 0.0, 1.0);
+  return norm(ap - t * ab) - radius;
+}
+
+/// The convex hull of two spheres (radius_a at a, radius_b at b), exact.
+/// The radii must differ by less than the distance of the centres.
+inline double round_cone_distance(Vec3 p, Vec3 a, Vec3 b, double radius_a, double radius_b) {
+  const Vec3 ba = b - a, pa = p - a;
+  const double l2 = dot(ba, ba), rr = radius_a - radius_b, a2 = l2 - rr * rr, il2 = 1.0 / l2;
+  const double y = dot(pa, ba), z = y - l2;
+  const Vec3 across = l2 * pa - y * ba;
+  const double x2 = dot(across, across), y2 = y * y * l2, z2 = z * z * l2;
+  const double k = (rr < 0 ? -1.0 : (rr > 0 ? 1.0 : 0.0)) * rr * rr * x2;
+  if ((z < 0 ? -1.0 : 1.0) * a2 * z2 > k) return std::sqrt(x2 + z2) * il2 - radius_b;
+  if ((y < 0 ? -1.0 : 1.0) * a2 * y2 < k) return std::sqrt(x2 + y2) * il2 - radius_a;
+  return (std::sqrt(x2 * a2 * il2) + y * rr) * il2 - radius_a;
+}
+
+/// A simple polygon in the plane, exact; vertices in either order. O(vertices).
+inline double polygon_distance(Vec2 p, std::span<const Vec2> polygon) {
+  Vec2 previous = polygon.back();
+  double d2 = dot(p - polygon[0], p - polygon[0]);
+  bool inside = false;
+  for (const Vec2 v : polygon) {
+    const Vec2 e = previous - v, w = p - v;
+    const Vec2 b = w - std::clamp(dot(w, e) / dot(e, e), 0.0, 1.0) * e;
+    d2 = std::min(d2, dot(b, b));
+    const bool above = p.y >= v.y, below = p.y<previous.y, left = e.x * w.y> e.y * w.x;
+    if ((above && below && left) || (!above && !below && !left)) inside = !inside;
+    previous = v;
+  }
+  return (inside ? -1.0 : 1.0) * std::sqrt(d2);
+}
+
+/// A plane shape (its distance there: in_plane) extruded to +-half_thickness
+/// along the normal (coordinate: off_plane) and then grown by a rounding.
+inline double plate_distance(double in_plane, double off_plane, double half_thickness,
+                             double rounding) {
+  const double w = std::abs(off_plane) - half_thickness;
+  return std::min(std::max(in_plane, w), 0.0) +
+         norm(Vec2{std::max(in_plane, 0.0), std::max(w, 0.0)}) - rounding;
+}
+
+/// A box of the half sizes (before rounding) about the origin, grown by a rounding.
+inline double rounded_box_distance(Vec3 p, Vec3 half, double rounding) {
+  const Vec3 q{std::abs(p.x) - half.x, std::abs(p.y) - half.y, std::abs(p.z) - half.z};
+  return norm(Vec3{std::max(q.x, 0.0), std::max(q.y, 0.0), std::max(q.z, 0.0)}) +
+         std::min(std::max({q.x, q.y, q.z}), 0.0) - rounding;
+}
+
+}  // namespace trocar::sample

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// The scan as one NIfTI-1 file: int16 HU, qform and sform to RAS in mm, agreeing with
+// the DICOM series' LPS geometry.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "formats/result.h"
+#include "sample_ct/render.h"
+
+namespace trocar::sample {
+
+/// Writes a .nii.gz, whole or not at all. The same scan gives the same bytes: the
+/// gzip header carries neither name nor time.
+Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file);
+
+std::string nifti_library_version();
+
+}  // namespace trocar::sample

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// The scan as the paper had it: one 24-bit colour PNG a slice, grey in all channels.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "formats/result.h"
+#include "sample_ct/render.h"
+
+namespace trocar::sample {
+
+/// grey = round(clamp((HU - low) / (high - low) * 255, 0, 255)): 5 HU a grey level
+/// by default, bone well inside and air cut off.
+struct GreyWindow {
+  double low_hu = -250;
+  double high_hu = 1025;
+};
+
+/// The file of slice k (counted from 0): "slice_001.png" for k = 0.
+std::string png_name(int k);
+
+/// Writes the slices, lowest first, into an existing folder. unwritable names the
+/// file; files written before it stay. The same scan gives the same bytes.
+Result<void> write_png(const Scan& scan, const GreyWindow& window,
+                       const std::filesystem::path& folder);
+
+std::string png_library_version();
+
+}  // namespace trocar::sample

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""clang_tidy.py ROOT BUILD [REGEX]: clang-tidy over the compile database, in parallel.
+
+Files that passed before are remembered in BUILD/clang-tidy/ by a digest of the
+file, every header of ours, .clang-tidy and the compile command, and are skipped.
+Exit 0 if all pass, 1 otherwise.
+"""
+import concurrent.futures
+import hashlib
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
+
+
+def common_digest(root):
+    digest = hashlib.sha256((root / ".clang-tidy").read_bytes())
+    for folder in OURS:
+        for header in sorted((root / folder).rglob("*.h")):
+            digest.update(str(header.relative_to(root)).encode())
+            digest.update(header.read_bytes())
+    return digest
+
+
+def run_one(entry, build):
+    start = time.monotonic()
+    done = subprocess.run(
+        ["clang-tidy-14", "--quiet", "-p", str(build), entry["file"]],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    return entry, done, time.monotonic() - start
+
+
+def main():
+    root, build = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+    wanted = re.compile(sys.argv[3] if len(sys.argv) > 3 else "")
+    database = json.loads((build / "compile_commands.json").read_text())
+    base = common_digest(root)
+    stamps = build / "clang-tidy"
+    stamps.mkdir(exist_ok=True)
+    todo, total = [], 0
+    for entry in sorted(database, key=lambda e: e["file"]):
+        path = pathlib.Path(entry["file"])
+        if not path.is_relative_to(root) or path.is_relative_to(build):
+            continue
+        if not wanted.search(str(path.relative_to(root))):
+            continue
+        total += 1
+        digest = base.copy()
+        digest.update(path.read_bytes())
+        digest.update(entry["command"].encode())
+        stamp = stamps / digest.hexdigest()
+        if not stamp.exists():
+            # Largest first, so that the last one to finish is a small one.
+            todo.append((path.stat().st_size, str(path), entry, stamp))
+    todo.sort(key=lambda t: (-t[0], t[1]))
+    stamp_of = {t[1]: t[3] for t in todo}
+    failed = []
+    with concurrent.futures.ThreadPoolExecutor(max_workers=len(os.sched_getaffinity(0))) as pool:
+        for entry, done, seconds in pool.map(lambda t: run_one(t[2], build), todo):
+            name = os.path.relpath(entry["file"], root)
+            print(f"{'ok  ' if done.returncode == 0 else 'FAIL'} {seconds:6.1f} s  {name}", flush=True)
+            if done.returncode == 0:
+                stamp_of[entry["file"]].touch()
+                continue
+            failed.append(name)
+            print(done.stdout.rstrip() or done.stderr.rstrip(), flush=True)
+    print(f"clang-tidy: {total} files, {total - len(todo)} unchanged since they passed, "
+          f"{len(failed)} with findings")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

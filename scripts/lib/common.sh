@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+# Sourced by the scripts: where things are, and how they speak. Sets -euo pipefail.
+# No process substitution: a bare chroot may have no /dev/fd.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+me=$(basename "$0")
+preset=release
+build=${TROCAR_BUILD:-$root/build/$preset}
+bin=$build/bin
+out=${TROCAR_OUT:-$root/out}
+
+say() { printf '%s: %s\n' "$me" "$*" >&2; }
+
+# die CODE MESSAGE: ends with one of the exit codes of the outer contract.
+die() {
+  local code=$1
+  shift
+  say "$*"
+  exit "$code"
+}
+
+# quietly LOG COMMAND...: runs it with its output in LOG; shows the end of LOG if it fails.
+quietly() {
+  local log=$1
+  shift
+  mkdir -p "$(dirname "$log")"
+  local code=0
+  "$@" >"$log" 2>&1 || code=$?
+  if ((code != 0)); then
+    tail -n 40 "$log" >&2
+    say "failed ($code): $* (all of it in $log)"
+  fi
+  return "$code"
+}
+
+# configure_and_build [TARGET...]: the release preset; cmake and ninja skip what is up to date.
+configure_and_build() {
+  quietly "$build/configure.log" cmake -S "$root" -B "$build" --preset "$preset" ||
+    die 1 "the build could not be configured"
+  say "building in ${build#"$root"/} (the first time takes some minutes)"
+  local targets=()
+  if (($# > 0)); then targets=(--target "$@"); fi
+  cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
+}

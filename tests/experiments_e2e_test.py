@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""experiments_e2e_test.py SOURCE BIN SCAN WORK: the paper's two experiments as a user runs them, on
+an asset made from the sample scan (folder SCAN), judged from the recordings alone (no code of the project).
+
+A recording must show, at the paper's 2 ms and at 1 kHz: no force until contact; force K times
+penetration from there, up to the threshold within one tick's rise; penetration at puncture
+F_th / K within one tick's travel; no force in that tick's successor and on until the next slice.
+Besides: two runs give the same bytes, a replay gives the same torques, and the exit codes and
+messages of the outer contract.
+"""
+import csv
+import json
+import pathlib
+import shutil
+import subprocess
+import sys
+
+failures = []
+
+
+def check(condition, message):
+    if not condition:
+        failures.append(message)
+
+
+def run(*command, expect=0):
+    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode != expect:
+        print(" ".join(map(str, command)), "ended with", done.returncode, "not", expect)
+        print(done.stdout[-2000:], done.stderr[-2000:])
+        sys.exit(1)
+    return done
+
+
+def read_recording(path):
+    with open(path, encoding="ascii", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def check_experiment(name, rows, scene, summary, rate):
+    tissue = scene.get("tissue", {})
+    stiffness = tissue.get("stiffness_N_per_m", 5000.0)
+    threshold = tissue.get("threshold_N", 35.0)
+    heights = sorted((piece["z_m"] for piece in scene["slices"]), reverse=True)
+    time = [float(row["t_s"]) for row in rows]
+    tip = [float(row["tool_z_m"]) for row in rows]
+    force = [float(row["fz_wanted_N"]) for row in rows]
+    delivered = [float(row["fz_delivered_N"]) for row in rows]
+
+    check(abs(time[1] - time[0] - 1 / rate) < 1e-9, f"{name}: not {rate} Hz")
+    check(tip[0] > heights[0], f"{name}: the tool does not start above the slices")
+    check(min(tip) < heights[-1] - threshold / stiffness, f"{name}: the tool does not come through")
+    check(len(summary["punctures"]) == len(heights), f"{name}: {len(summary['punctures'])} punctures")
+    check(summary["faults"] == [], f"{name}: faults {summary['faults']}")
+    check(summary["allocations_in_loop"] == 0, f"{name}: {summary['allocations_in_loop']} allocations")
+    check(summary["ticks"] == len(rows), f"{name}: {summary['ticks']} ticks, {len(rows)} rows")
+    check(summary["wrench_error_max"] <= 1e-9, f"{name}: wrench error {summary['wrench_error_max']}")
+    worst = max(abs(f - d) for f, d in zip(force, delivered))
+    check(worst <= 1e-9 * threshold, f"{name}: delivered force is off by {worst} N")
+
+    # Every tick's force is what the law gives for the topmost sheet that still stands.
+    standing, peaks = list(heights), []
+    for i, row in enumerate(rows):
+        depth = standing[0] - tip[i] if standing else 0.0
+        wanted = stiffness * max(depth, 0.0)
+        if wanted > threshold:
+            before, rise = force[i - 1], stiffness * (tip[i - 1] - tip[i])
+            peaks.append(before)
+            check(threshold - rise <= before <= threshold,
+                  f"{name}: the force before puncture is {before} N; one tick's rise is {rise} N")
+            travel = tip[i - 1] - tip[i]
+            check(abs(depth - threshold / stiffness) <= travel,
+                  f"{name}: punctured {depth} m deep; one tick's travel is {travel} m")
+            told = summary["punctures"][len(peaks) - 1]
+            check(abs(told["t_s"] - time[i]) <= 1.5 / rate, f"{name}: puncture told at {told['t_s']} s, seen at {time[i]} s")
+            check(told["hole_vertices"] >= 3, f"{name}: a hole of {told['hole_vertices']} vertices")
+            standing.pop(0)
+            wanted = 0.0
+        check(abs(force[i] - wanted) <= 1e-9 * threshold,
+              f"{name}: t = {time[i]} s: force {force[i]} N, the law gives {wanted} N")
+        if len(failures) > 20:
+            return
+    check(len(peaks) == len(heights), f"{name}: {len(peaks)} peaks")
+    print(f"{name}: {len(rows)} ticks, peaks {', '.join(f'{p:.3f} N' for p in peaks)}")
+
+
+def one_line(done, *words):
+    lines = done.stderr.strip().splitlines()
+    check(len(lines) == 1, f"expected one line on stderr: {done.stderr!r}")
+    for word in words:
+        check(word in done.stderr, f"{word!r} is not named in {done.stderr!r}")
+
+
+def main():
+    if len(sys.argv) != 5:
+        print("usage: experiments_e2e_test.py SOURCE BIN SCAN WORK", file=sys.stderr)
+        return 2
+    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    trocar_run = programs / "trocar-run"
+    asset = work / "sample.glb"
+    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+
+    for name in ("one_slice", "three_slices"):
+        scene_file = source / "runtime" / "scenes" / f"{name}.json"
+        scene = json.loads(scene_file.read_text())
+        run(trocar_run, scene_file, "--asset", asset, "--check")
+        for rate in (500, 1000):
+            record, summary = (work / f"{name}_{rate}{end}" for end in (".csv", ".json"))
+            loaded = (trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet")
+            common = (*loaded, "--rate", rate)
+            run(*common, "--record", record, "--summary", summary)
+            check_experiment(f"{name} at {rate} Hz", read_recording(record), scene,
+                             json.loads(summary.read_text()), rate)
+            again = work / "again.csv"
+            run(*common, "--record", again)
+            check(again.read_bytes() == record.read_bytes(), f"{name} at {rate} Hz: two runs differ")
+            replayed = work / "replayed.csv"
+            run(*loaded, "--replay", record, "--record", replayed)
+            torques = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(record)]
+            once_more = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(replayed)]
+            check(len(torques[0]) == 8 and torques == once_more, f"{name} at {rate} Hz: the replay's torques differ")
+
+    # The outer contract's exit codes.
+    one_line(run(trocar_run, work / "absent.json", expect=3), "absent.json")
+    one_line(run(trocar_run, scene_file, "--asset", work / "absent.glb", "--check", expect=3), "absent.glb")
+    broken = work / "broken.json"
+    broken.write_text(json.dumps({**scene, "no_such_key": 1}))
+    one_line(run(trocar_run, broken, "--asset", asset, "--check", expect=3), "broken.json", "no_such_key")
+    one_line(run(trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet",
+                 "--record", work / "no" / "such" / "folder.csv", expect=4), "folder.csv")
+    run(trocar_run, scene_file, "--no-such-option", expect=2)
+    run(trocar_run, expect=2)
+    run(trocar_run, scene_file, "--asset", asset, "--rate", "-5", expect=2)
+    for words in (("--help",), ("--version",)):
+        check(run(trocar_run, *words).stdout.strip() != "", f"{words} says nothing")
+    for line in failures:
+        print(line)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/file_io.h"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <string>
+
+#include "formats/nearest_name.h"
+
+namespace trocar {
+namespace {
+
+namespace fs = std::filesystem;
+
+class FileIo : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::temp_directory_path() / ("trocar_file_io_" + std::to_string(::getpid()));
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  std::size_t files() const {
+    return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
+  }
+  fs::path folder_;
+};
+
+TEST_F(FileIo, WritesAndReadsBack) {
+  std::string text = "one\0two\n";
+  text.resize(8);
+  ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view(text)));
+  ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view("shorter")));
+  const auto back = read_file(folder_ / "a");
+  ASSERT_TRUE(back);
+  EXPECT_EQ(std::string(back->begin(), back->end()), "shorter");
+  EXPECT_EQ(files(), 1U);  // no temporary left
+  struct stat status {};
+  ASSERT_EQ(::stat((folder_ / "a").c_str(), &status), 0);
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  EXPECT_EQ(status.st_mode & 0777U, 0666U & ~mask);
+}
+
+TEST_F(FileIo, AFailureLeavesNothingBehind) {
+  const auto nowhere = write_file_atomically(folder_ / "no" / "a", std::string_view("x"));
+  ASSERT_FALSE(nowhere);
+  EXPECT_EQ(nowhere.error().code, ExitCode::kUnwritable);
+  fs::create_directory(folder_ / "folder");
+  const auto on_folder = write_file_atomically(folder_ / "folder", std::string_view("x"));
+  ASSERT_FALSE(on_folder);
+  EXPECT_EQ(on_folder.error().code, ExitCode::kUnwritable);
+  EXPECT_EQ(files(), 1U);
+}
+
+TEST_F(FileIo, RefusesWhatIsNotAFileOrTooLarge) {
+  EXPECT_EQ(read_file(folder_).error().code, ExitCode::kRefused);
+  EXPECT_EQ(read_file(folder_ / "absent").error().code, ExitCode::kRefused);
+  ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view("12345")));
+  EXPECT_TRUE(read_file(folder_ / "a", 5));
+  EXPECT_FALSE(read_file(folder_ / "a", 4));
+}
+
+TEST(NearestName, FindsWhatWasMeantAndNothingElse) {
+  const std::vector<std::string> names = {"--threshold", "--tolerance", "--jobs"};
+  EXPECT_EQ(nearest_name("--treshold", names), "--threshold");
+  EXPECT_EQ(nearest_name("--job", names), "--jobs");
+  EXPECT_EQ(nearest_name("--zebra", names), "");
+  EXPECT_EQ(nearest_name(std::string(100'000, 'a'), names), "");
+  EXPECT_EQ(did_you_mean("--tolerence", names), ", did you mean --tolerance?");
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""head_ct_test.py SOURCE: scripts/lib/head_ct.py on made-up InVesalius projects: a small sound
+one comes out voxel for voxel where it belongs, and each kind of broken one is refused."""
+import io
+import pathlib
+import plistlib
+import subprocess
+import sys
+import tarfile
+import tempfile
+
+import nibabel
+import numpy
+
+SHAPE = (3, 4, 5)  # z, y, x
+VOXELS = numpy.arange(60, dtype="<i2").reshape(SHAPE) - 30
+SOUND = {"matrix": {"dtype": "int16", "filename": "matrix.dat", "shape": list(SHAPE)},
+         "spacing": [0.5, 0.75, 2.0], "orientation": 1}
+
+
+def archive(path, plist, matrix, extra=()):
+    with tarfile.open(path, "w:gz") as tar:
+        for name, data in [("p/main.plist", plist), ("p/matrix.dat", matrix), *extra]:
+            info = tarfile.TarInfo(name)
+            info.size = len(data)
+            tar.addfile(info, io.BytesIO(data))
+
+
+def changed(**keys):
+    return plistlib.dumps({**SOUND, **keys})
+
+
+def main():
+    convert = pathlib.Path(sys.argv[1]) / "scripts" / "lib" / "head_ct.py"
+    failures = []
+
+    def run(source, output):
+        return subprocess.run([sys.executable, "-B", str(convert), str(source), str(output)],
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        source, output = folder / "x.inv3", folder / "x.nii.gz"
+        sound = plistlib.dumps(SOUND)
+        data = VOXELS.tobytes()
+
+        archive(source, sound, data)
+        done = run(source, output)
+        assert done.returncode == 0, done.stderr
+        first = output.read_bytes()
+        assert run(source, output).returncode == 0 and output.read_bytes() == first, "bytes differ"
+        image = nibabel.load(output)
+        array = numpy.asarray(image.dataobj)
+        assert array.dtype == numpy.int16 and nibabel.aff2axcodes(image.affine) == ("L", "P", "S")
+        assert numpy.allclose(image.header.get_zooms(), SOUND["spacing"])
+        assert numpy.allclose(image.affine @ [2, 1.5, 1, 1], [0, 0, 0, 1]), "centre is not the origin"
+        for z, y, x in numpy.ndindex(SHAPE):  # InVesalius's y runs from posterior to anterior
+            assert array[x, SHAPE[1] - 1 - y, z] == VOXELS[z, y, x]
+        assert run(source, folder / "no" / "x.nii.gz").returncode == 4
+
+        broken = {
+            "no matrix": (sound, None, ()),
+            "short matrix": (sound, data[:-2], ()),
+            "long matrix": (sound, data + b"\0\0", ()),
+            "two matrices": (sound, data, [("q/matrix.dat", data)]),
+            "not a plist": (b"<plist>", data, ()),
+            "a plist that is a list": (plistlib.dumps([1]), data, ()),
+            "another type": (changed(matrix={**SOUND["matrix"], "dtype": "uint8"}), data, ()),
+            "negative shape": (changed(matrix={**SOUND["matrix"], "shape": [-3, -4, 5]}), data, ()),
+            "huge shape": (changed(matrix={**SOUND["matrix"], "shape": [65535] * 3}), data, ()),
+            "shape of words": (changed(matrix={**SOUND["matrix"], "shape": ["3", "4", "5"]}), data, ()),
+            "zero spacing": (changed(spacing=[0.0, 1.0, 1.0]), data, ()),
+            "nan spacing": (changed(spacing=[float("nan"), 1.0, 1.0]), data, ()),
+            "another orientation": (changed(orientation=2), data, ()),
+        }
+        output.unlink()
+        for name, (plist, matrix, extra) in broken.items():
+            if matrix is None:
+                with tarfile.open(source, "w:gz") as tar:
+                    info = tarfile.TarInfo("p/main.plist")
+                    info.size = len(plist)
+                    tar.addfile(info, io.BytesIO(plist))
+            else:
+                archive(source, plist, matrix, extra)
+            done = run(source, output)
+            if done.returncode != 3 or len(done.stderr.strip().splitlines()) != 1 or output.exists():
+                failures.append(f"{name}: exit {done.returncode}, stderr {done.stderr!r}")
+        archive(source, sound, data)
+        whole = source.read_bytes()
+        for name, content in (("cut gzip", whole[: len(whole) // 2]), ("no gzip", b"no archive"), ("empty", b"")):
+            source.write_bytes(content)
+            if run(source, output).returncode != 3 or output.exists():
+                failures.append(name)
+    for line in failures:
+        print(line)
+    print(f"{len(broken) + 3} broken projects, {len(failures)} failures")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,566 @@
+// SPDX-License-Identifier: Apache-2.0
+// The haptic loop against a scripted device: every fault by name, the safety laws, the lock-free
+// hand-overs under two threads, and the realtime thread.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <thread>
+
+#include "runtime/loop/haptic_loop.h"
+#include "runtime/loop/histogram.h"
+#include "runtime/loop/realtime_thread.h"
+#include "runtime/loop/session.h"
+#include "runtime/loop/spsc_queue.h"
+#include "runtime/loop/triple_buffer.h"
+#include "tests/sheet_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// Says what it is told to and keeps what it hears.
+class ScriptedDevice final : public Device {
+ public:
+  DeviceStatus read(DeviceState& state) noexcept override {
+    if (on_read == DeviceStatus::kOk) state = next;
+    return on_read;
+  }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    written = command;
+    return on_write;
+  }
+  DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
+  DeviceState next;
+  DeviceCommand written;
+};
+
+double largest(const DeviceCommand& command) {
+  double result = 0;
+  for (const double tau : command.tau_motor_Nm)
+    result = std::max(result, std::abs(tau));
+  return result;
+}
+
+/// A sheet at 0.12 m, a device pushed 4 mm into it (20 N), one good tick done before each test.
+class Loop : public testing::Test {
+ protected:
+  void SetUp() override {
+    const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
+    sheets_ = std::move(*place_slices(scene, test::square_asset(1), "a"));
+    current_ = {sheets_[0].get()};
+    model_.device = default_device_description();
+    model_.contact.tool = make_tool(scene.tool);
+    model_.rate_Hz = 1000;
+    model_.limits.torque_rise_max_Nm_per_s = 1e6;
+    model_.limits.encoder_rate_max_rad_per_s = 1e3;
+    go_to(0.125);
+    tick();
+    go_to(0.116);
+    tick();
+    ASSERT_EQ(state_.fault, Fault::kNone);
+    ASSERT_NEAR(result_.row.wrench_wanted[2], 20, 1e-9);
+    ASSERT_GT(largest(device_.written), 0.1);
+    good_ = device_.written;
+    model_.limits.encoder_rate_max_rad_per_s = 60;
+  }
+  void go_to(double z_m, double x_m = 0) {
+    Pose pose;
+    pose.p_m = {x_m, 0, z_m};
+    const InverseResult inverse = inverse_kinematics(model_.device, pose);
+    ASSERT_TRUE(inverse.status);
+    device_.next.encoder_rad = encoder_angles(inverse.joints);
+  }
+  void tick(double gap_s = 1e-3) { haptic_tick(model_, current_, gap_s, device_, state_, result_); }
+  /// The next tick must have this fault, and laws 1 to 3 must hold from it on.
+  void expect_fault(Fault fault, double gap_s = 1e-3) {
+    tick(gap_s);
+    ASSERT_EQ(state_.fault, fault) << to_word(state_.fault);
+    EXPECT_EQ(result_.row.fault, fault);
+    EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
+    device_.on_read = device_.on_write = DeviceStatus::kOk;  // all is well again: it latches
+    go_to(0.116);
+    double last = largest(device_.written);
+    EXPECT_LE(last, largest(good_));
+    int ticks = 1;
+    for (; !result_.ramp_done; ++ticks) {
+      ASSERT_LT(ticks, 100);
+      tick();
+      EXPECT_EQ(state_.fault, fault);
+      const double left = std::max(0.0, 1 - static_cast<double>(state_.ramp_ticks_done) / 50);
+      for (int i = 0; i < kMotors; ++i) {
+        ASSERT_NEAR(device_.written.tau_motor_Nm[i], left * state_.tau_at_fault_Nm[i], 1e-12);
+      }
+      EXPECT_LT(largest(device_.written), last);
+      last = largest(device_.written);
+    }
+    EXPECT_EQ(state_.ramp_ticks_done, 50U) << "0.05 s at 1 kHz";
+    EXPECT_EQ(largest(device_.written), 0);
+    tick();
+    EXPECT_EQ(largest(device_.written), 0);
+    EXPECT_EQ(result_.row.fault, fault);
+  }
+
+  std::vector<std::unique_ptr<const Sheet>> sheets_;
+  std::vector<const Sheet*> current_;
+  LoopModel model_;
+  LoopState state_;
+  TickResult result_;
+  ScriptedDevice device_;
+  DeviceCommand good_;
+};
+
+TEST_F(Loop, AGoodTickHasNoFault) {
+  go_to(0.1158);
+  tick();
+  EXPECT_EQ(result_.row.fault, Fault::kNone);
+  EXPECT_NEAR(result_.row.wrench_delivered[2], 21, 1e-8);
+  EXPECT_EQ(result_.row.t_s, 0.002);
+}
+
+TEST_F(Loop, LinkLost) {
+  device_.on_read = DeviceStatus::kLinkLost;
+  expect_fault(Fault::kLinkLost);
+}
+
+TEST_F(Loop, LinkLostInWriting) {
+  device_.on_write = DeviceStatus::kLinkLost;
+  expect_fault(Fault::kLinkLost);
+}
+
+TEST_F(Loop, WriteFailed) {
+  device_.on_write = DeviceStatus::kNoData;
+  expect_fault(Fault::kWriteFailed);
+}
+
+TEST_F(Loop, FewTicksWithoutDataAreBridgedAndMoreAreAFault) {
+  device_.on_read = DeviceStatus::kNoData;
+  for (int i = 0; i < 3; ++i) {
+    tick();
+    ASSERT_EQ(state_.fault, Fault::kNone);
+    ASSERT_EQ(device_.written.tau_motor_Nm, good_.tau_motor_Nm) << "on the last state";
+  }
+  device_.on_read = DeviceStatus::kOk;
+  tick();
+  ASSERT_EQ(state_.fault, Fault::kNone);
+  device_.on_read = DeviceStatus::kNoData;
+  for (int i = 0; i < 3; ++i)
+    tick();
+  expect_fault(Fault::kNoData);
+}
+
+TEST_F(Loop, BeforeTheFirstDataThereIsNoTorque) {
+  state_ = LoopState{};
+  device_.on_read = DeviceStatus::kNoData;
+  for (int i = 0; i < 3; ++i) {
+    tick();
+    EXPECT_EQ(largest(device_.written), 0);
+    EXPECT_EQ(state_.fault, Fault::kNone);
+  }
+  tick();
+  EXPECT_EQ(state_.fault, Fault::kNoData);
+  EXPECT_EQ(largest(device_.written), 0);
+}
+
+TEST_F(Loop, EncoderNotFinite) {
+  device_.next.encoder_rad[7] = NAN;
+  expect_fault(Fault::kEncoderNotFinite);
+}
+
+TEST_F(Loop, EncoderNotFiniteInTheFirstTick) {
+  state_ = LoopState{};
+  device_.next.encoder_rad[0] = INFINITY;
+  tick();
+  EXPECT_EQ(state_.fault, Fault::kEncoderNotFinite);
+  EXPECT_EQ(largest(device_.written), 0);
+}
+
+TEST_F(Loop, EncoderJump) {
+  device_.next.encoder_rad[4] += 0.061;
+  expect_fault(Fault::kEncoderJump);
+}
+
+TEST_F(Loop, EncoderRateIsJudgedOverTheTimeWithoutData) {
+  device_.on_read = DeviceStatus::kNoData;
+  tick();
+  tick();
+  device_.on_read = DeviceStatus::kOk;
+  go_to(0.107);  // further than one tick may go, not further than three; 13 mm: gives way
+  tick();
+  EXPECT_EQ(state_.fault, Fault::kNone) << to_word(state_.fault);
+}
+
+TEST_F(Loop, JointLimit) {
+  const double limit_rad = model_.device.joint_limit[0].max_rad;
+  model_.limits.encoder_rate_max_rad_per_s = 1e6;
+  device_.next.encoder_rad[0] = limit_rad + 1e-6;
+  expect_fault(Fault::kJointLimit);
+}
+
+TEST_F(Loop, PoseResidualOfTheUpperChains) {
+  device_.next.encoder_rad[1] += 0.05;  // theta2 of leg 1 contradicts the other legs
+  expect_fault(Fault::kPoseResidual);
+}
+
+TEST_F(Loop, PoseResidualOfTheLowerMotors) {
+  device_.next.encoder_rad[3] += 0.05;  // theta4 of leg 1, which the fit does not use
+  expect_fault(Fault::kPoseResidual);
+}
+
+TEST_F(Loop, Singularity) {
+  model_.limits.inverse_condition_min = 0.999;  // no pose of this device is that good
+  expect_fault(Fault::kSingularity);
+}
+
+TEST_F(Loop, TorqueNotFinite) {
+  model_.contact.tissue.damping_N_s_per_m = 1e300;
+  model_.contact.tissue.threshold_N = INFINITY;
+  model_.contact.dt_s = 1e-300;
+  go_to(0.1158);
+  expect_fault(Fault::kTorqueNotFinite);
+}
+
+TEST_F(Loop, DeadlineMissed) {
+  tick(0.0999);
+  ASSERT_EQ(state_.fault, Fault::kNone);
+  expect_fault(Fault::kDeadlineMissed, 0.1001);
+}
+
+TEST_F(Loop, RemeshBacklog) {
+  SheetTrack& track = state_.contact.tracks[0];
+  track.pending_count = kMaxPendingHoles;
+  track.cuts_requested = kMaxPendingHoles;
+  for (LatticeOutline& hole : track.pending) {  // far from the tool
+    hole = outline_on_lattice(model_.contact.tool, Pose{{0.015, 0.015, 0.1}, {}},
+                              current_[0]->transform);
+  }
+  model_.limits.encoder_rate_max_rad_per_s = 1e3;
+  go_to(0.112);
+  expect_fault(Fault::kRemeshBacklog);
+}
+
+TEST_F(Loop, TheFirstFaultIsKept) {
+  device_.next.encoder_rad[7] = NAN;
+  tick();
+  device_.on_read = DeviceStatus::kLinkLost;
+  tick();
+  EXPECT_EQ(state_.fault, Fault::kEncoderNotFinite);
+  EXPECT_EQ(state_.fault_t_s, 0.002);
+}
+
+TEST_F(Loop, TheEndOfTheDataIsNoTick) {
+  device_.on_read = DeviceStatus::kEndOfData;
+  const std::uint64_t ticks = state_.tick;
+  tick();
+  EXPECT_TRUE(result_.end_of_data);
+  EXPECT_EQ(state_.tick, ticks);
+  EXPECT_EQ(state_.fault, Fault::kNone);
+}
+
+TEST_F(Loop, TorquesNeverExceedThePeakAndTheDirectionStays) {
+  model_.device.motor_peak_torque_Nm = model_.device.motor_continuous_torque_Nm = 0.3;
+  state_.tau_motor_Nm.setZero();
+  tick();
+  EXPECT_EQ(state_.fault, Fault::kNone);
+  EXPECT_LE(largest(device_.written), 0.3);
+  EXPECT_GT(largest(device_.written), 0.29);
+  EXPECT_LT(result_.row.wrench_scale, 1);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_NEAR(result_.row.wrench_delivered[i],
+                result_.row.wrench_scale * result_.row.wrench_wanted[i], 1e-9);
+  }
+}
+
+TEST(LimitRise, InsideNothingChangesOutsideItActsAlwaysWithinBounds) {
+  std::mt19937_64 random(5);
+  const auto any = [&] {
+    MotorVector tau;
+    for (int i = 0; i < kMotors; ++i) {
+      tau[i] = (static_cast<double>(random() >> 11) * 0x1p-53 - 0.5) * 12;
+    }
+    return tau;
+  };
+  int acted = 0, inside = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const MotorVector last = any() * (i % 5 == 0 ? 0 : 1), wanted = any();
+    const double rise = 0.5 + static_cast<double>(i % 24);
+    bool shortened = false;
+    const MotorVector got = limit_rise(last, wanted, rise, shortened);
+    const double step = (wanted - last).cwiseAbs().maxCoeff();
+    const bool grows = wanted.cwiseAbs().maxCoeff() > last.cwiseAbs().maxCoeff();
+    if (!grows || step <= rise) {
+      EXPECT_EQ(got, wanted);
+      EXPECT_FALSE(shortened);
+      ++inside;
+    } else {
+      EXPECT_TRUE(shortened);
+      EXPECT_NEAR((got - last).cwiseAbs().maxCoeff(), rise, 1e-12);
+      // On the straight way from the one to the other: no motor is cut off by itself.
+      const double share = rise / step;
+      EXPECT_LT((got - ((1 - share) * last + share * wanted)).norm(), 1e-12);
+      ++acted;
+    }
+  }
+  EXPECT_GT(acted, 200);
+  EXPECT_GT(inside, 200);
+}
+
+TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {
+  model_.limits.torque_rise_max_Nm_per_s = 100;  // 0.1 Nm a tick
+  state_.tau_motor_Nm.setZero();
+  double last = 0;
+  for (int i = 0; i < 3; ++i) {
+    tick();
+    EXPECT_NEAR(largest(device_.written) - last, 0.1, 1e-9);
+    last = largest(device_.written);
+  }
+  model_.limits.encoder_rate_max_rad_per_s = 1e3;
+  go_to(0.112);  // gives way
+  tick();
+  EXPECT_EQ(largest(device_.written), 0);
+  EXPECT_TRUE(result_.contact.gave_way);
+}
+
+// --- session -------------------------------------------------------------------------------
+
+TEST(Session, AStopEndsItWithTorquesAtZero) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
+    Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+    auto device = make_simulated_device(scene, default_device_description());
+    ASSERT_TRUE(device);
+    std::atomic<bool> stop{false};
+    std::uint64_t ticks = 0;
+    SessionOptions options;
+    options.clock = clock;
+    options.duration_s = 60;
+    options.stop = &stop;
+    options.limits.gap_max_s = 0;
+    const auto report = run_session(
+        scene, default_device_description(), remesher, *device,
+        [&](double dt_s) {
+          device->step(dt_s);
+          if (++ticks == 50) stop = true;
+        },
+        options);
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+    EXPECT_EQ(report->ticks, 50U);
+    device->step(1e-3);
+    EXPECT_EQ(device->truth().tau_motor_Nm.norm(), 0);
+  }
+}
+
+TEST(Session, AFaultEndsItAfterTheRamp) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  ScriptedDevice device;
+  device.on_read = DeviceStatus::kLinkLost;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device, [](double) {}, options);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->end, SessionEnd::kFault);
+  EXPECT_EQ(report->fault, Fault::kLinkLost);
+  EXPECT_EQ(report->ticks, 50U);
+}
+
+TEST(Session, AnUnwritableRecordingIsSaidBeforeAnythingRuns) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  ScriptedDevice device;
+  SessionOptions options;
+  options.record = "/no/such/folder/r.csv";
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().code, ExitCode::kUnwritable);
+}
+
+TEST(Session, CountsTicks) {
+  EXPECT_EQ(tick_count(1, 1000), 1000U);
+  EXPECT_EQ(tick_count(3.6, 500), 1800U);
+  EXPECT_EQ(tick_count(0.1 + 0.2, 1000), 300U);
+  EXPECT_EQ(tick_count(0.0005, 1000), 1U);
+  EXPECT_EQ(tick_count(0.0015, 1000), 2U);
+}
+
+TEST(Session, TheRateOfARecordingIsThatOfItsTimes) {
+  std::vector<RecordingRow> rows(1000);
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    rows[k].t_s = static_cast<double>(k) / 500;
+  ASSERT_TRUE(recorded_rate_Hz(rows, "r"));
+  EXPECT_EQ(*recorded_rate_Hz(rows, "r"), 500);
+  rows[500].t_s += 1e-4;
+  EXPECT_FALSE(recorded_rate_Hz(rows, "r"));
+  EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
+}
+
+// --- workers -------------------------------------------------------------------------------
+
+TEST(Remesher, ServesAndPublishesFromItsThread) {
+  const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
+  Remesher remesher(std::move(*place_slices(scene, test::square_asset(2), "a")));
+  const std::int64_t whole = doubled_area(remesher.current(0)->mesh);
+  remesher.start();
+  std::int64_t removed = 0;
+  for (std::uint32_t i = 0; i < 20; ++i) {
+    CutRequest request;
+    request.sheet = static_cast<std::int32_t>(i % 2);
+    request.cut = i / 2 + 1;
+    Pose pose;
+    pose.p_m = {-0.015 + 0.003 * (i / 2), 0.001 * (i % 7), 0.1};  // they overlap one another
+    const Sheet* before = remesher.current(request.sheet);
+    request.outline = outline_on_lattice(make_tool(scene.tool), pose, before->transform);
+    ASSERT_TRUE(remesher.request(request));
+    // As the haptic thread does: look until the new one is there, use the old one meanwhile.
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (remesher.current(request.sheet)->cuts < request.cut) {
+      ASSERT_LT(std::chrono::steady_clock::now(), until);
+      ASSERT_FALSE(remesher.current(request.sheet)->mesh.triangles.empty());
+    }
+  }
+  remesher.stop();
+  for (const CutRecord& record : remesher.records()) {
+    ASSERT_FALSE(record.error) << record.error->message;
+    if (record.request.sheet == 0) removed += record.doubled_area_removed;
+  }
+  EXPECT_EQ(remesher.records().size(), 20U);
+  EXPECT_EQ(doubled_area(remesher.last_version(0).mesh), whole - removed);
+  EXPECT_EQ(doubled_area(remesher.first_version(0).mesh), whole);
+}
+
+TEST(SpscQueue, KeepsOrderAndCapacityBetweenTwoThreads) {
+  SpscQueue<std::uint64_t, 8> small;
+  for (std::uint64_t i = 0; i < 8; ++i)
+    EXPECT_TRUE(small.push(i));
+  EXPECT_FALSE(small.push(8));
+  std::uint64_t value = 99;
+  EXPECT_TRUE(small.pop(value));
+  EXPECT_EQ(value, 0U);
+  EXPECT_TRUE(small.push(8));
+  for (std::uint64_t i = 1; i <= 8; ++i)
+    EXPECT_TRUE(small.pop(value) && value == i);
+  EXPECT_FALSE(small.pop(value));
+
+  auto queue = std::make_unique<SpscQueue<std::uint64_t, 64>>();
+  constexpr std::uint64_t kCount = 200'000;
+  std::thread writer([&] {
+    for (std::uint64_t i = 0; i < kCount;) {
+      if (queue->push(i)) {
+        ++i;
+      } else {
+        std::this_thread::yield();
+      }
+    }
+  });
+  for (std::uint64_t expected = 0; expected < kCount;) {
+    if (queue->pop(value)) {
+      ASSERT_EQ(value, expected);
+      ++expected;
+    } else {
+      std::this_thread::yield();
+    }
+  }
+  writer.join();
+  EXPECT_FALSE(queue->pop(value));
+}
+
+TEST(TripleBuffer, GivesWholeValuesNeverAnOlderOne) {
+  struct Value {
+    std::array<std::uint64_t, 16> copies{};
+  };
+  TripleBuffer<Value> buffer;
+  Value value;
+  EXPECT_FALSE(buffer.read(value));
+  constexpr std::uint64_t kCount = 200'000;
+  std::thread writer([&] {
+    Value next;
+    for (std::uint64_t i = 1; i <= kCount; ++i) {
+      next.copies.fill(i);
+      buffer.write(next);
+    }
+  });
+  std::uint64_t last = 0;
+  while (last < kCount) {
+    if (!buffer.read(value)) {
+      std::this_thread::yield();
+      continue;
+    }
+    ASSERT_GT(value.copies[0], last);
+    last = value.copies[0];
+    for (const std::uint64_t copy : value.copies)
+      ASSERT_EQ(copy, last) << "torn";
+  }
+  writer.join();
+  EXPECT_FALSE(buffer.read(value));
+}
+
+TEST(Histogram, QuantilesAreThoseOfTheSamplesWithinABucket) {
+  Histogram empty;
+  EXPECT_EQ(empty.quantile_us(0.5), 0);
+  std::mt19937_64 random(6);
+  std::vector<std::int64_t> samples;
+  Histogram histogram;
+  for (int i = 0; i < 20'000; ++i) {
+    samples.push_back(static_cast<std::int64_t>(random() >> (24 + random() % 40)));
+    histogram.add(samples.back());
+  }
+  std::sort(samples.begin(), samples.end());
+  for (const double share : {0.001, 0.1, 0.5, 0.9, 0.99, 0.999, 1.0}) {
+    const auto rank = static_cast<std::size_t>(std::ceil(share * 20'000)) - 1;
+    const double exact_us = static_cast<double>(samples[rank]) * 1e-3;
+    EXPECT_GE(histogram.quantile_us(share), exact_us);
+    EXPECT_LE(histogram.quantile_us(share), exact_us * (1 + 1.0 / 64) + 1e-3);
+  }
+  EXPECT_EQ(histogram.max_us(), static_cast<double>(samples.back()) * 1e-3);
+  histogram.add(-5);
+  histogram.add(INT64_MAX);
+  EXPECT_EQ(histogram.samples(), 20'002U);
+}
+
+TEST(RealtimeThread, CallsAtTheRateUntilToldToEnd) {
+  std::uint64_t calls = 0;
+  double gaps_s = 0;
+  RealtimeOptions options;
+  options.rate_Hz = 1000;
+  const auto start = std::chrono::steady_clock::now();
+  const RealtimeReport report = run_realtime(options, [&](double gap_s) {
+    EXPECT_GE(gap_s, 0);
+    gaps_s += gap_s;
+    return ++calls < 200;
+  });
+  const double took_s =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  EXPECT_EQ(calls, 200U);
+  EXPECT_GE(took_s, 0.199) << "never faster than the rate";
+  EXPECT_GE(gaps_s, 0.19);
+  EXPECT_EQ(report.wake.samples(), 200U);
+  EXPECT_TRUE(report.fifo && report.memory_locked ? report.note.empty() : !report.note.empty());
+
+  std::atomic<bool> stop{true};
+  options.stop = &stop;
+  run_realtime(options, [](double) {
+    ADD_FAILURE();
+    return true;
+  });
+}
+
+TEST(RealtimeThread, ALateCallIsCountedAndNotMadeUpFor) {
+  RealtimeOptions options;
+  options.rate_Hz = 1000;
+  int calls = 0;
+  const auto start = std::chrono::steady_clock::now();
+  const RealtimeReport report = run_realtime(options, [&](double) {
+    if (calls == 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return ++calls < 10;
+  });
+  const double took_s =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  EXPECT_GE(report.missed_deadlines, 1U);
+  EXPECT_GE(took_s, 0.028) << "the nine others still take their millisecond each";
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// node load.mjs ASSET.glb: opens the asset as a web page would, with three.js's own
+// GLTFLoader and DRACOLoader (and the Draco decoder that three.js ships), and prints
+// as JSON what the scene then holds: slice by slice counts and bounds.
+//
+// Exit 0 if it loads without a single error or warning; 1 otherwise, 2 on wrong usage.
+import fs from 'node:fs';
+import http from 'node:http';
+import path from 'node:path';
+import { fileURLToPath } from 'node:url';
+import './browser_shims.mjs';
+
+const kTimeoutMs = 120000; // a decoder that dies inside a worker never answers
+
+const asset = process.argv[2];
+if (process.argv.length !== 3) {
+  console.error('usage: node load.mjs ASSET.glb');
+  process.exit(2);
+}
+
+const complaints = [];
+for (const level of ['error', 'warn']) {
+  console[level] = (...words) => complaints.push(`${level}: ${words.join(' ')}`);
+}
+const fail = (why) => {
+  process.stderr.write([...complaints, `load.mjs: ${asset}: ${why}`].join('\n') + '\n');
+  process.exit(1);
+};
+setTimeout(() => fail(`not loaded within ${kTimeoutMs / 1000} s`), kTimeoutMs).unref();
+
+// Served by HTTP, so that the loaders fetch everything the way they do in a browser.
+const here = path.dirname(fileURLToPath(import.meta.url));
+const decoder = path.join(here, 'node_modules/three/examples/jsm/libs/draco/gltf');
+const server = http.createServer((request, response) => {
+  const name = new URL(request.url, 'http://localhost').pathname;
+  const file = name === '/asset.glb' ? asset : path.join(decoder, path.basename(name));
+  fs.readFile(file, (error, bytes) => {
+    response.writeHead(error ? 404 : 200, bytes ? { 'Content-Length': bytes.length } : {});
+    response.end(bytes);
+  });
+});
+
+function bounds(geometry) {
+  geometry.computeBoundingBox();
+  const { min, max } = geometry.boundingBox;
+  return { min: min.toArray(), max: max.toArray() };
+}
+
+/** What one node of the scene holds. Positions are as stored: mm in the slice plane. */
+function describe(node) {
+  const slice = {
+    name: node.name, index: node.userData.trocar?.index ?? null,
+    triangles: 0, vertices: 0, line_segments: 0, bounds_mm: null, matrix: node.matrix.toArray(),
+  };
+  node.traverse((object) => {
+    const geometry = object.geometry;
+    if (!geometry) return;
+    const positions = geometry.getAttribute('position');
+    const elements = geometry.index ? geometry.index.count : positions.count;
+    if (![...positions.array].every(Number.isFinite)) throw new Error('a position is not finite');
+    if (geometry.index && [...geometry.index.array].some((i) => i >= positions.count)) {
+      throw new Error('an index is out of range');
+    }
+    if (object.isMesh) {
+      slice.triangles += elements / 3;
+      slice.vertices += positions.count;
+      slice.bounds_mm = bounds(geometry);
+    } else if (object.isLineSegments) {
+      slice.line_segments += elements / 2;
+      slice.lines_bounds_mm = bounds(geometry);
+    } else {
+      throw new Error(`unexpected object of type ${object.type}`);
+    }
+  });
+  return slice;
+}
+
+server.listen(0, '127.0.0.1', async () => {
+  try {
+    const three = await import('three');
+    const { GLTFLoader } = await import('three/examples/jsm/loaders/GLTFLoader.js');
+    const { DRACOLoader } = await import('three/examples/jsm/loaders/DRACOLoader.js');
+    const origin = `http://127.0.0.1:${server.address().port}`;
+    const draco = new DRACOLoader().setDecoderPath(`${origin}/`).setWorkerLimit(2);
+    const gltf = await new GLTFLoader().setDRACOLoader(draco).loadAsync(`${origin}/asset.glb`);
+    gltf.scene.updateMatrixWorld(true);
+    const box = new three.Box3().setFromObject(gltf.scene, true);
+
+    // A slice is the topmost node that carries our metadata.
+    const slices = [];
+    const visit = (node) => {
+      if (node.userData.trocar && Number.isInteger(node.userData.trocar.index)) {
+        slices.push(describe(node));
+      } else {
+        node.children.forEach(visit);
+      }
+    };
+    visit(gltf.scene);
+    if (complaints.length) throw new Error('the loaders complained');
+    const drawn = describe(gltf.scene);
+    const total = (field) => slices.reduce((sum, slice) => sum + slice[field], 0);
+    if (slices.length === 0) throw new Error('no node carries extras.trocar.index');
+    for (const field of ['triangles', 'vertices', 'line_segments']) {
+      if (total(field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
+    }
+    const result = {
+      three: three.REVISION, node: process.version, slices,
+      triangles: total('triangles'), vertices: total('vertices'),
+      line_segments: total('line_segments'),
+      world_bounds_m: { min: box.min.toArray(), max: box.max.toArray() },
+    };
+    process.stdout.write(JSON.stringify(result) + '\n', () => process.exit(0));
+  } catch (error) {
+    // three.js rejects with an Error, or with a worker's message { error }.
+    fail(error?.message ?? error?.error ?? String(error));
+  }
+});
