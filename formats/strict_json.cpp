@@ -104,9 +104,9 @@ std::int64_t StrictObject::integer(const char* key, std::int64_t lowest, std::in
   return found->get<std::int64_t>();
 }
 
-std::string StrictObject::string(const char* key, std::optional<std::string> otherwise) {
-  const nlohmann::json* found = find(key, !otherwise);
-  if (found == nullptr) return otherwise.value_or("");
+std::string StrictObject::string(const char* key) {
+  const nlohmann::json* found = find(key, true);
+  if (found == nullptr) return "";
   if (!found->is_string()) {
     errors_.add(path(key), "must be a string");
     return "";

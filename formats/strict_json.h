@@ -42,7 +42,7 @@ class StrictObject {
   std::int64_t integer(const char* key, std::int64_t lowest, std::int64_t highest,
                        std::optional<std::int64_t> otherwise = std::nullopt);
   /// 1 to 4096 bytes without control characters.
-  std::string string(const char* key, std::optional<std::string> otherwise = std::nullopt);
+  std::string string(const char* key);
   /// `result.size()` numbers. A missing key leaves `result` as it is, if `required` is not set.
   void numbers(const char* key, std::span<double> result, double lowest, double highest,
                bool required);

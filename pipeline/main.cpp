@@ -207,18 +207,6 @@ int info(const fs::path& file, bool as_json) {
   return 0;
 }
 
-// One line on the first word that no option took.
-std::string what_is_left(const CLI::App& app) {
-  const std::vector<std::string> rest = app.remaining(true);
-  const std::string word = rest.empty() ? "" : rest.front();
-  const CLI::App& where = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
-  std::vector<std::string> names;
-  for (const CLI::Option* option : where.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-  }
-  return "not expected: " + word + did_you_mean(word.substr(0, word.find('=')), names) + " (see trocar-mesh --help)";
-}
-
 int run(int argc, char** argv) {
   CLI::App app{"From a CT scan to an asset of exact triangle meshes, one a slice.\n"
                "INPUT is a folder or list of images, a folder of DICOM files, or a .nii/.nii.gz."};
@@ -263,7 +251,7 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ExtrasError&) {
-    return fail(usage(what_is_left(app)));
+    return fail(usage(unexpected_word(app)));
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);
     return fail(usage(std::string(e.what()) + " (see trocar-mesh --help)"));

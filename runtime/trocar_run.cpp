@@ -16,6 +16,7 @@
 
 #include "formats/asset.h"
 #include "formats/file_io.h"
+#include "formats/nearest_name.h"
 #include "formats/scene.h"
 #include "runtime/loop/replay_device.h"
 #include "runtime/loop/session.h"
@@ -80,45 +81,6 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 could not be written; 5 stopped by\n"
       "a fault; 1 a bug. Ctrl-C ends a session with torques at zero and its files written.");
-}
-
-/// Number of single-letter edits from a to b (Levenshtein).
-std::size_t edits(const std::string& a, const std::string& b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j)
-    row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i);
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i - 1] != b[j - 1]);
-      diagonal = row[j];
-      row[j] = std::min({replaced, diagonal + 1, row[j - 1] + 1});
-    }
-  }
-  return row.back();
-}
-
-/// The option of ours that is nearest to one nobody knows.
-std::string nearest_option(const CLI::App& app, int count, char** words) {
-  for (int i = 1; i < count; ++i) {
-    const std::string word = std::string(words[i]).substr(0, std::string(words[i]).find('='));
-    if (word.rfind("--", 0) != 0) continue;
-    std::string best;
-    std::size_t best_edits = word.size();
-    bool known = false;
-    for (const CLI::Option* option : app.get_options()) {
-      for (const std::string& name : option->get_lnames()) {
-        known = known || word == "--" + name;
-        const std::size_t distance = edits(word, "--" + name);
-        if (distance < best_edits) {
-          best = "--" + name;
-          best_edits = distance;
-        }
-      }
-    }
-    if (!known && !best.empty()) return "; did you mean " + best + "?";
-  }
-  return "; see --help";
 }
 
 Result<void> check_arguments(const Arguments& a) {
@@ -265,7 +227,7 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
     std::printf("replay: all torques identical to the recording's\n");
   } else if (!options.replay.empty()) {
     std::printf("replay: differs from the recording from row %lld on\n",
-                static_cast<long long>(report.replay_first_difference + 1));
+                static_cast<long long>(report.replay_first_difference) + 1);
   }
 }
 
@@ -398,8 +360,10 @@ int main_without_exceptions(int count, char** words) {
   } catch (const CLI::CallForVersion&) {
     std::puts(version().c_str());
     return 0;
+  } catch (const CLI::ExtrasError&) {
+    return fail(usage(unexpected_word(app)));
   } catch (const CLI::ParseError& error) {
-    return fail(usage(error.what() + nearest_option(app, count, words)));
+    return fail(usage(std::string(error.what()) + "; see trocar-run --help"));
   }
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
   struct sigaction action {};

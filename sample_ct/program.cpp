@@ -9,12 +9,12 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
-#include <numeric>
 #include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "formats/nearest_name.h"
 #include "sample_ct/render.h"
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"
@@ -36,36 +36,6 @@ struct Arguments {
 int fail(const Error& error) {
   std::fprintf(stderr, "trocar-sample-ct: %s\n", error.message.c_str());
   return static_cast<int>(error.code);
-}
-
-/// Edit distance (Levenshtein).
-std::size_t edit_distance(const std::string& a, const std::string& b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i + 1);
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i] != b[j]);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({replaced, row[j] + 1, diagonal + 1});
-    }
-  }
-  return row.back();
-}
-
-/// One line on an argument that nothing takes, with the option nearest to it.
-std::string unexpected(const CLI::App& app) {
-  const std::vector<std::string> rest = app.remaining();
-  const auto option = std::find_if(rest.begin(), rest.end(),
-                                   [](const std::string& s) { return s.rfind('-', 0) == 0; });
-  if (option == rest.end())
-    return "one OUTDIR is enough: \"" + (rest.empty() ? "" : rest.back()) + "\" is one too many";
-  const std::string given = option->substr(0, option->find('='));
-  std::string nearest = "--help";
-  for (const CLI::Option* known : app.get_options())
-    for (const std::string& name : known->get_lnames())
-      if (edit_distance(given, "--" + name) < edit_distance(given, nearest)) nearest = "--" + name;
-  return "there is no option " + given + "; did you mean " + nearest + "?";
 }
 
 int run(const Arguments& arguments) {
@@ -145,7 +115,7 @@ int run_sample_ct(int argc, const char* const* argv) {
       std::printf("%s\n", version.what());
       return static_cast<int>(ExitCode::kDone);
     } catch (const CLI::ExtrasError&) {
-      return fail(usage(unexpected(app)));
+      return fail(usage(unexpected_word(app)));
     } catch (const CLI::ParseError& error) {
       return fail(usage(std::string(error.what()) +
                         "; usage: trocar-sample-ct OUTDIR [OPTIONS], --help lists them"));

@@ -12,7 +12,7 @@
 #include <memory>
 #include <vector>
 
-#include <nifti1_io.h>
+#include <nifti2_io.h>
 
 #include "formats/file_io.h"
 
@@ -28,22 +28,22 @@ struct FreeImage {
 /// The header with the geometry: LPS to RAS negates x and y.
 Result<nifti_1_header> make_header(const Scan& scan) {
   const ScanGeometry& g = scan.geometry;
-  const std::array<int, 8> dims{3, g.columns, g.rows, g.slices, 1, 1, 1, 1};
+  const std::array<std::int64_t, 8> dims{3, g.columns, g.rows, g.slices, 1, 1, 1, 1};
   const std::unique_ptr<nifti_image, FreeImage> image(
       nifti_make_new_nim(dims.data(), NIFTI_TYPE_INT16, 0));
   if (!image) return bug("libnifti made no header");
 
-  mat44 to_ras{};
-  to_ras.m[0][0] = static_cast<float>(-g.pixel_mm);
-  to_ras.m[1][1] = static_cast<float>(-g.pixel_mm);
-  to_ras.m[2][2] = static_cast<float>(g.slice_step_mm);
-  to_ras.m[0][3] = static_cast<float>(-g.first_pixel_mm.x);
-  to_ras.m[1][3] = static_cast<float>(-g.first_pixel_mm.y);
-  to_ras.m[2][3] = static_cast<float>(g.first_pixel_mm.z);
+  nifti_dmat44 to_ras{};
+  to_ras.m[0][0] = -g.pixel_mm;
+  to_ras.m[1][1] = -g.pixel_mm;
+  to_ras.m[2][2] = g.slice_step_mm;
+  to_ras.m[0][3] = -g.first_pixel_mm.x;
+  to_ras.m[1][3] = -g.first_pixel_mm.y;
+  to_ras.m[2][3] = g.first_pixel_mm.z;
   to_ras.m[3][3] = 1;
   image->sto_xyz = to_ras;
   image->sform_code = image->qform_code = NIFTI_XFORM_SCANNER_ANAT;
-  nifti_mat44_to_quatern(to_ras, &image->quatern_b, &image->quatern_c, &image->quatern_d,
+  nifti_dmat44_to_quatern(to_ras, &image->quatern_b, &image->quatern_c, &image->quatern_d,
                          &image->qoffset_x, &image->qoffset_y, &image->qoffset_z, &image->dx,
                          &image->dy, &image->dz, &image->qfac);
   image->pixdim[1] = image->dx;
@@ -56,7 +56,9 @@ Result<nifti_1_header> make_header(const Scan& scan) {
   image->iname_offset = 352;
   std::snprintf(image->descrip, sizeof image->descrip, "lumbar vertebra phantom, seed %llu",
                 static_cast<unsigned long long>(scan.seed));
-  return nifti_convert_nim2nhdr(image.get());
+  nifti_1_header header{};
+  if (nifti_convert_nim2n1hdr(image.get(), &header) != 0) return bug("libnifti made no header");
+  return header;
 }
 
 Result<std::vector<std::uint8_t>> gzip(const std::vector<std::uint8_t>& bytes) {
@@ -92,7 +94,7 @@ Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file) {
 }
 
 std::string nifti_library_version() {
-  return std::string("libniftiio, zlib ") + zlibVersion();
+  return std::string("libnifti2, zlib ") + zlibVersion();
 }
 
 }  // namespace trocar::sample

@@ -2,7 +2,7 @@
 // The sample scan's files, read back by other means than wrote them: the libraries'
 // readers, and the raw bytes.
 #include <gtest/gtest.h>
-#include <nifti1_io.h>
+#include <nifti2_io.h>
 #include <unistd.h>
 #include <zlib.h>
 
@@ -205,7 +205,7 @@ TEST_F(Writers, NiftiHoldsTheSameScanInTheSamePlace) {
   EXPECT_GT(image->sform_code, 0);
   EXPECT_GT(image->qform_code, 0);
   EXPECT_EQ(std::memcmp(image->data, scan.hu.data(), scan.hu.size() * 2), 0);
-  for (const mat44& to_ras : {image->sto_xyz, image->qto_xyz})
+  for (const nifti_dmat44& to_ras : {image->sto_xyz, image->qto_xyz})
     for (const auto& [i, j, k] : {std::array{0, 0, 0}, {79, 0, 0}, {0, 95, 0}, {12, 34, 4}}) {
       const Vec3 lps = pixel_centre_mm(scan.geometry, i, j, k);
       const std::array<double, 3> ras{-lps.x, -lps.y, lps.z};

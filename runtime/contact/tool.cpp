@@ -10,7 +10,7 @@ namespace {
 /// Convex hull by A. M. Andrew's monotone chain, collinear points dropped. Exact.
 LatticeOutline convex_hull(std::array<LatticePoint, kMaxToolSides> points, int count) noexcept {
   std::sort(points.begin(), points.begin() + count);
-  std::array<LatticePoint, 2 * kMaxToolSides> hull;
+  std::array<LatticePoint, std::size_t{2} * kMaxToolSides> hull;
   int size = 0;
   for (int i = 0; i < count; ++i) {  // lower chain
     while (size >= 2 && orient2d(hull[size - 2], hull[size - 1], points[i]) <= 0)
@@ -71,7 +71,7 @@ LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
     const Eigen::Vector3d corner_device_m = T_device_plate * tool.corner_plate_m[i];
     const Eigen::Vector2d steps = transform.to_lattice(corner_device_m.head<2>());
     // Written so that nan fails it too.
-    if (!(steps.cwiseAbs().maxCoeff() <= kMaxCoordinate / 2)) return {};
+    if (!(steps.cwiseAbs().maxCoeff() <= 0.5 * kMaxCoordinate)) return {};
     points[i] = {static_cast<std::int32_t>(std::lrint(steps.x())),
                  static_cast<std::int32_t>(std::lrint(steps.y()))};
   }

@@ -5,11 +5,11 @@
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
-#include <time.h>
 
 #include <array>
 #include <cerrno>
 #include <cmath>
+#include <ctime>
 #include <system_error>
 #include <thread>
 

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/loop/session.h"
 
-#include <time.h>
-
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <ctime>
 #include <deque>
 
 #include "runtime/loop/allocation_counter.h"

@@ -113,12 +113,12 @@ class Recorder {
  private:
   void stop_thread();
 
-  RecordingWriter writer_;
   SpscQueue<RecordingRow, kCapacity> rows_;
   std::atomic<std::uint64_t> lost_{0};
-  std::atomic<bool> stopping_{false};
   std::thread thread_;
   std::optional<Error> error_;
+  RecordingWriter writer_;
+  std::atomic<bool> stopping_{false};
 };
 
 }  // namespace trocar::runtime
