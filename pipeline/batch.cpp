@@ -71,7 +71,8 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options, const json& parameters) {
   const auto start = std::chrono::steady_clock::now();
   if (auto ok = check_ranges(stack, options); !ok) return ok.error();
-  const auto [first, last] = options.slices.value_or(std::pair{0, stack.size() - 1});
+  const int first = options.slices ? options.slices->first : 0;
+  const int last = options.slices ? options.slices->second : stack.size() - 1;
   const int threads = options.threads > 0 ? options.threads : oneapi::tbb::info::default_concurrency();
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
 
