@@ -74,6 +74,7 @@ const std::string& recording_header();
 /// A CSV that grows beside its target and replaces it in commit(); without that it is removed.
 class RecordingWriter {
  public:
+  /// Unwritable also where something is that is not a regular file.
   static Result<RecordingWriter> open(const std::filesystem::path& file);
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;

@@ -113,7 +113,11 @@ Result<void> check_writable(const std::string& file) {
   const std::filesystem::path path(file);
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
   std::error_code ignored;
-  if (std::filesystem::is_directory(path, ignored)) return unwritable(file + ": is a folder");
+  // The rename that ends the writing would put a file in the place of a device or a pipe.
+  const std::filesystem::file_status status = std::filesystem::status(path, ignored);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    return unwritable(file + ": is there and is not a regular file");
+  }
   if (!std::filesystem::is_directory(folder, ignored)) {
     return unwritable(file + ": there is no folder " + folder.string());
   }

@@ -30,9 +30,9 @@ long double intersection_area(const std::vector<Polygon>& convex) {
   std::set<long double> kinks;
   const auto crossings = [&](const Polygon& p, const Polygon& q) {
     for (std::size_t i = 0; i < p.size(); ++i) {
-      const auto a = p[i], b = p[(i + 1) % p.size()];
+      const auto &a = p[i], &b = p[(i + 1) % p.size()];
       for (std::size_t j = 0; j < q.size(); ++j) {
-        const auto c = q[j], d = q[(j + 1) % q.size()];
+        const auto &c = q[j], &d = q[(j + 1) % q.size()];
         const auto r = (b - a).eval(), s = (d - c).eval();
         const long double cross = r.x() * s.y() - r.y() * s.x();
         if (cross == 0) continue;
@@ -59,7 +59,7 @@ long double intersection_area(const std::vector<Polygon>& convex) {
     for (const Polygon& p : convex) {
       long double own_left = 1e30L, own_right = -1e30L;
       for (std::size_t i = 0; i < p.size(); ++i) {
-        const auto a = p[i], b = p[(i + 1) % p.size()];
+        const auto &a = p[i], &b = p[(i + 1) % p.size()];
         if ((a.y() - y) * (b.y() - y) > 0) continue;
         const long double x =
             a.y() == b.y() ? a.x() : a.x() + (b.x() - a.x()) * (y - a.y()) / (b.y() - a.y());
@@ -458,7 +458,7 @@ TEST_F(Contact, Law5PendingHolesArePublishedInOrderAndTooManyAreABacklog) {
   std::vector<CutRequest> requests;
   const auto puncture = [&](double x_m) {
     tick(at(x_m, 0, 0.125));
-    const ContactOutput output = tick(at(x_m, 0, 0.112));
+    ContactOutput output = tick(at(x_m, 0, 0.112));
     if (output.gave_way) requests.push_back(output.cut);
     return output;
   };

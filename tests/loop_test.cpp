@@ -1,19 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic loop against a scripted device: every fault by name, the safety laws, the lock-free
-// hand-overs under two threads, and the realtime thread.
+// The haptic loop against a scripted device: every fault by name, the safety laws, and how
+// sessions end.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <thread>
 
 #include "runtime/loop/haptic_loop.h"
-#include "runtime/loop/histogram.h"
-#include "runtime/loop/realtime_thread.h"
 #include "runtime/loop/session.h"
-#include "runtime/loop/spsc_queue.h"
-#include "runtime/loop/triple_buffer.h"
 #include "tests/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -395,171 +390,6 @@ TEST(Session, TheRateOfARecordingIsThatOfItsTimes) {
   rows[500].t_s += 1e-4;
   EXPECT_FALSE(recorded_rate_Hz(rows, "r"));
   EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
-}
-
-// --- workers -------------------------------------------------------------------------------
-
-TEST(Remesher, ServesAndPublishesFromItsThread) {
-  const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(2), "a")));
-  const std::int64_t whole = doubled_area(remesher.current(0)->mesh);
-  remesher.start();
-  std::int64_t removed = 0;
-  for (std::uint32_t i = 0; i < 20; ++i) {
-    CutRequest request;
-    request.sheet = static_cast<std::int32_t>(i % 2);
-    request.cut = i / 2 + 1;
-    Pose pose;
-    pose.p_m = {-0.015 + 0.003 * (i / 2), 0.001 * (i % 7), 0.1};  // they overlap one another
-    const Sheet* before = remesher.current(request.sheet);
-    request.outline = outline_on_lattice(make_tool(scene.tool), pose, before->transform);
-    ASSERT_TRUE(remesher.request(request));
-    // As the haptic thread does: look until the new one is there, use the old one meanwhile.
-    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
-    while (remesher.current(request.sheet)->cuts < request.cut) {
-      ASSERT_LT(std::chrono::steady_clock::now(), until);
-      ASSERT_FALSE(remesher.current(request.sheet)->mesh.triangles.empty());
-    }
-  }
-  remesher.stop();
-  for (const CutRecord& record : remesher.records()) {
-    ASSERT_FALSE(record.error) << record.error->message;
-    if (record.request.sheet == 0) removed += record.doubled_area_removed;
-  }
-  EXPECT_EQ(remesher.records().size(), 20U);
-  EXPECT_EQ(doubled_area(remesher.last_version(0).mesh), whole - removed);
-  EXPECT_EQ(doubled_area(remesher.first_version(0).mesh), whole);
-}
-
-TEST(SpscQueue, KeepsOrderAndCapacityBetweenTwoThreads) {
-  SpscQueue<std::uint64_t, 8> small;
-  for (std::uint64_t i = 0; i < 8; ++i)
-    EXPECT_TRUE(small.push(i));
-  EXPECT_FALSE(small.push(8));
-  std::uint64_t value = 99;
-  EXPECT_TRUE(small.pop(value));
-  EXPECT_EQ(value, 0U);
-  EXPECT_TRUE(small.push(8));
-  for (std::uint64_t i = 1; i <= 8; ++i)
-    EXPECT_TRUE(small.pop(value) && value == i);
-  EXPECT_FALSE(small.pop(value));
-
-  auto queue = std::make_unique<SpscQueue<std::uint64_t, 64>>();
-  constexpr std::uint64_t kCount = 200'000;
-  std::thread writer([&] {
-    for (std::uint64_t i = 0; i < kCount;) {
-      if (queue->push(i)) {
-        ++i;
-      } else {
-        std::this_thread::yield();
-      }
-    }
-  });
-  for (std::uint64_t expected = 0; expected < kCount;) {
-    if (queue->pop(value)) {
-      ASSERT_EQ(value, expected);
-      ++expected;
-    } else {
-      std::this_thread::yield();
-    }
-  }
-  writer.join();
-  EXPECT_FALSE(queue->pop(value));
-}
-
-TEST(TripleBuffer, GivesWholeValuesNeverAnOlderOne) {
-  struct Value {
-    std::array<std::uint64_t, 16> copies{};
-  };
-  TripleBuffer<Value> buffer;
-  Value value;
-  EXPECT_FALSE(buffer.read(value));
-  constexpr std::uint64_t kCount = 200'000;
-  std::thread writer([&] {
-    Value next;
-    for (std::uint64_t i = 1; i <= kCount; ++i) {
-      next.copies.fill(i);
-      buffer.write(next);
-    }
-  });
-  std::uint64_t last = 0;
-  while (last < kCount) {
-    if (!buffer.read(value)) {
-      std::this_thread::yield();
-      continue;
-    }
-    ASSERT_GT(value.copies[0], last);
-    last = value.copies[0];
-    for (const std::uint64_t copy : value.copies)
-      ASSERT_EQ(copy, last) << "torn";
-  }
-  writer.join();
-  EXPECT_FALSE(buffer.read(value));
-}
-
-TEST(Histogram, QuantilesAreThoseOfTheSamplesWithinABucket) {
-  Histogram empty;
-  EXPECT_EQ(empty.quantile_us(0.5), 0);
-  std::mt19937_64 random(6);
-  std::vector<std::int64_t> samples;
-  Histogram histogram;
-  for (int i = 0; i < 20'000; ++i) {
-    samples.push_back(static_cast<std::int64_t>(random() >> (24 + random() % 40)));
-    histogram.add(samples.back());
-  }
-  std::sort(samples.begin(), samples.end());
-  for (const double share : {0.001, 0.1, 0.5, 0.9, 0.99, 0.999, 1.0}) {
-    const auto rank = static_cast<std::size_t>(std::ceil(share * 20'000)) - 1;
-    const double exact_us = static_cast<double>(samples[rank]) * 1e-3;
-    EXPECT_GE(histogram.quantile_us(share), exact_us);
-    EXPECT_LE(histogram.quantile_us(share), exact_us * (1 + 1.0 / 64) + 1e-3);
-  }
-  EXPECT_EQ(histogram.max_us(), static_cast<double>(samples.back()) * 1e-3);
-  histogram.add(-5);
-  histogram.add(INT64_MAX);
-  EXPECT_EQ(histogram.samples(), 20'002U);
-}
-
-TEST(RealtimeThread, CallsAtTheRateUntilToldToEnd) {
-  std::uint64_t calls = 0;
-  double gaps_s = 0;
-  RealtimeOptions options;
-  options.rate_Hz = 1000;
-  const auto start = std::chrono::steady_clock::now();
-  const RealtimeReport report = run_realtime(options, [&](double gap_s) {
-    EXPECT_GE(gap_s, 0);
-    gaps_s += gap_s;
-    return ++calls < 200;
-  });
-  const double took_s =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  EXPECT_EQ(calls, 200U);
-  EXPECT_GE(took_s, 0.199) << "never faster than the rate";
-  EXPECT_GE(gaps_s, 0.19);
-  EXPECT_EQ(report.wake.samples(), 200U);
-  EXPECT_TRUE(report.fifo && report.memory_locked ? report.note.empty() : !report.note.empty());
-
-  std::atomic<bool> stop{true};
-  options.stop = &stop;
-  run_realtime(options, [](double) {
-    ADD_FAILURE();
-    return true;
-  });
-}
-
-TEST(RealtimeThread, ALateCallIsCountedAndNotMadeUpFor) {
-  RealtimeOptions options;
-  options.rate_Hz = 1000;
-  int calls = 0;
-  const auto start = std::chrono::steady_clock::now();
-  const RealtimeReport report = run_realtime(options, [&](double) {
-    if (calls == 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    return ++calls < 10;
-  });
-  const double took_s =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  EXPECT_GE(report.missed_deadlines, 1U);
-  EXPECT_GE(took_s, 0.028) << "the nine others still take their millisecond each";
 }
 
 }  // namespace

@@ -194,13 +194,26 @@ TEST_F(Recording, AFileThatIsThereStaysUntilTheCommit) {
   EXPECT_EQ(text_of(folder_ / "r.csv"), old);
 }
 
+TEST_F(Recording, OnlyARegularFileIsReplaced) {
+  fs::create_directory(folder_ / "folder");
+  ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
+  fs::create_symlink(folder_ / "pipe", folder_ / "link");
+  for (const char* name : {"folder", "pipe", "link"}) {
+    const auto writer = RecordingWriter::open(folder_ / name);
+    ASSERT_FALSE(writer) << name;
+    EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
+  }
+  EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
+  EXPECT_EQ(files(), 3U);
+}
+
 TEST_F(Recording, WhatCannotBeWrittenIsSaid) {
   const auto writer = RecordingWriter::open(folder_ / "no" / "r.csv");
   ASSERT_FALSE(writer);
   EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
-  // A folder in the way of the rename.
-  fs::create_directory(folder_ / "r.csv");
+  // A folder that comes in the way of the rename.
   auto blocked = RecordingWriter::open(folder_ / "r.csv");
+  fs::create_directory(folder_ / "r.csv");
   ASSERT_TRUE(blocked);
   const auto committed = blocked->commit();
   ASSERT_FALSE(committed);
