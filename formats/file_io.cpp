@@ -56,6 +56,12 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
 
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes) {
+  // Renaming over a device or a pipe would replace it by a file.
+  std::error_code unknown;
+  const std::filesystem::file_status there = std::filesystem::status(file, unknown);
+  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
+    return unwritable(file.string() + ": exists and is not a regular file");
+  }
   std::string temporary = file.string() + ".XXXXXX";
   Descriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
   if (fd.get() < 0) return unwritable(file.string() + ": " + why(errno));

@@ -51,7 +51,10 @@ TEST_F(FileIo, AFailureLeavesNothingBehind) {
   const auto on_folder = write_file_atomically(folder_ / "folder", std::string_view("x"));
   ASSERT_FALSE(on_folder);
   EXPECT_EQ(on_folder.error().code, ExitCode::kUnwritable);
-  EXPECT_EQ(files(), 1U);
+  ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
+  EXPECT_FALSE(write_file_atomically(folder_ / "pipe", std::string_view("x")));
+  EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
+  EXPECT_EQ(files(), 2U);
 }
 
 TEST_F(FileIo, RefusesWhatIsNotAFileOrTooLarge) {
