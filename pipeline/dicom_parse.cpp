@@ -28,6 +28,7 @@ class GuardedStream final : public DcmInputFileStream {
     static const OFConditionConst deep(OFM_dcmdata, 0x7ff, OF_error, "sequences nested too deep");
     return too_deep() ? OFCondition(deep) : DcmInputFileStream::status();
   }
+  bool was_too_deep() const { return hit_; }
   OFBool eos() override { return too_deep() || DcmInputFileStream::eos(); }
   offile_off_t avail() override { return too_deep() ? 0 : DcmInputFileStream::avail(); }
   offile_off_t read(void* to, offile_off_t bytes) override {
@@ -68,7 +69,7 @@ OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format)
   format.transferInit();
   OFCondition done = format.read(stream, EXS_Unknown, EGL_noChange, 4096);
   format.transferEnd();
-  return done.good() && stream.status().bad() && !stream.eos() ? stream.status() : done;
+  return stream.was_too_deep() ? stream.status() : done;
 }
 
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {

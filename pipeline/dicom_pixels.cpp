@@ -4,6 +4,7 @@
 #include <dcmtk/dcmdata/dccodec.h>
 #include <dcmtk/dcmdata/dcpixseq.h>
 #include <dcmtk/dcmdata/dcpxitem.h>
+#include <dcmtk/dcmdata/dcrledec.h>
 
 #include <algorithm>
 
@@ -43,6 +44,52 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
   return out;
 }
 
+// As stored words. Lossy coding overshoots: clamped, where a mask would turn white into black.
+Result<std::vector<std::uint16_t>> decode_jpeg2000_words(
+    const DicomFrame& h, const std::vector<std::uint8_t>& codestream) {
+  const auto decoded = decode_jpeg2000(codestream, h.columns, h.rows, h.name());
+  if (!decoded) return decoded.error();
+  const bool shifted = h.high_bit != h.bits_stored - 1;
+  const int low = h.is_signed ? -(1 << (h.bits_stored - 1)) : 0,
+            high = low + (1 << h.bits_stored) - 1;
+  std::vector<std::uint16_t> words;
+  words.reserve(decoded->samples.size());
+  for (int value : decoded->samples) {
+    if (!shifted && decoded->is_signed == h.is_signed) value = std::clamp(value, low, high);
+    words.push_back(static_cast<std::uint16_t>(value));
+  }
+  return words;
+}
+
+// One segment a byte of the word, the high one first (DICOM PS3.5, annex G). DCMTK's own codec
+// fills up what is missing from a damaged segment in silence; here it is an error.
+Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
+                                              const std::vector<std::uint8_t>& bytes) {
+  const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
+  const std::size_t segments = h.bits_allocated / 8;
+  const auto u32 = [&bytes](std::size_t at) {
+    return static_cast<std::size_t>(bytes[at] | bytes[at + 1] << 8 | bytes[at + 2] << 16) |
+           static_cast<std::size_t>(bytes[at + 3]) << 24;
+  };
+  const auto damaged = [&h] {
+    return refused(h.name() + ": its RLE pixels are damaged or truncated");
+  };
+  if (bytes.size() < 64 || u32(0) != segments) return damaged();
+  std::vector<std::uint16_t> words(count);
+  for (std::size_t s = 0; s < segments; ++s) {
+    const std::size_t from = u32(4 + 4 * s), to = s + 1 < segments ? u32(8 + 4 * s) : bytes.size();
+    if (from < 64 || from >= to || to > bytes.size()) return damaged();
+    DcmRLEDecoder decoder(count);
+    // A byte that pads the segment may follow, so "more than fits" alone is no error.
+    decoder.decompress(const_cast<std::uint8_t*>(bytes.data() + from), to - from);  // only read
+    if (decoder.size() != count) return damaged();
+    const auto* plane = static_cast<const std::uint8_t*>(decoder.getOutputBuffer());
+    for (std::size_t i = 0; i < count; ++i)
+      words[i] = static_cast<std::uint16_t>(words[i] << 8 | plane[i]);
+  }
+  return words;
+}
+
 Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileFormat& format) {
   DcmDataset& data = *format.getDataset();
   DcmPixelData* pixels = dicom_pixel_data(format);
@@ -58,7 +105,12 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
   if (syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000) {
     const auto codestream = join_fragments(h, *sequence);
     if (!codestream) return codestream.error();
-    return decode_jpeg2000(*codestream, h.columns, h.rows, h.name());
+    return decode_jpeg2000_words(h, *codestream);
+  }
+  if (syntax == EXS_RLELossless) {
+    const auto bytes = join_fragments(h, *sequence);
+    if (!bytes) return bytes.error();
+    return decode_rle(h, *bytes);
   }
 
   std::vector<std::uint16_t> words(count);

@@ -66,8 +66,8 @@ bool has_sane_size(std::span<const std::uint8_t> c, int width, int height) {
 
 }  // namespace
 
-Result<std::vector<std::uint16_t>> decode_jpeg2000(std::span<const std::uint8_t> codestream,
-                                                   int width, int height, const std::string& name) {
+Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
+                                 const std::string& name) {
   if (!has_sane_size(codestream, width, height)) {
     return refused(name + ": not a JPEG 2000 codestream of one component of " +
                    std::to_string(width) + " x " + std::to_string(height));
@@ -99,9 +99,10 @@ Result<std::vector<std::uint16_t>> decode_jpeg2000(std::span<const std::uint8_t>
       image->comps[0].data == nullptr) {
     return refused(name + ": its JPEG 2000 data is damaged or truncated");
   }
-  std::vector<std::uint16_t> out(static_cast<std::size_t>(width) * height);
-  std::transform(image->comps[0].data, image->comps[0].data + out.size(), out.begin(),
-                 [](OPJ_INT32 v) { return static_cast<std::uint16_t>(v); });
+  const opj_image_comp_t& samples = image->comps[0];
+  Jpeg2000 out;
+  out.samples.assign(samples.data, samples.data + static_cast<std::size_t>(width) * height);
+  out.is_signed = samples.sgnd != 0;
   return out;
 }
 

@@ -11,10 +11,14 @@
 
 namespace trocar::pipeline {
 
-/// The samples of a codestream of one component of up to 16 bits, row by row, each in the low bits
-/// of its word (two's complement if the codestream is signed). `name` is used in messages.
+struct Jpeg2000 {
+  std::vector<std::int32_t> samples;  ///< row by row
+  bool is_signed = false;
+};
+
+/// The samples of a codestream of one component of up to 16 bits. `name` is used in messages.
 /// Errors (refused): not a bare codestream, another size than width x height, damaged.
-Result<std::vector<std::uint16_t>> decode_jpeg2000(std::span<const std::uint8_t> codestream,
-                                                   int width, int height, const std::string& name);
+Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
+                                 const std::string& name);
 
 }  // namespace trocar::pipeline
