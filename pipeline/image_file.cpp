@@ -8,10 +8,7 @@
 #include <cstdarg>
 #include <cstring>
 #include <memory>
-#include <mutex>
 #include <opencv2/core.hpp>
-#include <opencv2/core/utils/logger.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "formats/file_io.h"
@@ -104,38 +101,69 @@ Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
   return to_image(pixels, cv::COLOR_BGR2GRAY);
 }
 
-// TIFF and BMP, once their size is known to be sane.
-Result<Image> read_with_opencv(const Bytes& bytes, const std::string& name) {
-  cv::Mat pixels = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
-  if (pixels.empty()) return refused(name + ": not a readable image");
-  if (pixels.depth() != CV_8U && pixels.depth() != CV_16U)
-    return refused(name + ": neither 8 nor 16 bits a channel");
-  if (pixels.channels() != 1 && pixels.channels() != 3 && pixels.channels() != 4) {
-    return refused(name + ": " + std::to_string(pixels.channels()) + " channels");
+struct TiffClose {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+
+// 16 bits a channel, row by row; libtiff's own conversion would make 8 of them.
+Result<Image> read_deep_tiff(TIFF* tiff, int width, int height, int channels,
+                             const std::string& name) {
+  std::uint16_t planar = PLANARCONFIG_CONTIG;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
+  if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
+      (channels != 1 && channels != 3 && channels != 4)) {
+    return refused(name + ": a 16-bit TIFF in tiles, planes or " + std::to_string(channels) +
+                   " channels");
   }
-  if (auto ok = check_size(pixels.cols, pixels.rows, name); !ok) return ok.error();
-  return to_image(pixels, pixels.channels() == 4 ? cv::COLOR_BGRA2GRAY : cv::COLOR_BGR2GRAY);
+  cv::Mat pixels(height, width, CV_MAKETYPE(CV_16U, channels));
+  if (TIFFScanlineSize64(tiff) != pixels.step[0])
+    return refused(name + ": broken TIFF (rows of another length)");
+  for (int y = 0; y < height; ++y) {
+    if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
+      return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
+  }
+  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
 }
 
-Result<Image> read_tiff(const std::filesystem::path& file, const Bytes& bytes,
-                        const std::string& name) {
-  struct Close {
-    void operator()(TIFF* tiff) const { TIFFClose(tiff); }
-  };
+Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name) {
+  const auto silent = [](TIFF*, void*, const char*, const char*, va_list) { return 1; };
+  std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)> options(TIFFOpenOptionsAlloc(),
+                                                                       TIFFOpenOptionsFree);
+  if (!options) return refused(name + ": not enough memory");
+  TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), tmsize_t{1} << 29);
+  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), silent, nullptr);
+  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), silent, nullptr);
+  const std::unique_ptr<TIFF, TiffClose> tiff(TIFFOpenExt(file.c_str(), "rm", options.get()));
   std::uint32_t width = 0, height = 0;
-  {
-    const std::unique_ptr<TIFF, Close> tiff(TIFFOpen(file.c_str(), "rm"));
-    if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) != 1 ||
-        TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {
-      return refused(name + ": broken TIFF");
-    }
+  if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) != 1 ||
+      TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {
+    return refused(name + ": broken TIFF");
   }
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
-  return read_with_opencv(bytes, name);
+  std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
+                photometric = PHOTOMETRIC_MINISBLACK;
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, &channels);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &sample);
+  TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
+  if ((bits != 1 && bits != 8 && bits != 16) || sample != SAMPLEFORMAT_UINT)
+    return refused(name + ": neither 8 nor 16 bits a channel");
+  const int w = static_cast<int>(width), h = static_cast<int>(height);
+  if (bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB)) {
+    return read_deep_tiff(tiff.get(), w, h, channels, name);
+  }
+  cv::Mat pixels(h, w, CV_8UC4);
+  if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
+                                reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,
+                                1) != 1) {
+    return refused(name + ": broken TIFF");
+  }
+  return to_image(pixels, cv::COLOR_RGBA2GRAY);
 }
 
 // Width and height stand at fixed places behind the size of the header that tells their width.
-Result<Image> read_bmp(const Bytes& bytes, const std::string& name) {
+Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
+                       const std::string& name) {
   if (bytes.size() < 30) return refused(name + ": broken BMP");
   const auto i32 = [&bytes](std::size_t at) {
     std::int32_t value;
@@ -143,26 +171,21 @@ Result<Image> read_bmp(const Bytes& bytes, const std::string& name) {
     return static_cast<std::int64_t>(value);
   };
   const bool old = i32(14) == 12;
-  const std::int64_t width = old ? bytes[18] | bytes[19] << 8 : i32(18),
-                     height = old ? bytes[20] | bytes[21] << 8 : std::abs(i32(22));
-  if (auto ok = check_size(width, height, name); !ok) return ok.error();
-  return read_with_opencv(bytes, name);
-}
-
-// The libraries tell us; they need not tell the terminal too.
-void silence() {
-  static std::once_flag once;
-  std::call_once(once, [] {
-    TIFFSetWarningHandler(nullptr);
-    TIFFSetErrorHandler(nullptr);
-    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  });
+  const std::int64_t columns = old ? bytes[18] | bytes[19] << 8 : i32(18);
+  const std::int64_t rows = old ? bytes[20] | bytes[21] << 8 : std::abs(i32(22));
+  if (auto ok = check_size(columns, rows, name); !ok) return ok.error();
+  int width = 0, height = 0, format = TJPF_BGR;
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> loaded(
+      tjLoadImage(file.c_str(), &width, 1, &height, &format, 0), tjFree);
+  if (!loaded || width != columns || height != rows) {
+    return refused(name + ": broken BMP, or one of neither 8, 24 nor 32 bits a pixel");
+  }
+  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY);
 }
 
 }  // namespace
 
 Result<Image> read_image_file(const std::filesystem::path& file) {
-  silence();
   const std::string name = file.string();
   const auto read = read_file(file);
   if (!read) return refused(name + ": cannot be read");
@@ -175,8 +198,8 @@ Result<Image> read_image_file(const std::filesystem::path& file) {
     using namespace std::string_view_literals;
     if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name);
     if (starts("\xff\xd8\xff"sv)) return read_jpeg(bytes, name);
-    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, bytes, name);
-    if (starts("BM"sv)) return read_bmp(bytes, name);
+    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name);
+    if (starts("BM"sv)) return read_bmp(file, bytes, name);
     return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
   } catch (const cv::Exception& e) {
     return refused(name + ": " + e.err);

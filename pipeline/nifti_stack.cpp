@@ -121,10 +121,8 @@ class NiftiStack final : public SliceStack {
         return f(std::int64_t{});
       case NIFTI_TYPE_FLOAT32:
         return f(float{});
-      case NIFTI_TYPE_FLOAT64:
-        return f(double{});
       default:
-        return f(static_cast<long double>(0));
+        return f(double{});
     }
   }
 
