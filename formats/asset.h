@@ -31,7 +31,8 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline that the mesh has exactly
   SliceMesh mesh;  ///< empty if there is no material in the slice
-  nlohmann::json measures = nlohmann::json::object();  ///< per-slice error figures, as in the report
+  nlohmann::json measures =
+      nlohmann::json::object();  ///< per-slice error figures, as in the report
 };
 
 struct Asset {

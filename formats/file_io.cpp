@@ -13,7 +13,9 @@
 namespace trocar {
 namespace {
 
-std::string why(int error) { return std::generic_category().message(error); }
+std::string why(int error) {
+  return std::generic_category().message(error);
+}
 
 class Descriptor {
  public:

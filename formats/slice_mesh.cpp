@@ -22,7 +22,8 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
     if (const auto it = position.find(p); it != position.end()) {
       const auto first = path.begin() + static_cast<std::ptrdiff_t>(it->second);
       out.emplace_back(first, path.end());
-      for (const LatticePoint q : out.back()) position.erase(q);
+      for (const LatticePoint q : out.back())
+        position.erase(q);
       path.erase(first, path.end());
     }
     position[p] = path.size();
@@ -43,7 +44,8 @@ std::int64_t doubled_area(const Ring& ring) {
 
 std::int64_t doubled_area(const Pslg& pslg) {
   std::int64_t sum = 0;
-  for (const Ring& ring : pslg.rings) sum += doubled_area(ring);
+  for (const Ring& ring : pslg.rings)
+    sum += doubled_area(ring);
   return sum;
 }
 
@@ -64,7 +66,8 @@ Pslg boundary_rings(const SliceMesh& mesh) {
   std::vector<Edge> edges;
   edges.reserve(mesh.triangles.size() * 3);
   for (const Triangle& t : mesh.triangles) {
-    for (int i = 0; i < 3; ++i) edges.push_back({t[i], t[(i + 1) % 3]});
+    for (int i = 0; i < 3; ++i)
+      edges.push_back({t[i], t[(i + 1) % 3]});
   }
   std::sort(edges.begin(), edges.end(),
             [](const Edge& a, const Edge& b) { return a.key() < b.key(); });

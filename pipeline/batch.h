@@ -13,9 +13,9 @@ namespace trocar::pipeline {
 
 struct BatchOptions {
   MeshOptions mesh;
-  std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
-  int threads = 0;                            ///< 0: all cores
-  std::optional<int> dump_slice;              ///< keep this slice's stages for pictures
+  std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
+  int threads = 0;                                    ///< 0: all cores
+  std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures
   std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
 };
 

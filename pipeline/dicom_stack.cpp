@@ -76,7 +76,8 @@ Result<std::optional<Header>> read_header(const std::filesystem::path& file) {
 
   Sint32 frames = 1;
   if (data.findAndGetSint32(DCM_NumberOfFrames, frames).good() && frames != 1) {
-    return refused(name + ": a multi-frame object of " + std::to_string(frames) + " frames; single-frame files are read");
+    return refused(name + ": a multi-frame object of " + std::to_string(frames) +
+                   " frames; single-frame files are read");
   }
   if (small_integer(data, DCM_SamplesPerPixel, 1) != 1) return refused(name + ": colour, not CT");
   const std::string photometric = text(data, DCM_PhotometricInterpretation);
@@ -88,21 +89,27 @@ Result<std::optional<Header>> read_header(const std::filesystem::path& file) {
   h.bits_stored = small_integer(data, DCM_BitsStored, allocated);
   h.is_signed = small_integer(data, DCM_PixelRepresentation, 0) == 1;
   if ((allocated != 8 && allocated != 16) || h.bits_stored < 1 || h.bits_stored > allocated) {
-    return refused(name + ": " + std::to_string(h.bits_stored) + " bits in " + std::to_string(allocated));
+    return refused(name + ": " + std::to_string(h.bits_stored) + " bits in " +
+                   std::to_string(allocated));
   }
   if (h.rows < 2 || h.columns < 2 || h.rows > kMaxImageSide || h.columns > kMaxImageSide) {
-    return refused(name + ": " + std::to_string(h.columns) + " x " + std::to_string(h.rows) + " pixels");
+    return refused(name + ": " + std::to_string(h.columns) + " x " + std::to_string(h.rows) +
+                   " pixels");
   }
   double position[3], orientation[6], spacing[2];
-  if (!numbers(data, DCM_ImagePositionPatient, position, 3)) return refused(name + ": no image position");
-  if (!numbers(data, DCM_ImageOrientationPatient, orientation, 6)) return refused(name + ": no image orientation");
-  if (!numbers(data, DCM_PixelSpacing, spacing, 2) || !(spacing[0] > 1e-6) || !(spacing[1] > 1e-6)) {
+  if (!numbers(data, DCM_ImagePositionPatient, position, 3))
+    return refused(name + ": no image position");
+  if (!numbers(data, DCM_ImageOrientationPatient, orientation, 6))
+    return refused(name + ": no image orientation");
+  if (!numbers(data, DCM_PixelSpacing, spacing, 2) || !(spacing[0] > 1e-6) ||
+      !(spacing[1] > 1e-6)) {
     return refused(name + ": no pixel spacing");
   }
   h.position = Eigen::Vector3d(position[0], position[1], position[2]);
   h.u = Eigen::Vector3d(orientation[0], orientation[1], orientation[2]);
   h.v = Eigen::Vector3d(orientation[3], orientation[4], orientation[5]);
-  if (std::abs(h.u.norm() - 1) > 1e-3 || std::abs(h.v.norm() - 1) > 1e-3 || std::abs(h.u.dot(h.v)) > 1e-3) {
+  if (std::abs(h.u.norm() - 1) > 1e-3 || std::abs(h.v.norm() - 1) > 1e-3 ||
+      std::abs(h.u.dot(h.v)) > 1e-3) {
     return refused(name + ": its orientation is not two unit vectors at right angles");
   }
   h.u.normalize();
@@ -155,7 +162,8 @@ class DicomStack final : public SliceStack {
                bytes != nullptr && available >= count && h.bits_stored <= 8) {
       convert(bytes);
     } else {
-      return refused(name(slice) + ": fewer pixels than " + std::to_string(h.columns) + " x " + std::to_string(h.rows));
+      return refused(name(slice) + ": fewer pixels than " + std::to_string(h.columns) + " x " +
+                     std::to_string(h.rows));
     }
     return out;
   }
@@ -174,7 +182,8 @@ Result<std::vector<Header>> choose_series(std::map<std::string, std::vector<Head
     chosen = series.find(wanted);
     if (chosen == series.end()) {
       std::string have;
-      for (const auto& [uid, files] : series) have += " " + uid + " (" + std::to_string(files.size()) + ")";
+      for (const auto& [uid, files] : series)
+        have += " " + uid + " (" + std::to_string(files.size()) + ")";
       return usage("no series " + wanted + "; there are:" + have);
     }
   } else {
@@ -197,9 +206,12 @@ Result<void> sort_and_check(std::vector<Header>& headers, std::vector<Warning>& 
   const Eigen::Vector3d normal = first.u.cross(first.v);
   for (const Header& h : headers) {
     const std::string other = " differs from " + first.file.string();
-    if (h.rows != first.rows || h.columns != first.columns) return refused(h.file.string() + ": its size" + other);
-    if ((h.u - first.u).norm() > 1e-3 || (h.v - first.v).norm() > 1e-3) return refused(h.file.string() + ": its orientation" + other);
-    if (std::abs(h.spacing_u_mm - first.spacing_u_mm) > 1e-4 || std::abs(h.spacing_v_mm - first.spacing_v_mm) > 1e-4) {
+    if (h.rows != first.rows || h.columns != first.columns)
+      return refused(h.file.string() + ": its size" + other);
+    if ((h.u - first.u).norm() > 1e-3 || (h.v - first.v).norm() > 1e-3)
+      return refused(h.file.string() + ": its orientation" + other);
+    if (std::abs(h.spacing_u_mm - first.spacing_u_mm) > 1e-4 ||
+        std::abs(h.spacing_v_mm - first.spacing_v_mm) > 1e-4) {
       return refused(h.file.string() + ": its pixel spacing" + other);
     }
   }
@@ -210,19 +222,22 @@ Result<void> sort_and_check(std::vector<Header>& headers, std::vector<Warning>& 
   for (std::size_t i = 1; i < headers.size(); ++i) {
     const double gap = normal.dot(headers[i].position - headers[i - 1].position);
     if (gap < 1e-3) {
-      return refused(headers[i].file.string() + ": at the same position as " + headers[i - 1].file.string());
+      return refused(headers[i].file.string() + ": at the same position as " +
+                     headers[i - 1].file.string());
     }
     gaps.push_back(gap);
   }
   if (gaps.size() > 1) {
     std::vector<double> sorted = gaps;
-    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+    std::nth_element(sorted.begin(),
+                     sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
     const double median = sorted[sorted.size() / 2];
     for (std::size_t i = 0; i < gaps.size(); ++i) {
       if (std::abs(gaps[i] - median) > 0.01 * median) {
         warnings.push_back({gaps[i] > 1.5 * median ? "missing_slice" : "uneven_spacing",
                             headers[i].file.string() + ", " + headers[i + 1].file.string(),
-                            "a gap of " + std::to_string(gaps[i]) + " mm among gaps of " + std::to_string(median) + " mm; positions are kept as they are"});
+                            "a gap of " + std::to_string(gaps[i]) + " mm among gaps of " +
+                                std::to_string(median) + " mm; positions are kept as they are"});
       }
     }
   }
@@ -248,12 +263,15 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
       series[(*header)->series_uid].push_back(std::move(**header));
     }
   }
-  auto chosen = choose_series(std::move(series), options.series_uid, where.empty() ? "." : where, stack->warnings);
+  auto chosen = choose_series(std::move(series), options.series_uid, where.empty() ? "." : where,
+                              stack->warnings);
   if (!chosen) return chosen.error();
   stack->headers_ = std::move(*chosen);
   if (auto ok = sort_and_check(stack->headers_, stack->warnings); !ok) return ok.error();
   if (options.spacing_mm) {
-    stack->warnings.push_back({"spacing_ignored", where, "--spacing is for input without a pixel size; the files' own is used"});
+    stack->warnings.push_back(
+        {"spacing_ignored", where,
+         "--spacing is for input without a pixel size; the files' own is used"});
   }
   for (const Header& h : stack->headers_) {
     SlicePlane plane{h.spacing_u_mm, h.spacing_v_mm, Eigen::Affine3d::Identity(), 0};

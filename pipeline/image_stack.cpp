@@ -16,7 +16,8 @@ Result<Image> read_image(const std::filesystem::path& file) {
     raw = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
     if (raw.empty()) return refused(file.string() + ": not a readable image");
     if (raw.cols > kMaxImageSide || raw.rows > kMaxImageSide) {
-      return refused(file.string() + ": larger than " + std::to_string(kMaxImageSide) + " pixels a side");
+      return refused(file.string() + ": larger than " + std::to_string(kMaxImageSide) +
+                     " pixels a side");
     }
     if (raw.depth() != CV_8U && raw.depth() != CV_16U) {
       return refused(file.string() + ": neither 8 nor 16 bits a channel");

@@ -25,9 +25,7 @@ class NiftiStack final : public SliceStack {
   int height() const override { return static_cast<int>(n_[1]); }
   Calibration calibration() const override { return Calibration::kHounsfield; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
-  std::string name(int slice) const override {
-    return file_ + " slice " + std::to_string(slice);
-  }
+  std::string name(int slice) const override { return file_ + " slice " + std::to_string(slice); }
   Result<Image> read(int slice) const override {
     Image out{width(), height(), {}};
     out.values.resize(static_cast<std::size_t>(n_[0] * n_[1]));
@@ -55,17 +53,28 @@ class NiftiStack final : public SliceStack {
   template <typename F>
   bool dispatch(F f) const {
     switch (image_->datatype) {
-      case NIFTI_TYPE_UINT8: return f(std::uint8_t{}), true;
-      case NIFTI_TYPE_INT8: return f(std::int8_t{}), true;
-      case NIFTI_TYPE_UINT16: return f(std::uint16_t{}), true;
-      case NIFTI_TYPE_INT16: return f(std::int16_t{}), true;
-      case NIFTI_TYPE_UINT32: return f(std::uint32_t{}), true;
-      case NIFTI_TYPE_INT32: return f(std::int32_t{}), true;
-      case NIFTI_TYPE_UINT64: return f(std::uint64_t{}), true;
-      case NIFTI_TYPE_INT64: return f(std::int64_t{}), true;
-      case NIFTI_TYPE_FLOAT32: return f(float{}), true;
-      case NIFTI_TYPE_FLOAT64: return f(double{}), true;
-      default: return false;
+      case NIFTI_TYPE_UINT8:
+        return f(std::uint8_t{}), true;
+      case NIFTI_TYPE_INT8:
+        return f(std::int8_t{}), true;
+      case NIFTI_TYPE_UINT16:
+        return f(std::uint16_t{}), true;
+      case NIFTI_TYPE_INT16:
+        return f(std::int16_t{}), true;
+      case NIFTI_TYPE_UINT32:
+        return f(std::uint32_t{}), true;
+      case NIFTI_TYPE_INT32:
+        return f(std::int32_t{}), true;
+      case NIFTI_TYPE_UINT64:
+        return f(std::uint64_t{}), true;
+      case NIFTI_TYPE_INT64:
+        return f(std::int64_t{}), true;
+      case NIFTI_TYPE_FLOAT32:
+        return f(float{}), true;
+      case NIFTI_TYPE_FLOAT64:
+        return f(double{}), true;
+      default:
+        return false;
     }
   }
 
@@ -83,7 +92,8 @@ Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
   Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
   const auto take = [&T](const nifti_dmat44& m) {
     for (int r = 0; r < 4; ++r) {
-      for (int c = 0; c < 4; ++c) T(r, c) = m.m[r][c];
+      for (int c = 0; c < 4; ++c)
+        T(r, c) = m.m[r][c];
     }
   };
   if (image.sform_code > 0) {
@@ -92,7 +102,9 @@ Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
     take(image.qto_xyz);
   } else {
     T.diagonal() << image.dx, image.dy, image.dz, 1.0;
-    warnings.push_back({"no_orientation", file, "the file has neither sform nor qform; array axes are taken as right, anterior, superior"});
+    warnings.push_back({"no_orientation", file,
+                        "the file has neither sform nor qform; array axes are taken as right, "
+                        "anterior, superior"});
   }
   return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
 }
@@ -110,18 +122,22 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   nifti_image& image = *stack->image_;
   const std::array<std::int64_t, 3> n = {image.nx, image.ny, image.nz};
   for (std::int64_t side : n) {
-    if (side < 1 || side > kMaxImageSide) return refused(file + ": a side of " + std::to_string(side) + " voxels");
+    if (side < 1 || side > kMaxImageSide)
+      return refused(file + ": a side of " + std::to_string(side) + " voxels");
   }
   if (image.nt > 1 || image.nu > 1 || image.nv > 1 || image.nw > 1) {
     return refused(file + ": more than three dimensions");
   }
   if (!stack->dispatch([](auto) {})) {
-    return refused(file + ": voxel type " + std::string(nifti_datatype_string(image.datatype)) + " is not a scalar");
+    return refused(file + ": voxel type " + std::string(nifti_datatype_string(image.datatype)) +
+                   " is not a scalar");
   }
   Eigen::Matrix4d T = voxel_to_lps(image, file, stack->warnings);
   if (!T.allFinite()) return refused(file + ": its affine is not finite");
   if (options.spacing_mm) {
-    stack->warnings.push_back({"spacing_ignored", file, "--spacing is for input without a voxel size; the file's own is used"});
+    stack->warnings.push_back(
+        {"spacing_ignored", file,
+         "--spacing is for input without a voxel size; the file's own is used"});
   }
 
   // Array axes for u, v, slices: the assignment whose unit vectors lie closest to x, y, z.
@@ -129,7 +145,8 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   double best_score = -1;
   do {
     double score = 0;
-    for (int k = 0; k < 3; ++k) score += std::abs(T.col(axis[k]).head<3>().normalized()[k]);
+    for (int k = 0; k < 3; ++k)
+      score += std::abs(T.col(axis[k]).head<3>().normalized()[k]);
     if (score > best_score) best_score = score, best = axis;
   } while (std::next_permutation(axis.begin(), axis.end()));
 
@@ -149,10 +166,12 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
     }
   }
   const double su = direction[0].norm(), sv = direction[1].norm();
-  if (!(su > 1e-6 && sv > 1e-6 && direction[2].norm() > 1e-6)) return refused(file + ": a voxel size of zero");
+  if (!(su > 1e-6 && sv > 1e-6 && direction[2].norm() > 1e-6))
+    return refused(file + ": a voxel size of zero");
   const Eigen::Vector3d u = direction[0] / su;
   Eigen::Vector3d v = direction[1] / sv;
-  if (std::abs(u.dot(v)) > 1e-3) return refused(file + ": its rows and columns are not at right angles");
+  if (std::abs(u.dot(v)) > 1e-3)
+    return refused(file + ": its rows and columns are not at right angles");
   v = (v - u * u.dot(v)).normalized();
   const Eigen::Vector3d normal = u.cross(v);
   if (normal.dot(direction[2]) <= 0) return refused(file + ": its affine has no volume");

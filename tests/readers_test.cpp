@@ -20,7 +20,8 @@ sample::Scan make_scan() {
   sample::Scan scan;
   scan.geometry = *sample::sample_geometry(32, 4);
   scan.geometry.rows = 24;  // not square
-  for (int i = 0; i < 32 * 24 * 4; ++i) scan.hu.push_back(static_cast<std::int16_t>((i * 7919) % 3000 - 1000));
+  for (int i = 0; i < 32 * 24 * 4; ++i)
+    scan.hu.push_back(static_cast<std::int16_t>((i * 7919) % 3000 - 1000));
   return scan;
 }
 
@@ -33,7 +34,8 @@ class Readers : public testing::Test {
   }
   static void TearDownTestSuite() { fs::remove_all(folder_); }
 
-  static void expect_error(const Result<std::unique_ptr<SliceStack>>& result, ExitCode code, const std::string& text) {
+  static void expect_error(const Result<std::unique_ptr<SliceStack>>& result, ExitCode code,
+                           const std::string& text) {
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().code, code) << result.error().message;
     EXPECT_NE(result.error().message.find(text), std::string::npos) << result.error().message;
@@ -63,11 +65,13 @@ TEST_F(Readers, DicomAndNiftiGiveEveryVoxelAndItsPlace) {
       const auto image = (*stack)->read(k);
       ASSERT_TRUE(image) << image.error().message;
       for (int y = 0; y < 24; ++y) {
-        for (int x = 0; x < 32; ++x) ASSERT_EQ(image->at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
+        for (int x = 0; x < 32; ++x)
+          ASSERT_EQ(image->at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
       }
       const SlicePlane& plane = (*stack)->plane(k);
       const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, 31, 23, k);
-      const Eigen::Vector3d got = plane.T_lps_plane * Eigen::Vector3d(31 * plane.spacing_u_mm, 23 * plane.spacing_v_mm, 0);
+      const Eigen::Vector3d got =
+          plane.T_lps_plane * Eigen::Vector3d(31 * plane.spacing_u_mm, 23 * plane.spacing_v_mm, 0);
       EXPECT_NEAR((got - Eigen::Vector3d(want.x, want.y, want.z)).norm(), 0, 1e-4) << input;
       EXPECT_NEAR(plane.T_lps_plane.linear().determinant(), 1, 1e-6);
     }
@@ -102,23 +106,29 @@ TEST_F(Readers, ImagesComeInNaturalOrder) {
   const auto stack = open_stack({folder_ / "natural"}, options);
   ASSERT_TRUE(stack) << stack.error().message;
   std::string order;
-  for (int i = 0; i < (*stack)->size(); ++i) order += fs::path((*stack)->name(i)).stem().string() + " ";
+  for (int i = 0; i < (*stack)->size(); ++i)
+    order += fs::path((*stack)->name(i)).stem().string() + " ";
   EXPECT_EQ(order, "s1 s9 s10 s100 ");
 }
 
 TEST_F(Readers, BrokenInputIsRefusedByName) {
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
-  expect_error(open_stack({folder_ / "nowhere"}, options), ExitCode::kRefused, "nowhere: no such file");
+  expect_error(open_stack({folder_ / "nowhere"}, options), ExitCode::kRefused,
+               "nowhere: no such file");
   fs::create_directories(folder_ / "empty");
   expect_error(open_stack({folder_ / "empty"}, options), ExitCode::kRefused, "an empty folder");
   expect_error(open_stack({write("bad.png", "no image")}, options), ExitCode::kRefused, "bad.png");
   expect_error(open_stack({write("bad.nii", "no volume")}, options), ExitCode::kRefused, "bad.nii");
-  expect_error(open_stack({write("texts/a.txt", "no scan")}, options), ExitCode::kRefused, "no DICOM images");
+  expect_error(open_stack({write("texts/a.txt", "no scan")}, options), ExitCode::kRefused,
+               "no DICOM images");
 
   const std::vector<std::uint8_t> whole = *read_file(folder_ / "scan" / "sample.nii.gz");
-  expect_error(open_stack({write("cut.nii.gz", {whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(whole.size() / 2)})}, options),
-               ExitCode::kRefused, "cut.nii.gz");
+  expect_error(
+      open_stack({write("cut.nii.gz", {whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(
+                                                                          whole.size() / 2)})},
+                 options),
+      ExitCode::kRefused, "cut.nii.gz");
 
   // Sizes that differ are found when the slice is read.
   const fs::path first = folder_ / "scan" / "png" / "slice_001.png";
@@ -137,14 +147,16 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   // Names in the wrong order change nothing.
   fs::create_directories(folder_ / "shuffled");
   int k = 0;
-  for (const char* name : {"CT_003.dcm", "CT_001.dcm", "CT_004.dcm", "CT_002.dcm"}) fs::copy_file(dicom / name, folder_ / "shuffled" / std::to_string(k++));
+  for (const char* name : {"CT_003.dcm", "CT_001.dcm", "CT_004.dcm", "CT_002.dcm"})
+    fs::copy_file(dicom / name, folder_ / "shuffled" / std::to_string(k++));
   const auto stack = open_stack({folder_ / "shuffled"}, {});
   ASSERT_TRUE(stack) << stack.error().message;
   EXPECT_LT((*stack)->plane(0).z_mm, (*stack)->plane(3).z_mm);
   EXPECT_EQ((*stack)->read(2)->values, (*open_stack({dicom}, {}))->read(2)->values);
   // A slice twice.
   fs::copy_file(dicom / "CT_003.dcm", folder_ / "shuffled" / "again");
-  expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused, "at the same position as");
+  expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused,
+               "at the same position as");
   fs::remove(folder_ / "shuffled" / "again");
   // A missing slice is said, not filled.
   fs::remove(folder_ / "shuffled" / "3");
@@ -163,7 +175,8 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   ASSERT_TRUE(both) << both.error().message;
   EXPECT_EQ((*both)->size(), 3);
   std::string codes;
-  for (const Warning& w : (*both)->warnings) codes += w.code + " ";
+  for (const Warning& w : (*both)->warnings)
+    codes += w.code + " ";
   EXPECT_NE(codes.find("other_series"), std::string::npos) << codes;
   EXPECT_NE(codes.find("not_dicom"), std::string::npos) << codes;
   OpenOptions options;
