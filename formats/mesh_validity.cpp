@@ -7,33 +7,13 @@
 #include <utility>
 #include <vector>
 
+#include "formats/edge_table.h"
+
 namespace trocar {
 namespace {
 
 std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
-}
-
-struct DirectedEdge {
-  std::uint32_t from, to, triangle;
-  std::pair<std::uint32_t, std::uint32_t> key() const {
-    return {std::min(from, to), std::max(from, to)};
-  }
-};
-
-// Every triangle's edges, opposite ones next to each other.
-std::vector<DirectedEdge> sorted_edges(const SliceMesh& mesh) {
-  std::vector<DirectedEdge> edges;
-  edges.reserve(mesh.triangles.size() * 3);
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& v = mesh.triangles[t];
-    for (int i = 0; i < 3; ++i)
-      edges.push_back({v[i], v[(i + 1) % 3], t});
-  }
-  std::sort(edges.begin(), edges.end(), [](const DirectedEdge& a, const DirectedEdge& b) {
-    return std::pair{a.key(), a.from} < std::pair{b.key(), b.from};
-  });
-  return edges;
 }
 
 struct Box {

@@ -5,6 +5,8 @@
 #include <map>
 #include <utility>
 
+#include "formats/edge_table.h"
+
 namespace trocar {
 namespace {
 
@@ -58,19 +60,8 @@ std::int64_t doubled_area(const SliceMesh& mesh) {
 }
 
 Pslg boundary_rings(const SliceMesh& mesh) {
-  // Directed edges sorted by (low, high); an edge without its opposite is boundary.
-  struct Edge {
-    std::uint32_t from, to;
-    auto key() const { return std::pair{std::min(from, to), std::max(from, to)}; }
-  };
-  std::vector<Edge> edges;
-  edges.reserve(mesh.triangles.size() * 3);
-  for (const Triangle& t : mesh.triangles) {
-    for (int i = 0; i < 3; ++i)
-      edges.push_back({t[i], t[(i + 1) % 3]});
-  }
-  std::sort(edges.begin(), edges.end(),
-            [](const Edge& a, const Edge& b) { return a.key() < b.key(); });
+  // An edge without its opposite is boundary.
+  const std::vector<DirectedEdge> edges = sorted_edges(mesh);
   constexpr std::uint32_t kNone = 0xffffffff;
   std::vector<std::uint32_t> next(mesh.vertices.size(), kNone);
   for (std::size_t i = 0; i < edges.size();) {
