@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <map>
 #include <opencv2/imgproc.hpp>
 
@@ -31,18 +32,21 @@ class MarchingSquares {
         rows_(image_.height + 2) {}
 
   Pslg run() {
-    next_.assign(static_cast<std::size_t>(columns_) * rows_ * 2, kNone);
-    for (int y = 0; y + 1 < rows_; ++y) {
-      for (int x = 0; x + 1 < columns_; ++x)
-        cell(x, y);
-    }
+    scan();
+    // The successor of each edge, in a table that is only ever read where it was just written.
+    thread_local std::vector<std::uint32_t> segment_from;
+    segment_from.resize(
+        std::max(segment_from.size(), static_cast<std::size_t>(columns_) * rows_ * 2));
+    for (std::uint32_t s = 0; s < segments_.size(); ++s)
+      segment_from[segments_[s].from] = s;
     Pslg out;
-    for (std::size_t e = 0; e < next_.size(); ++e) {
-      if (next_[e] == kNone) continue;
+    for (const Segment& first : segments_) {
+      if (first.done) continue;
       Ring ring;
-      for (std::size_t at = e; next_[at] != kNone;) {
-        ring.push_back(crossing(at));
-        at = std::exchange(next_[at], kNone);
+      for (std::uint32_t s = segment_from[first.from]; !segments_[s].done;) {
+        segments_[s].done = true;
+        ring.push_back(crossing(segments_[s].from));
+        s = segment_from[segments_[s].to];
       }
       out.rings.push_back(std::move(ring));
     }
@@ -50,7 +54,41 @@ class MarchingSquares {
   }
 
  private:
-  static constexpr std::uint32_t kNone = 0xffffffff;
+  struct Segment {
+    std::uint32_t from, to;  // grid edges, material on the left
+    bool done = false;
+  };
+
+  // Finds the cells that the outline passes: rows of inside flags first, then only where two
+  // neighbouring rows are not all the same, eight columns at a time.
+  void scan() {
+    std::vector<std::uint8_t> below(static_cast<std::size_t>(columns_) + 8, 0), above = below;
+    for (int y = 0; y + 1 < rows_; ++y) {
+      const bool padded = y + 2 == rows_;
+      const float* row =
+          padded ? nullptr : &image_.values[static_cast<std::size_t>(y) * image_.width];
+      for (int x = 0; x < image_.width; ++x) {
+        above[static_cast<std::size_t>(x) + 1] = !padded && row[x] >= iso_ ? 1 : 0;
+      }
+      for (int x = 0; x + 1 < columns_;) {
+        std::uint64_t lower = 0, upper = 0;
+        std::memcpy(&lower, &below[static_cast<std::size_t>(x)], 8);
+        std::memcpy(&upper, &above[static_cast<std::size_t>(x)], 8);
+        constexpr std::uint64_t kOnes = 0x0101010101010101;
+        if (lower == upper && (lower == 0 || lower == kOnes)) {
+          x += 7;  // seven cells between eight equal columns
+          continue;
+        }
+        for (const int end = std::min(x + 7, columns_ - 1); x < end; ++x) {
+          const auto i = static_cast<std::size_t>(x);
+          const unsigned in = unsigned{below[i]} | unsigned{below[i + 1]} << 1 |
+                              unsigned{above[i + 1]} << 2 | unsigned{above[i]} << 3;
+          if (in != 0 && in != 15) cell(x, y, in);
+        }
+      }
+      std::swap(below, above);
+    }
+  }
 
   // Padded grid: point (x, y) is pixel (x - 1, y - 1).
   bool padding(int x, int y) const {
@@ -65,12 +103,9 @@ class MarchingSquares {
 
   // Corners a b c d counter-clockwise from (x, y). Going round, a segment starts on the edge that
   // leaves the material and ends on the one that enters it: material on its left.
-  void cell(int x, int y) {
+  void cell(int x, int y, unsigned in) {
     const std::array<float, 4> f = {value(x, y), value(x + 1, y), value(x + 1, y + 1),
                                     value(x, y + 1)};
-    const unsigned in = unsigned{f[0] >= iso_} | unsigned{f[1] >= iso_} << 1 |
-                        unsigned{f[2] >= iso_} << 2 | unsigned{f[3] >= iso_} << 3;
-    if (in == 0 || in == 15) return;
     const std::array<std::uint32_t, 4> edge = {horizontal(x, y), vertical(x + 1, y),
                                                horizontal(x, y + 1), vertical(x, y)};
     const auto inside = [in](unsigned k) { return (in >> (k & 3)) & 1; };
@@ -80,12 +115,12 @@ class MarchingSquares {
       if (saddle) {
         // Joined through the middle: the segment turns about the outside corner k+1;
         // apart: about the inside corner k.
-        next_[edge[k]] = edge[(joined(f) ? k + 1 : k + 3) & 3];
+        segments_.push_back({edge[k], edge[(joined(f) ? k + 1 : k + 3) & 3]});
       } else {
         unsigned j = k + 1;
         while (inside(j) || !inside(j + 1))
           ++j;
-        next_[edge[k]] = edge[j & 3];
+        segments_.push_back({edge[k], edge[j & 3]});
       }
     }
   }
@@ -124,7 +159,7 @@ class MarchingSquares {
   float iso_;
   PixelGrid grid_;
   int columns_, rows_;
-  std::vector<std::uint32_t> next_;
+  std::vector<Segment> segments_;
 };
 
 using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
