@@ -328,6 +328,40 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   return asset;
 }
 
+Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name) {
+  const auto model = parse_container(glb, name);
+  if (!model) return model.error();
+  AssetSizes out;
+  std::uint32_t json_bytes = 0;
+  std::memcpy(&json_bytes, glb.data() + 12, 4);
+  out.json_bytes = json_bytes;
+  const auto view_size = [&model](int view) {
+    const auto bytes = view_bytes(*model, view);
+    return bytes ? bytes->size() : 0;
+  };
+  for (const tinygltf::Mesh& mesh : model->meshes) {
+    for (const tinygltf::Primitive& primitive : mesh.primitives) {
+      const auto draco = primitive.extensions.find(kDracoExtension);
+      if (draco != primitive.extensions.end()) {
+        const tinygltf::Value& v = draco->second;
+        if (v.Has("bufferView")) {
+          out.triangle_bytes += view_size(v.Get("bufferView").GetNumberAsInt());
+        }
+        if (v.Has(kIndicesSetAside)) {
+          const auto* indices = accessor_at(*model, v.Get(kIndicesSetAside).GetNumberAsInt());
+          if (indices != nullptr) out.triangles += indices->count / 3;
+        }
+        continue;
+      }
+      for (const int index : {primitive.indices, position_accessor(primitive)}) {
+        const auto* accessor = accessor_at(*model, index);
+        if (accessor != nullptr) out.outline_bytes += view_size(accessor->bufferView);
+      }
+    }
+  }
+  return out;
+}
+
 Result<Asset> read_asset(const std::filesystem::path& file, const DecodeOptions& options) {
   auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
   if (!bytes) return bytes.error();

@@ -90,28 +90,48 @@ void set_bounds(tinygltf::Accessor& accessor, const std::vector<LatticePoint>& p
   accessor.maxValues = {lattice.to_mm(high.x), lattice.to_mm(high.y), 0.0};
 }
 
-Result<tinygltf::Primitive> triangles_primitive(tinygltf::Model& model, Buffer& buffer,
-                                                const SliceMesh& mesh, const DracoGrid& grid) {
-  auto payload = encode_draco(mesh, grid);
-  if (!payload) return payload.error();
-  // Counts and bounds come from the bytes just written, not from what we meant to write.
-  auto decoded = decode_draco(*payload, grid.lattice, mesh.vertices.size(), mesh.triangles.size());
-  if (!decoded) return bug("what Draco wrote does not decode: " + decoded.error().message);
-  if (decoded->vertices.size() != mesh.vertices.size() ||
-      decoded->triangles.size() != mesh.triangles.size() ||
-      doubled_area(*decoded) != doubled_area(mesh)) {
-    return bug("Draco did not keep every triangle");
+// A slice's triangles as they will be in the file, with what glTF says about them.
+struct Payload {
+  std::vector<std::uint8_t> bytes;
+  std::vector<LatticePoint> vertices;
+  std::size_t triangles = 0;
+};
+
+// Counts, bounds and proofs come from the bytes just written, not from what we meant to write.
+Result<Payload> compress(const AssetSlice& slice, const DracoGrid& grid) {
+  Payload out;
+  if (slice.mesh.triangles.empty()) return out;
+  const std::string where = "slice " + std::to_string(slice.index) + ": ";
+  auto bytes = encode_draco(slice.mesh, grid);
+  if (!bytes) return bug(where + bytes.error().message);
+  auto decoded =
+      decode_draco(*bytes, grid.lattice, slice.mesh.vertices.size(), slice.mesh.triangles.size());
+  if (!decoded) return bug(where + "what Draco wrote does not decode: " + decoded.error().message);
+  if (decoded->vertices.size() != slice.mesh.vertices.size() ||
+      decoded->triangles.size() != slice.mesh.triangles.size()) {
+    return bug(where + "Draco did not keep every vertex and triangle");
   }
+  if (auto ok = check_mesh_against_pslg(*decoded, slice.pslg); !ok) {
+    return bug(where + ok.error().message);
+  }
+  out.bytes = std::move(*bytes);
+  out.vertices = std::move(decoded->vertices);
+  out.triangles = decoded->triangles.size();
+  return out;
+}
+
+tinygltf::Primitive triangles_primitive(tinygltf::Model& model, Buffer& buffer,
+                                        const Payload& payload, const Lattice& lattice) {
   tinygltf::Primitive primitive;
   primitive.mode = TINYGLTF_MODE_TRIANGLES;
   primitive.material = 0;
   const int position = add_accessor(model, -1, TINYGLTF_COMPONENT_TYPE_FLOAT, TINYGLTF_TYPE_VEC3,
-                                    decoded->vertices.size());
-  set_bounds(model.accessors[static_cast<std::size_t>(position)], decoded->vertices, grid.lattice);
+                                    payload.vertices.size());
+  set_bounds(model.accessors[static_cast<std::size_t>(position)], payload.vertices, lattice);
   primitive.attributes["POSITION"] = position;
   primitive.indices = add_accessor(model, -1, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT,
-                                   TINYGLTF_TYPE_SCALAR, decoded->triangles.size() * 3);
-  const int view = buffer.add(model, payload->data(), payload->size(), 0);
+                                   TINYGLTF_TYPE_SCALAR, payload.triangles * 3);
+  const int view = buffer.add(model, payload.bytes.data(), payload.bytes.size(), 0);
   primitive.extensions[kDracoExtension] = to_value(
       {{"bufferView", view}, {"attributes", {{"POSITION", static_cast<int>(kDracoPositionId)}}}});
   return primitive;
@@ -182,9 +202,17 @@ std::vector<double> node_matrix(const Eigen::Affine3d& T) {
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset) {
+Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, const ForEach& for_each) {
   const auto grid = common_grid(asset);
   if (!grid) return grid.error();
+  std::vector<Result<Payload>> payloads(asset.slices.size(), Payload{});
+  const auto compress_one = [&](std::size_t i) { payloads[i] = compress(asset.slices[i], *grid); };
+  if (for_each) {
+    for_each(payloads.size(), compress_one);
+  } else {
+    for (std::size_t i = 0; i < payloads.size(); ++i)
+      compress_one(i);
+  }
 
   tinygltf::Model model;
   model.asset.version = "2.0";
@@ -206,22 +234,18 @@ Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset) {
   model.nodes.push_back(root);
 
   Buffer buffer;
-  for (const AssetSlice& slice : asset.slices) {
+  for (std::size_t i = 0; i < asset.slices.size(); ++i) {
+    const AssetSlice& slice = asset.slices[i];
+    if (!payloads[i]) return payloads[i].error();
     tinygltf::Node node;
     node.name = "slice " + std::to_string(slice.index);
     node.matrix = node_matrix(slice.T_lps_plane);
     node.extras = to_value(
         {{"trocar", {{"index", slice.index}, {"z_mm", slice.z_mm}, {"measures", slice.measures}}}});
     if (!slice.mesh.triangles.empty()) {
-      if (auto ok = check_mesh_against_pslg(slice.mesh, slice.pslg); !ok) {
-        return bug("slice " + std::to_string(slice.index) + ": " + ok.error().message);
-      }
-      auto triangles = triangles_primitive(model, buffer, slice.mesh, *grid);
-      if (!triangles)
-        return bug("slice " + std::to_string(slice.index) + ": " + triangles.error().message);
       tinygltf::Mesh mesh;
       mesh.name = node.name;
-      mesh.primitives = {std::move(*triangles),
+      mesh.primitives = {triangles_primitive(model, buffer, *payloads[i], asset.lattice),
                          lines_primitive(model, buffer, slice.pslg, asset.lattice)};
       model.meshes.push_back(std::move(mesh));
       node.mesh = static_cast<int>(model.meshes.size()) - 1;
