@@ -94,6 +94,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   std::mutex mutex;
   int finished = 0;
   oneapi::tbb::parallel_for(first, last + 1, [&](int index) {
+    if (options.stop != nullptr && options.stop->load()) return;
     done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
     if (options.progress) {
       const std::lock_guard lock(mutex);
@@ -101,6 +102,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     }
   });
 
+  if (options.stop != nullptr && options.stop->load()) {
+    return unwritable("interrupted; nothing was written");
+  }
   BatchResult out;
   out.asset.lattice = options.mesh.lattice;
   out.asset.generator = "trocar-mesh " TROCAR_VERSION;

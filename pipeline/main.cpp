@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // trocar-mesh: from a scan to an asset; and verify, info, export for assets.
 #include <oneapi/tbb/version.h>
+#include <signal.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <atomic>
+#include <chrono>
 #include <cstdio>
 #include <iostream>
 #include <opencv2/core/version.hpp>
@@ -124,13 +127,32 @@ json parameters_json(const BatchOptions& o) {
   return out;
 }
 
-void show_progress(int done, int total) {
-  std::fprintf(stderr, "\r  slice %d of %d%s", done, total, done == total ? "\n" : "");
+std::atomic<bool> stop_requested = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void request_stop(int) {
+  stop_requested = true;
+}
+
+// A bar with the time left.
+std::function<void(int, int)> progress_bar() {
+  return [start = std::chrono::steady_clock::now()](int done, int total) {
+    constexpr int kWidth = 30;
+    const double spent =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    std::string bar(static_cast<std::size_t>(kWidth * done / total), '#');
+    bar.resize(kWidth, '.');
+    std::fprintf(stderr, "\r  [%s] slice %d of %d, %.0f s left %s", bar.c_str(), done, total,
+                 spent / done * (total - done), done == total ? "\n" : "");
+  };
 }
 
 int mesh(const Arguments& a) {
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
+  for (const fs::path& file : {a.output, a.report, a.dump_stages}) {
+    if (auto ok = check_writable(file); !ok) return fail(ok.error());
+  }
   auto options = batch_options(a);
   if (!options) return fail(options.error());
   OpenOptions open;
@@ -152,7 +174,12 @@ int mesh(const Arguments& a) {
     return fail(usage(
         "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255"));
   }
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = show_progress;
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
+  options->stop = &stop_requested;
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    ::sigaction(signal, &action, nullptr);
 
   auto result = mesh_stack(**stack, *options, parameters_json(*options));
   if (!result) return fail(result.error());
