@@ -102,6 +102,9 @@ def check_quality(name, report, min_angle_deg=30.0, unless_warned=False):
     warned = {w["where"] for w in report["warnings"] if w["code"] == "angle_not_reached"}
     for piece in report["slices"]:
         excused = piece["triangles_below_min_angle_at_small_input_angle"]
+        check(piece["triangles_below_min_angle_unexplained"] == 0,
+              f"{name}: slice {piece['index']}: {piece['triangles_below_min_angle_unexplained']} triangles "
+              f"below {min_angle_deg} degrees where the input has no smaller angle")
         if unless_warned and f"slice {piece['index']}" in warned:
             continue
         check(piece["triangles_below_min_angle"] == excused,
