@@ -7,6 +7,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <string>
@@ -31,7 +32,8 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline that the mesh has exactly
   SliceMesh mesh;  ///< empty if there is no material in the slice
-  nlohmann::json measures = nlohmann::json::object();  ///< per-slice error figures, as in the report
+  nlohmann::json measures =
+      nlohmann::json::object();  ///< per-slice error figures, as in the report
 };
 
 struct Asset {
@@ -42,10 +44,20 @@ struct Asset {
   std::string input_digest;  ///< BLAKE2b of the input's bytes, hex; empty if unknown
 };
 
+/// Runs f(0) .. f(n - 1) in any order, perhaps in parallel.
+using ForEach = std::function<void(std::size_t n, const std::function<void(std::size_t)>& f)>;
+
 /// The .glb's bytes. What comes back from decode_asset() is what went in, but
 /// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
-/// not valid, (refused) if it exceeds kMaxAssetExtent.
-Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset);
+/// not valid, (refused) if it exceeds kMaxAssetExtent. `for_each` may spread the slices'
+/// compression over threads; the bytes do not depend on it.
+Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, const ForEach& for_each = {});
+
+/// Where an asset's bytes go.
+struct AssetSizes {
+  std::uint64_t json_bytes = 0, triangle_bytes = 0, outline_bytes = 0, triangles = 0;
+};
+Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
 
 /// Which slices to decode; the others keep their metadata and have an empty mesh and PSLG.
 struct DecodeOptions {

@@ -25,7 +25,8 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
   const int id = out.AddAttribute(position, true, static_cast<std::uint32_t>(mesh.vertices.size()));
   for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
     const LatticePoint p = mesh.vertices[v];
-    const std::int64_t qx = std::int64_t{p.x} - grid.origin.x, qy = std::int64_t{p.y} - grid.origin.y;
+    const std::int64_t qx = std::int64_t{p.x} - grid.origin.x,
+                       qy = std::int64_t{p.y} - grid.origin.y;
     if (qx < 0 || qy < 0 || qx > max_q || qy > max_q) return bug("Draco: vertex outside the grid");
     const float xyz[3] = {static_cast<float>(p.x) * step, static_cast<float>(p.y) * step, 0.0F};
     out.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(v), xyz);
@@ -33,8 +34,8 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
   out.SetNumFaces(mesh.triangles.size());
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     const Triangle& v = mesh.triangles[t];
-    out.SetFace(draco::FaceIndex(t), {draco::PointIndex(v[0]), draco::PointIndex(v[1]),
-                                      draco::PointIndex(v[2])});
+    out.SetFace(draco::FaceIndex(t),
+                {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
   }
 
   draco::ExpertEncoder encoder(out);

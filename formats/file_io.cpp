@@ -13,7 +13,9 @@
 namespace trocar {
 namespace {
 
-std::string why(int error) { return std::generic_category().message(error); }
+std::string why(int error) {
+  return std::generic_category().message(error);
+}
 
 class Descriptor {
  public:
@@ -54,14 +56,27 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
   return bytes;
 }
 
+Result<void> check_writable(const std::filesystem::path& file) {
+  if (file.empty()) return {};
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  std::error_code ignored;
+  // The rename that ends the writing would put a file in the place of a device or a pipe.
+  const std::filesystem::file_status there = std::filesystem::status(file, ignored);
+  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
+    return unwritable(file.string() + ": is there and is not a regular file");
+  }
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    return unwritable(file.string() + ": there is no folder " + folder.string());
+  }
+  if (::access(folder.c_str(), W_OK) != 0) {
+    return unwritable(file.string() + ": the folder is read-only");
+  }
+  return {};
+}
+
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes) {
-  // Renaming over a device or a pipe would replace it by a file.
-  std::error_code unknown;
-  const std::filesystem::file_status there = std::filesystem::status(file, unknown);
-  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
-    return unwritable(file.string() + ": exists and is not a regular file");
-  }
+  if (auto ok = check_writable(file); !ok) return ok;
   std::string temporary = file.string() + ".XXXXXX";
   Descriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
   if (fd.get() < 0) return unwritable(file.string() + ": " + why(errno));

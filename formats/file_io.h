@@ -16,6 +16,10 @@ namespace trocar {
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
                                             std::uint64_t max_bytes = std::uint64_t{1} << 32);
 
+/// Could `file` be written, as far as one can tell beforehand? Better known before the work than
+/// after it. An empty path counts as no output wanted.
+Result<void> check_writable(const std::filesystem::path& file);
+
 /// Writes beside the target, syncs, renames over it. On failure (unwritable) the target
 /// is as it was and nothing is left behind.
 Result<void> write_file_atomically(const std::filesystem::path& file,

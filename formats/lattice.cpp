@@ -4,7 +4,9 @@
 namespace trocar {
 namespace {
 
-int sign(std::int64_t v) { return (v > 0) - (v < 0); }
+int sign(std::int64_t v) {
+  return (v > 0) - (v < 0);
+}
 
 // p is known to be collinear with ab: is it strictly between them?
 bool strictly_between(LatticePoint a, LatticePoint b, LatticePoint p) {

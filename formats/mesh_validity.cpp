@@ -7,32 +7,13 @@
 #include <utility>
 #include <vector>
 
+#include "formats/edge_table.h"
+
 namespace trocar {
 namespace {
 
 std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
-}
-
-struct DirectedEdge {
-  std::uint32_t from, to, triangle;
-  std::pair<std::uint32_t, std::uint32_t> key() const {
-    return {std::min(from, to), std::max(from, to)};
-  }
-};
-
-// Every triangle's edges, opposite ones next to each other.
-std::vector<DirectedEdge> sorted_edges(const SliceMesh& mesh) {
-  std::vector<DirectedEdge> edges;
-  edges.reserve(mesh.triangles.size() * 3);
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& v = mesh.triangles[t];
-    for (int i = 0; i < 3; ++i) edges.push_back({v[i], v[(i + 1) % 3], t});
-  }
-  std::sort(edges.begin(), edges.end(), [](const DirectedEdge& a, const DirectedEdge& b) {
-    return std::pair{a.key(), a.from} < std::pair{b.key(), b.from};
-  });
-  return edges;
 }
 
 struct Box {
@@ -131,7 +112,9 @@ Result<void> check_mesh(const SliceMesh& mesh) {
   std::vector<std::uint32_t> degree(n, 0);
   for (const Triangle& t : mesh.triangles) {
     for (std::uint32_t v : t) {
-      if (v >= n) return refused("triangle with vertex index " + std::to_string(v) + " of " + std::to_string(n));
+      if (v >= n)
+        return refused("triangle with vertex index " + std::to_string(v) + " of " +
+                       std::to_string(n));
       ++degree[v];
     }
     if (orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]) <= 0) {
@@ -147,14 +130,16 @@ Result<void> check_mesh(const SliceMesh& mesh) {
   std::vector<std::uint32_t> boundary_out(n, 0);
   for (std::size_t i = 0; i < edges.size();) {
     std::size_t j = i + 1;
-    while (j < edges.size() && edges[j].key() == edges[i].key()) ++j;
+    while (j < edges.size() && edges[j].key() == edges[i].key())
+      ++j;
     if (j - i > 2 || (j - i == 2 && edges[i].from == edges[i + 1].from)) {
       return refused("edge used twice in one direction " + place(mesh.vertices[edges[i].from]));
     }
     if (j - i == 1) {
       boundary.push_back({mesh.vertices[edges[i].from], mesh.vertices[edges[i].to]});
       if (++boundary_out[edges[i].from] > 1) {
-        return refused("two fans of triangles share a vertex " + place(mesh.vertices[edges[i].from]));
+        return refused("two fans of triangles share a vertex " +
+                       place(mesh.vertices[edges[i].from]));
       }
     }
     i = j;
@@ -165,9 +150,11 @@ Result<void> check_mesh(const SliceMesh& mesh) {
   {
     // Union of triangle corners across interior edges, per vertex.
     std::vector<std::uint32_t> parent(mesh.triangles.size() * 3);
-    for (std::uint32_t i = 0; i < parent.size(); ++i) parent[i] = i;
+    for (std::uint32_t i = 0; i < parent.size(); ++i)
+      parent[i] = i;
     auto find = [&parent](std::uint32_t i) {
-      while (parent[i] != i) i = parent[i] = parent[parent[i]];
+      while (parent[i] != i)
+        i = parent[i] = parent[parent[i]];
       return i;
     };
     auto corner = [&mesh](std::uint32_t t, std::uint32_t v) {
@@ -187,7 +174,8 @@ Result<void> check_mesh(const SliceMesh& mesh) {
       }
     }
     for (std::size_t v = 0; v < n; ++v) {
-      if (fans[v] != 1) return refused("several fans of triangles share a vertex " + place(mesh.vertices[v]));
+      if (fans[v] != 1)
+        return refused("several fans of triangles share a vertex " + place(mesh.vertices[v]));
     }
   }
   return check_no_crossing(std::move(boundary), "boundary edges");
@@ -226,7 +214,8 @@ Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg) {
   };
   const std::vector<Edge> of_mesh = edges_of(boundary_rings(mesh)), of_pslg = edges_of(pslg);
   if (of_mesh != of_pslg) {
-    const auto [m, p] = std::mismatch(of_mesh.begin(), of_mesh.end(), of_pslg.begin(), of_pslg.end());
+    const auto [m, p] =
+        std::mismatch(of_mesh.begin(), of_mesh.end(), of_pslg.begin(), of_pslg.end());
     const LatticePoint where = m != of_mesh.end() ? m->first : p->first;
     return refused("the mesh's boundary and the outline differ " + place(where));
   }

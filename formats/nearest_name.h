@@ -24,7 +24,8 @@ std::string unexpected_word(const App& app) {
   const App& where = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
   std::vector<std::string> names;
   for (const auto* option : where.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    for (const std::string& name : option->get_lnames())
+      names.push_back("--" + name);
   }
   return "not expected: " + word + did_you_mean(word.substr(0, word.find('=')), names) + " (see " +
          app.get_name() + " --help)";

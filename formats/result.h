@@ -29,8 +29,8 @@ struct Error {
 template <typename T>
 class [[nodiscard]] Result {
  public:
-  Result(T value) : value_(std::move(value)) {}          // NOLINT(google-explicit-constructor)
-  Result(Error error) : error_(std::move(error)) {}      // NOLINT(google-explicit-constructor)
+  Result(T value) : value_(std::move(value)) {}      // NOLINT(google-explicit-constructor)
+  Result(Error error) : error_(std::move(error)) {}  // NOLINT(google-explicit-constructor)
 
   explicit operator bool() const { return value_.has_value(); }
   T& operator*() { return assert(value_), *value_; }
@@ -57,9 +57,17 @@ class [[nodiscard]] Result<void> {
   std::optional<Error> error_;
 };
 
-inline Error refused(std::string message) { return {ExitCode::kRefused, std::move(message)}; }
-inline Error usage(std::string message) { return {ExitCode::kUsage, std::move(message)}; }
-inline Error unwritable(std::string message) { return {ExitCode::kUnwritable, std::move(message)}; }
-inline Error bug(std::string message) { return {ExitCode::kBug, std::move(message)}; }
+inline Error refused(std::string message) {
+  return {ExitCode::kRefused, std::move(message)};
+}
+inline Error usage(std::string message) {
+  return {ExitCode::kUsage, std::move(message)};
+}
+inline Error unwritable(std::string message) {
+  return {ExitCode::kUnwritable, std::move(message)};
+}
+inline Error bug(std::string message) {
+  return {ExitCode::kBug, std::move(message)};
+}
 
 }  // namespace trocar

@@ -5,6 +5,8 @@
 #include <map>
 #include <utility>
 
+#include "formats/edge_table.h"
+
 namespace trocar {
 namespace {
 
@@ -22,7 +24,8 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
     if (const auto it = position.find(p); it != position.end()) {
       const auto first = path.begin() + static_cast<std::ptrdiff_t>(it->second);
       out.emplace_back(first, path.end());
-      for (const LatticePoint q : out.back()) position.erase(q);
+      for (const LatticePoint q : out.back())
+        position.erase(q);
       path.erase(first, path.end());
     }
     position[p] = path.size();
@@ -43,7 +46,8 @@ std::int64_t doubled_area(const Ring& ring) {
 
 std::int64_t doubled_area(const Pslg& pslg) {
   std::int64_t sum = 0;
-  for (const Ring& ring : pslg.rings) sum += doubled_area(ring);
+  for (const Ring& ring : pslg.rings)
+    sum += doubled_area(ring);
   return sum;
 }
 
@@ -56,18 +60,8 @@ std::int64_t doubled_area(const SliceMesh& mesh) {
 }
 
 Pslg boundary_rings(const SliceMesh& mesh) {
-  // Directed edges sorted by (low, high); an edge without its opposite is boundary.
-  struct Edge {
-    std::uint32_t from, to;
-    auto key() const { return std::pair{std::min(from, to), std::max(from, to)}; }
-  };
-  std::vector<Edge> edges;
-  edges.reserve(mesh.triangles.size() * 3);
-  for (const Triangle& t : mesh.triangles) {
-    for (int i = 0; i < 3; ++i) edges.push_back({t[i], t[(i + 1) % 3]});
-  }
-  std::sort(edges.begin(), edges.end(),
-            [](const Edge& a, const Edge& b) { return a.key() < b.key(); });
+  // An edge without its opposite is boundary.
+  const std::vector<DirectedEdge> edges = sorted_edges(mesh);
   constexpr std::uint32_t kNone = 0xffffffff;
   std::vector<std::uint32_t> next(mesh.vertices.size(), kNone);
   for (std::size_t i = 0; i < edges.size();) {

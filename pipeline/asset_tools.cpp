@@ -48,18 +48,23 @@ Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const La
     if (doubled_area(hole) > 0) continue;
     Pslg complement;
     for (const Ring& ring : pslg.rings) {
-      if (!std::all_of(ring.begin(), ring.end(), [&hole](LatticePoint p) { return inside_or_vertex(hole, p); })) continue;
+      if (!std::all_of(ring.begin(), ring.end(),
+                       [&hole](LatticePoint p) { return inside_or_vertex(hole, p); }))
+        continue;
       complement.rings.emplace_back(ring.rbegin(), ring.rend());
     }
     const auto mesh = triangulate(complement);
     if (!mesh) return mesh.error();
     std::set<std::pair<LatticePoint, LatticePoint>> rim;
-    for (std::size_t i = 0; i < hole.size(); ++i) rim.emplace(hole[(i + 1) % hole.size()], hole[i]);
+    for (std::size_t i = 0; i < hole.size(); ++i)
+      rim.emplace(hole[(i + 1) % hole.size()], hole[i]);
     std::int64_t best = 0;
     std::array<double, 2> seed{};
     for (const Triangle& t : mesh->triangles) {
-      const std::array<LatticePoint, 3> p = {mesh->vertices[t[0]], mesh->vertices[t[1]], mesh->vertices[t[2]]};
-      const bool on_rim = rim.contains({p[0], p[1]}) || rim.contains({p[1], p[2]}) || rim.contains({p[2], p[0]});
+      const std::array<LatticePoint, 3> p = {mesh->vertices[t[0]], mesh->vertices[t[1]],
+                                             mesh->vertices[t[2]]};
+      const bool on_rim =
+          rim.contains({p[0], p[1]}) || rim.contains({p[1], p[2]}) || rim.contains({p[2], p[0]});
       if (on_rim && orient2d(p[0], p[1], p[2]) > best) {
         best = orient2d(p[0], p[1], p[2]);
         seed = {(lattice.to_mm(p[0].x) + lattice.to_mm(p[1].x) + lattice.to_mm(p[2].x)) / 3,
@@ -75,21 +80,26 @@ Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice) {
   const auto seeds = hole_seeds(slice.pslg, lattice);
   if (!seeds) return seeds.error();
   std::size_t n = 0;
-  for (const Ring& ring : slice.pslg.rings) n += ring.size();
+  for (const Ring& ring : slice.pslg.rings)
+    n += ring.size();
   std::ostringstream out;
   out << "# slice " << slice.index << ", mm in the slice plane\n" << n << " 2 0 1\n";
   std::size_t at = 0;
   for (const Ring& ring : slice.pslg.rings) {
-    for (const LatticePoint p : ring) out << ++at << ' ' << number(lattice.to_mm(p.x)) << ' ' << number(lattice.to_mm(p.y)) << " 1\n";
+    for (const LatticePoint p : ring)
+      out << ++at << ' ' << number(lattice.to_mm(p.x)) << ' ' << number(lattice.to_mm(p.y))
+          << " 1\n";
   }
   out << n << " 1\n";
   std::size_t first = 1, segment = 0;
   for (const Ring& ring : slice.pslg.rings) {
-    for (std::size_t i = 0; i < ring.size(); ++i) out << ++segment << ' ' << first + i << ' ' << first + (i + 1) % ring.size() << " 1\n";
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      out << ++segment << ' ' << first + i << ' ' << first + (i + 1) % ring.size() << " 1\n";
     first += ring.size();
   }
   out << seeds->size() << '\n';
-  for (std::size_t i = 0; i < seeds->size(); ++i) out << i + 1 << ' ' << number((*seeds)[i][0]) << ' ' << number((*seeds)[i][1]) << '\n';
+  for (std::size_t i = 0; i < seeds->size(); ++i)
+    out << i + 1 << ' ' << number((*seeds)[i][0]) << ' ' << number((*seeds)[i][1]) << '\n';
   return out.str();
 }
 
@@ -98,8 +108,10 @@ Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
   ObjMesh mesh;
   std::vector<ObjMesh::VertexHandle> handles;
   for (const LatticePoint p : slice.mesh.vertices) {
-    const Eigen::Vector3d q = slice.T_lps_plane * Eigen::Vector3d(lattice.to_mm(p.x), lattice.to_mm(p.y), 0);
-    handles.push_back(mesh.add_vertex(ObjMesh::Point(static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()))));
+    const Eigen::Vector3d q =
+        slice.T_lps_plane * Eigen::Vector3d(lattice.to_mm(p.x), lattice.to_mm(p.y), 0);
+    handles.push_back(mesh.add_vertex(ObjMesh::Point(
+        static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()))));
   }
   for (const Triangle& t : slice.mesh.triangles) {
     if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid()) {
@@ -107,7 +119,8 @@ Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
     }
   }
   std::ostringstream out;
-  if (!OpenMesh::IO::write_mesh(mesh, out, ".obj", OpenMesh::IO::Options::Default, 9)) return bug("OpenMesh cannot write .obj");
+  if (!OpenMesh::IO::write_mesh(mesh, out, ".obj", OpenMesh::IO::Options::Default, 9))
+    return bug("OpenMesh cannot write .obj");
   return out.str();
 }
 
@@ -120,7 +133,8 @@ std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
   const double x0 = lattice.to_mm(low.x) - 1, y0 = lattice.to_mm(low.y) - 1;
   const double w = lattice.to_mm(high.x) + 1 - x0, h = lattice.to_mm(high.y) + 1 - y0;
   std::ostringstream out;
-  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"" << x0 << ' ' << y0 << ' ' << w << ' ' << h << "\" width=\"" << w << "mm\" height=\"" << h
+  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"" << x0 << ' ' << y0 << ' ' << w
+      << ' ' << h << "\" width=\"" << w << "mm\" height=\"" << h
       << "mm\">\n<path fill=\"#e3d9c2\" stroke=\"#888\" stroke-width=\"0.03\" d=\"";
   for (const Triangle& t : slice.mesh.triangles) {
     for (std::size_t i = 0; i < 3; ++i) {
@@ -131,7 +145,8 @@ std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
   }
   out << "\"/>\n<path fill=\"none\" stroke=\"#a11\" stroke-width=\"0.1\" d=\"";
   for (const Ring& ring : slice.pslg.rings) {
-    for (std::size_t i = 0; i < ring.size(); ++i) out << (i == 0 ? 'M' : 'L') << lattice.to_mm(ring[i].x) << ' ' << lattice.to_mm(ring[i].y);
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      out << (i == 0 ? 'M' : 'L') << lattice.to_mm(ring[i].x) << ' ' << lattice.to_mm(ring[i].y);
     out << "Z\n";
   }
   out << "\"/>\n</svg>\n";
@@ -146,7 +161,8 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
   const double step2 = asset.lattice.step_mm() * asset.lattice.step_mm();
   for (const AssetSlice& s : asset.slices) {
     std::size_t outline = 0;
-    for (const Ring& ring : s.pslg.rings) outline += ring.size();
+    for (const Ring& ring : s.pslg.rings)
+      outline += ring.size();
     triangles += s.mesh.triangles.size();
     slices.push_back({{"index", s.index},
                       {"z_mm", s.z_mm},
@@ -157,9 +173,15 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
                       {"area_mm2", 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2},
                       {"measures", s.measures}});
   }
-  return {{"generator", asset.generator}, {"schema", kAssetSchema}, {"lattice_bits", asset.lattice.bits},
-          {"lattice_step_mm", asset.lattice.step_mm()}, {"input_digest", asset.input_digest},
-          {"parameters", asset.parameters}, {"bytes", bytes}, {"triangles", triangles}, {"slices", std::move(slices)}};
+  return {{"generator", asset.generator},
+          {"schema", kAssetSchema},
+          {"lattice_bits", asset.lattice.bits},
+          {"lattice_step_mm", asset.lattice.step_mm()},
+          {"input_digest", asset.input_digest},
+          {"parameters", asset.parameters},
+          {"bytes", bytes},
+          {"triangles", triangles},
+          {"slices", std::move(slices)}};
 }
 
 Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder) {
@@ -176,8 +198,12 @@ Result<void> export_asset(const Asset& asset, const std::filesystem::path& folde
     const auto obj = obj_text(slice, asset.lattice);
     if (!obj) return obj.error();
     const std::string svg = svg_text(slice, asset.lattice);
-    for (const auto& [ending, text] : {std::pair{".poly", &*poly}, std::pair{".obj", &*obj}, std::pair{".svg", &svg}}) {
-      if (auto ok = write_file_atomically(folder / (std::string(name) + ending), std::string_view(*text)); !ok) return ok;
+    for (const auto& [ending, text] :
+         {std::pair{".poly", &*poly}, std::pair{".obj", &*obj}, std::pair{".svg", &svg}}) {
+      if (auto ok =
+              write_file_atomically(folder / (std::string(name) + ending), std::string_view(*text));
+          !ok)
+        return ok;
     }
   }
   return {};

@@ -16,7 +16,8 @@ namespace {
 using nlohmann::json;
 
 double ms_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+      .count();
 }
 
 struct Done {
@@ -31,10 +32,15 @@ void warn(Done& out, const MeshedSlice& meshed) {
     out.warnings.push_back({"empty_slice", where, "no material in this slice"});
   }
   if (meshed.refined.out_of_vertices) {
-    out.warnings.push_back({"vertex_budget", where, "refinement stopped at its vertex budget; the mesh is valid, but not all angles and areas are within bounds"});
+    out.warnings.push_back({"vertex_budget", where,
+                            "refinement stopped at its vertex budget; the mesh is valid, but not "
+                            "all angles and areas are within bounds"});
   }
   if (meshed.quality.below_unexplained > 0) {
-    out.warnings.push_back({"angle_not_reached", where, std::to_string(meshed.quality.below_unexplained) + " triangles are below the wanted angle though the input has none so small there"});
+    out.warnings.push_back(
+        {"angle_not_reached", where,
+         std::to_string(meshed.quality.below_unexplained) +
+             " triangles are below the wanted angle though the input has none so small there"});
   }
 }
 
@@ -43,9 +49,11 @@ Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& op
   if (!meshed) return meshed.error();
   const SlicePlane& plane = stack.plane(index);
   Done out;
-  out.slice = {index, plane.z_mm, plane.T_lps_plane, meshed->outline, meshed->refined.mesh, slice_measures(*meshed)};
+  out.slice = {index,           plane.z_mm,           plane.T_lps_plane,
+               meshed->outline, meshed->refined.mesh, slice_measures(*meshed)};
   out.report = slice_report(index, plane.z_mm, *meshed, options.mesh);
-  if (options.dump_slice == index) out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
+  if (options.dump_slice == index)
+    out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
   warn(out, *meshed);
   return out;
 }
@@ -54,13 +62,16 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
   if (options.slices) {
     const auto [a, b] = *options.slices;
     if (a < 0 || b < a || b >= stack.size()) {
-      return usage("--slices " + std::to_string(a) + ":" + std::to_string(b) + " is outside 0:" + std::to_string(stack.size() - 1));
+      return usage("--slices " + std::to_string(a) + ":" + std::to_string(b) +
+                   " is outside 0:" + std::to_string(stack.size() - 1));
     }
   }
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
-    if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() || c.y1 >= stack.height()) {
-      return usage("--crop is outside 0:" + std::to_string(stack.width() - 1) + ",0:" + std::to_string(stack.height() - 1));
+    if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||
+        c.y1 >= stack.height()) {
+      return usage("--crop is outside 0:" + std::to_string(stack.width() - 1) +
+                   ",0:" + std::to_string(stack.height() - 1));
     }
   }
   return {};
@@ -68,18 +79,22 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
 
 }  // namespace
 
-Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options, const json& parameters) {
+Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
+                               const json& parameters) {
   const auto start = std::chrono::steady_clock::now();
   if (auto ok = check_ranges(stack, options); !ok) return ok.error();
   const int first = options.slices ? options.slices->first : 0;
   const int last = options.slices ? options.slices->second : stack.size() - 1;
-  const int threads = options.threads > 0 ? options.threads : oneapi::tbb::info::default_concurrency();
-  const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+  const int threads =
+      options.threads > 0 ? options.threads : oneapi::tbb::info::default_concurrency();
+  const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
+                                          static_cast<std::size_t>(threads));
 
   std::vector<std::optional<Result<Done>>> done(static_cast<std::size_t>(last - first + 1));
   std::mutex mutex;
   int finished = 0;
   oneapi::tbb::parallel_for(first, last + 1, [&](int index) {
+    if (options.stop != nullptr && options.stop->load()) return;
     done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
     if (options.progress) {
       const std::lock_guard lock(mutex);
@@ -87,13 +102,17 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     }
   });
 
+  if (options.stop != nullptr && options.stop->load()) {
+    return unwritable("interrupted; nothing was written");
+  }
   BatchResult out;
   out.asset.lattice = options.mesh.lattice;
   out.asset.generator = "trocar-mesh " TROCAR_VERSION;
   out.asset.parameters = parameters;
   out.asset.input_digest = stack.input_digest;
   json slices = json::array(), warnings = json::array();
-  for (const Warning& w : stack.warnings) warnings.push_back(to_json(w));
+  for (const Warning& w : stack.warnings)
+    warnings.push_back(to_json(w));
   std::size_t triangles = 0;
   for (auto& result : done) {
     if (!*result) return result->error();
@@ -101,23 +120,32 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     triangles += one.slice.mesh.triangles.size();
     out.asset.slices.push_back(std::move(one.slice));
     slices.push_back(std::move(one.report));
-    for (const Warning& w : one.warnings) warnings.push_back(to_json(w));
+    for (const Warning& w : one.warnings)
+      warnings.push_back(to_json(w));
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   const auto encode_start = std::chrono::steady_clock::now();
-  auto glb = encode_asset(out.asset);
+  auto glb = encode_asset(out.asset, [](std::size_t n, const std::function<void(std::size_t)>& f) {
+    oneapi::tbb::parallel_for(std::size_t{0}, n, f);
+  });
   if (!glb) return glb.error();
-  // What the file holds is proved, not what we meant to write.
-  auto decoded = decode_asset(*glb, "the asset just written");
-  if (!decoded) return bug(decoded.error().message);
-  if (auto ok = verify_asset(*decoded, "the asset just written"); !ok) return bug(ok.error().message);
+  const auto sizes = asset_sizes(*glb, "the asset just written");
+  if (!sizes) return bug(sizes.error().message);
   out.glb = std::move(*glb);
 
+  const auto per_triangle = [triangles](std::size_t bytes) {
+    return triangles == 0 ? 0.0 : static_cast<double>(bytes) / static_cast<double>(triangles);
+  };
   out.report = {{"parameters", parameters},
                 {"slices", std::move(slices)},
-                {"asset", {{"bytes", out.glb.size()},
-                           {"triangles", triangles},
-                           {"bytes_per_triangle", triangles == 0 ? 0.0 : static_cast<double>(out.glb.size()) / static_cast<double>(triangles)}}},
+                {"asset",
+                 {{"bytes", out.glb.size()},
+                  {"triangles", triangles},
+                  {"bytes_per_triangle", per_triangle(out.glb.size())},
+                  {"triangle_bytes", sizes->triangle_bytes},
+                  {"triangle_bytes_per_triangle", per_triangle(sizes->triangle_bytes)},
+                  {"outline_bytes", sizes->outline_bytes},
+                  {"json_bytes", sizes->json_bytes}}},
                 {"encode_ms", ms_since(encode_start)},
                 {"total_ms", ms_since(start)},
                 {"threads", threads},

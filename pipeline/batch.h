@@ -2,6 +2,7 @@
 // A whole scan: every slice meshed, slices in parallel, into one asset and one report.
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <optional>
 #include <utility>
@@ -13,10 +14,11 @@ namespace trocar::pipeline {
 
 struct BatchOptions {
   MeshOptions mesh;
-  std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
-  int threads = 0;                            ///< 0: all cores
-  std::optional<int> dump_slice;              ///< keep this slice's stages for pictures
+  std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
+  int threads = 0;                                    ///< 0: all cores
+  std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures
   std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
+  const std::atomic<bool>* stop = nullptr;            ///< set from a signal handler: give up soon
 };
 
 struct BatchResult {
@@ -27,7 +29,8 @@ struct BatchResult {
 };
 
 /// The same stack and options give the same glb, whatever the threads. Errors: those of
-/// mesh_slice(), the lowest slice's first; (usage) slices or crop outside the stack.
+/// mesh_slice(), the lowest slice's first; (usage) slices or crop outside the stack; (unwritable)
+/// stopped.
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
                                const nlohmann::json& parameters);
 

@@ -11,7 +11,8 @@ namespace {
 constexpr double kSmallInputAngle_deg = 60;
 
 double angle_at(LatticePoint v, LatticePoint p, LatticePoint q) {
-  return std::atan2(static_cast<double>(orient2d(v, p, q)), static_cast<double>(diametral_dot(p, q, v)));
+  return std::atan2(static_cast<double>(orient2d(v, p, q)),
+                    static_cast<double>(diametral_dot(p, q, v)));
 }
 
 class SmallInputAngles {
@@ -52,12 +53,14 @@ class SmallInputAngles {
 MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg) {
   MeshQuality out;
   if (refined.mesh.triangles.empty()) return out;
-  const SmallInputAngles small(refined, kSmallInputAngle_deg), unavoidable(refined, min_angle_deg + kLatticeAllowance_deg);
+  const SmallInputAngles small(refined, kSmallInputAngle_deg),
+      unavoidable(refined, min_angle_deg + kLatticeAllowance_deg);
   const double cosine = std::cos(min_angle_deg * std::numbers::pi / 180);
   double min_angle = std::numbers::pi;
   std::int64_t max_doubled_area = 0;
   for (const Triangle& t : refined.mesh.triangles) {
-    const LatticePoint a = refined.mesh.vertices[t[0]], b = refined.mesh.vertices[t[1]], c = refined.mesh.vertices[t[2]];
+    const LatticePoint a = refined.mesh.vertices[t[0]], b = refined.mesh.vertices[t[1]],
+                       c = refined.mesh.vertices[t[2]];
     max_doubled_area = std::max(max_doubled_area, orient2d(a, b, c));
     min_angle = std::min({min_angle, angle_at(a, b, c), angle_at(b, c, a), angle_at(c, a, b)});
     if (is_angle_below(a, b, c, cosine * cosine)) {
@@ -67,7 +70,8 @@ MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, doub
     }
   }
   out.min_angle_deg = min_angle * 180 / std::numbers::pi;
-  out.max_area_mm2 = 0.5 * static_cast<double>(max_doubled_area) * lattice.step_mm() * lattice.step_mm();
+  out.max_area_mm2 =
+      0.5 * static_cast<double>(max_doubled_area) * lattice.step_mm() * lattice.step_mm();
   return out;
 }
 

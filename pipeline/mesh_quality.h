@@ -14,8 +14,9 @@ struct MeshQuality {
   /// input vertex with such an angle in the material, or its shortest edge joins the two input
   /// segments that meet in one. There no mesh can do better, or only at the price of more such.
   std::uint32_t below_at_small_input_angle = 0;
-  /// How many sit at no input angle below the wanted one (plus kLatticeAllowance_deg): where the input
-  /// allows it and refinement still failed. Zero unless it ran out of vertices or into the lattice's step.
+  /// How many sit at no input angle below the wanted one (plus kLatticeAllowance_deg): where the
+  /// input allows it and refinement still failed. Zero unless it ran out of vertices or into the
+  /// lattice's step.
   std::uint32_t below_unexplained = 0;
 };
 

@@ -34,15 +34,20 @@ Image cropped(Image image, const Crop& c) {
   return out;
 }
 
-Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane, const Lattice& lattice) {
+Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane,
+                           const Lattice& lattice) {
   const double smallest = std::min(plane.spacing_u_mm, plane.spacing_v_mm);
   if (smallest < kMinStepsPerPixel * lattice.step_mm()) {
-    return refused("pixels of " + std::to_string(smallest) + " mm are narrower than " + std::to_string(kMinStepsPerPixel) +
+    return refused("pixels of " + std::to_string(smallest) + " mm are narrower than " +
+                   std::to_string(kMinStepsPerPixel) +
                    " lattice steps; use a finer lattice (--lattice-bits)");
   }
-  const double extent = std::max(stack.width() * plane.spacing_u_mm, stack.height() * plane.spacing_v_mm);
+  const double extent =
+      std::max(stack.width() * plane.spacing_u_mm, stack.height() * plane.spacing_v_mm);
   if (extent / lattice.step_mm() > static_cast<double>(kMaxAssetExtent)) {
-    return refused("an image of " + std::to_string(extent) + " mm has more lattice steps than an asset holds; use a coarser lattice (--lattice-bits)");
+    return refused(
+        "an image of " + std::to_string(extent) +
+        " mm has more lattice steps than an asset holds; use a coarser lattice (--lattice-bits)");
   }
   return {};
 }
@@ -51,7 +56,9 @@ Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane, con
 
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
   const SlicePlane& plane = stack.plane(slice);
-  const auto fail = [&](const Error& e) { return Error{e.code, stack.name(slice) + ": " + e.message}; };
+  const auto fail = [&](const Error& e) {
+    return Error{e.code, stack.name(slice) + ": " + e.message};
+  };
   if (auto ok = check_lattice(stack, plane, options.lattice); !ok) return fail(ok.error());
 
   MeshedSlice out;
@@ -69,12 +76,14 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   const Field field = segment(std::move(*image), stack.calibration(), options.segmentation);
   out.times.segment_ms = watch.lap_ms();
 
-  out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2, options.lattice);
+  out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,
+                                  options.lattice);
   out.times.contour_ms = watch.lap_ms();
 
   out.pslg = simplify(out.contours, options.lattice, options.simplification);
   out.times.simplify_ms = watch.lap_ms();
-  if (auto ok = check_pslg(out.pslg); !ok) return fail(bug("after simplification: " + ok.error().message));
+  if (auto ok = check_pslg(out.pslg); !ok)
+    return fail(bug("after simplification: " + ok.error().message));
   out.simplification_error_mm = hausdorff_mm(out.contours, out.pslg, options.lattice);
   out.times.check_ms = watch.lap_ms();
 
@@ -84,7 +93,8 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   out.times.triangulate_ms = watch.lap_ms();
 
   RefinementOptions refinement = options.refinement;
-  if (options.max_area_px2) refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
+  if (options.max_area_px2)
+    refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
   out.max_area_bound_mm2 = refinement.max_area_mm2;
   out.refined = refine(out.cdt, options.lattice, refinement);
   out.times.refine_ms = watch.lap_ms();
@@ -93,10 +103,13 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (auto ok = check_mesh_against_pslg(out.refined.mesh, out.outline); !ok) {
     return fail(bug("after refinement: " + ok.error().message));
   }
-  if (!is_constrained_delaunay(out.refined.mesh)) return fail(bug("after refinement: not constrained Delaunay"));
+  if (!is_constrained_delaunay(out.refined.mesh))
+    return fail(bug("after refinement: not constrained Delaunay"));
   out.quality = measure_quality(out.refined, options.lattice, refinement.min_angle_deg);
-  out.area_mm2 = 0.5 * static_cast<double>(doubled_area(out.refined.mesh)) * options.lattice.step_mm() * options.lattice.step_mm();
-  out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(), [](const Ring& r) { return doubled_area(r) < 0; }));
+  out.area_mm2 = 0.5 * static_cast<double>(doubled_area(out.refined.mesh)) *
+                 options.lattice.step_mm() * options.lattice.step_mm();
+  out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
+                                             [](const Ring& r) { return doubled_area(r) < 0; }));
   out.times.check_ms += watch.lap_ms();
   return out;
 }

@@ -30,16 +30,17 @@ struct MeshOptions {
 };
 
 struct StageTimes {
-  double read_ms = 0, segment_ms = 0, contour_ms = 0, simplify_ms = 0, triangulate_ms = 0, refine_ms = 0, check_ms = 0;
+  double read_ms = 0, segment_ms = 0, contour_ms = 0, simplify_ms = 0, triangulate_ms = 0,
+         refine_ms = 0, check_ms = 0;
 };
 
 /// Everything of one slice that the asset, the report and the pictures need.
 struct MeshedSlice {
-  Pslg contours;   ///< full resolution, small rings dropped
-  Pslg pslg;       ///< simplified
-  SliceMesh cdt;   ///< constrained Delaunay, outside removed
+  Pslg contours;  ///< full resolution, small rings dropped
+  Pslg pslg;      ///< simplified
+  SliceMesh cdt;  ///< constrained Delaunay, outside removed
   Refined refined;
-  Pslg outline;    ///< the refined mesh's boundary: the PSLG with its Steiner points
+  Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
   double simplification_error_mm = 0;
   double area_mm2 = 0;

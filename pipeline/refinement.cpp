@@ -54,13 +54,15 @@ class Refiner {
     build(mesh);
     max_vertices_ = options.max_vertices != 0
                         ? options.max_vertices
-                        : static_cast<std::uint32_t>(std::min(
-                              4e9, 10'000 + 200.0 * static_cast<double>(points_.size()) +
-                                       20.0 * static_cast<double>(doubled_area(mesh)) / std::max(max_doubled_area_, 1.0)));
+                        : static_cast<std::uint32_t>(
+                              std::min(4e9, 10'000 + 200.0 * static_cast<double>(points_.size()) +
+                                                20.0 * static_cast<double>(doubled_area(mesh)) /
+                                                    std::max(max_doubled_area_, 1.0)));
   }
 
   Refined run() {
-    for (std::uint32_t t = 0; t < triangles_.size(); ++t) look_at(t);
+    for (std::uint32_t t = 0; t < triangles_.size(); ++t)
+      look_at(t);
     while (true) {
       split_encroached();
       const std::optional<Ticket> bad = next_bad();
@@ -79,7 +81,8 @@ class Refiner {
 
   void build(const SliceMesh& mesh) {
     triangles_.reserve(mesh.triangles.size() * 4);
-    for (const Triangle& t : mesh.triangles) triangles_.push_back({t});
+    for (const Triangle& t : mesh.triangles)
+      triangles_.push_back({t});
     stamps_.assign(triangles_.size(), 0);
     struct Half {
       std::uint32_t low, high;
@@ -113,7 +116,8 @@ class Refiner {
     for (Refined::Segment& s : out_.segments) {
       s.previous = segment_into[s.from];
       const LatticePoint v = points_[s.from];
-      const LatticePoint p = points_[out_.segments[static_cast<std::size_t>(s.previous)].from], n = points_[s.to];
+      const LatticePoint p = points_[out_.segments[static_cast<std::size_t>(s.previous)].from],
+                         n = points_[s.to];
       const double cross = static_cast<double>(orient2d(v, n, p));
       const double dot = static_cast<double>(diametral_dot(n, p, v));
       s.angle_at_from_deg = std::atan2(cross, dot) * 180 / std::numbers::pi;
@@ -121,7 +125,8 @@ class Refiner {
     }
     out_.origins.assign(points_.size(), {VertexOrigin::kCorner});
     corner_angle_deg_.assign(points_.size(), 360);
-    for (const Refined::Segment& s : out_.segments) corner_angle_deg_[s.from] = s.angle_at_from_deg;
+    for (const Refined::Segment& s : out_.segments)
+      corner_angle_deg_[s.from] = s.angle_at_from_deg;
     star_.assign(points_.size(), kNone);
   }
 
@@ -142,10 +147,12 @@ class Refiner {
     const std::uint32_t apex = triangles_[s.triangle].v[s.side];
     if (diametral_dot(at(a), at(b), at(apex)) >= 0) return false;
     // Across a small input angle, the vertex on the same shell encroaches by rounding alone.
-    const std::uint32_t corner = common_small_corner(triangles_[s.triangle].segment[s.side], out_.origins[apex].segment);
+    const std::uint32_t corner =
+        common_small_corner(triangles_[s.triangle].segment[s.side], out_.origins[apex].segment);
     if (corner == kNone) return true;
     const double d = distance(apex, corner);
-    return std::abs(d - distance(a, corner)) > kSameShell && std::abs(d - distance(b, corner)) > kSameShell;
+    return std::abs(d - distance(a, corner)) > kSameShell &&
+           std::abs(d - distance(b, corner)) > kSameShell;
   }
 
   // The corner where two input segments meet under a small angle in the material, or kNone.
@@ -162,14 +169,16 @@ class Refiner {
   void look_at(std::uint32_t t) {
     const Tri& tri = triangles_[t];
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (tri.neighbour[i] == kNone && is_encroached({t, i})) encroached_.push_back({t, stamps_[t], i});
+      if (tri.neighbour[i] == kNone && is_encroached({t, i}))
+        encroached_.push_back({t, stamps_[t], i});
     }
     const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
     const bool large = static_cast<double>(orient2d(a, b, c)) > max_doubled_area_;
     if (!large && !is_angle_below(a, b, c, cos2_)) return;
     const std::int64_t shortest = std::min({distance2(a, b), distance2(b, c), distance2(c, a)});
     // Shortest first: the buckets are powers of two of the squared length.
-    const auto bucket = static_cast<std::size_t>(std::bit_width(static_cast<std::uint64_t>(shortest)));
+    const auto bucket =
+        static_cast<std::size_t>(std::bit_width(static_cast<std::uint64_t>(shortest)));
     bad_[bucket].push_back({t, stamps_[t]});
     first_bad_ = std::min(first_bad_, bucket);
   }
@@ -196,8 +205,9 @@ class Refiner {
     }
   }
 
-  // Where to split ab, a piece of an input segment: the middle, but if the segment has an acute corner
-  // on a shell around it, so that pieces of the two segments that meet there end at equal distances.
+  // Where to split ab, a piece of an input segment: the middle, but if the segment has an acute
+  // corner on a shell around it, so that pieces of the two segments that meet there end at equal
+  // distances.
   double split_fraction(std::uint32_t a, std::uint32_t b, std::int32_t segment) const {
     const Refined::Segment& s = out_.segments[static_cast<std::size_t>(segment)];
     double fraction = 0.5, nearest = std::numeric_limits<double>::max();
@@ -214,13 +224,14 @@ class Refiner {
   }
 
   // The shells around a corner, the same for every segment: the powers of two, between them their
-  // ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between segments
-  // that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in this order
-  // that lies well inside (near, far).
+  // ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between
+  // segments that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in
+  // this order that lies well inside (near, far).
   static double shell_between(double near, double far) {
     const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
     double power = 1;
-    while (power * 2 <= high) power *= 2;
+    while (power * 2 <= high)
+      power *= 2;
     if (power >= low) return power;
     double from = power, to = 2 * power, middle = power * std::numbers::sqrt2;
     for (int depth = 0; depth < 20; ++depth) {
@@ -238,12 +249,14 @@ class Refiner {
     const auto [ia, ib] = ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(triangles_[s.triangle].v[s.side]);
     const double f = split_fraction(ia, ib, triangles_[s.triangle].segment[s.side]);
-    const double x = a.x + f * (static_cast<double>(b.x) - a.x), y = a.y + f * (static_cast<double>(b.y) - a.y);
+    const double x = a.x + f * (static_cast<double>(b.x) - a.x),
+                 y = a.y + f * (static_cast<double>(b.y) - a.y);
     std::optional<LatticePoint> best;
     double best_d2 = 0;
     for (int dy = 0; dy < 2; ++dy) {
       for (int dx = 0; dx < 2; ++dx) {
-        const LatticePoint m{static_cast<std::int32_t>(std::floor(x)) + dx, static_cast<std::int32_t>(std::floor(y)) + dy};
+        const LatticePoint m{static_cast<std::int32_t>(std::floor(x)) + dx,
+                             static_cast<std::int32_t>(std::floor(y)) + dy};
         if (orient2d(a, b, m) < 0 || orient2d(b, c, m) <= 0 || orient2d(c, a, m) <= 0) continue;
         const double d2 = (m.x - x) * (m.x - x) + (m.y - y) * (m.y - y);
         if (!best || d2 < best_d2) best = m, best_d2 = d2;
@@ -260,7 +273,8 @@ class Refiner {
     find_cavity(s.triangle, *m);
     const std::int32_t segment = triangles_[s.triangle].segment[s.side];
     // The side itself leaves the cavity's rim: m lies on it.
-    std::erase_if(rim_, [s](const Rim& r) { return r.from.triangle == s.triangle && r.from.side == s.side; });
+    std::erase_if(
+        rim_, [s](const Rim& r) { return r.from.triangle == s.triangle && r.from.side == s.side; });
     return fill_cavity(*m, {segment}, segment);
   }
 
@@ -279,13 +293,17 @@ class Refiner {
         if (split_shells(t, corner)) return;
       }
     }
-    const std::optional<LatticePoint> p = large && !is_angle_below(a, b, c, cos2_) ? circumcentre(tri, false) : circumcentre(tri, true);
+    const std::optional<LatticePoint> p = large && !is_angle_below(a, b, c, cos2_)
+                                              ? circumcentre(tri, false)
+                                              : circumcentre(tri, true);
     if (!p || in_circle(a, b, c, *p) <= 0) return;
     find_cavity(t, *p);
-    // A point that would encroach, or lies beyond the boundary, splits the edges in its way instead.
+    // A point that would encroach, or lies beyond the boundary, splits the edges in its way
+    // instead.
     split_first_.clear();
     for (const Rim& r : rim_) {
-      if (r.outside == kNone && (diametral_dot(at(r.a), at(r.b), *p) < 0 || orient2d(at(r.a), at(r.b), *p) <= 0)) {
+      if (r.outside == kNone &&
+          (diametral_dot(at(r.a), at(r.b), *p) < 0 || orient2d(at(r.a), at(r.b), *p) <= 0)) {
         split_first_.push_back({r.from.triangle, stamps_[r.from.triangle], r.from.side});
       }
     }
@@ -296,14 +314,16 @@ class Refiner {
     bool split = false;
     const std::uint32_t stamp = stamps_[t];
     for (const Ticket& side : std::vector<Ticket>(split_first_)) {
-      if (stamps_[side.triangle] == side.stamp) split = split_side({side.triangle, side.side}) || split;
+      if (stamps_[side.triangle] == side.stamp)
+        split = split_side({side.triangle, side.side}) || split;
     }
     if (split && stamps_[t] == stamp) look_at(t);  // it may still be bad
   }
 
   bool is_too_short(const Tri& tri) {
     const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
-    const bool is = std::min({distance2(a, b), distance2(b, c), distance2(c, a)}) < kShortestEdge * kShortestEdge;
+    const bool is = std::min({distance2(a, b), distance2(b, c), distance2(c, a)}) <
+                    kShortestEdge * kShortestEdge;
     if (is) ++out_.too_short;
     return is;
   }
@@ -318,8 +338,10 @@ class Refiner {
       if (d2 < length2) length2 = d2, shortest = i;
     }
     const std::uint32_t p = tri.v[(shortest + 1) % 3], q = tri.v[(shortest + 2) % 3];
-    const std::uint32_t corner = common_small_corner(out_.origins[p].segment, out_.origins[q].segment);
-    if (corner == kNone || std::abs(distance(p, corner) - distance(q, corner)) > kSameShell) return kNone;
+    const std::uint32_t corner =
+        common_small_corner(out_.origins[p].segment, out_.origins[q].segment);
+    if (corner == kNone || std::abs(distance(p, corner) - distance(q, corner)) > kSameShell)
+      return kNone;
     return corner;
   }
 
@@ -330,7 +352,8 @@ class Refiner {
       if (triangles_[t].neighbour[i] != kNone) continue;
       const auto [a, b] = ends({t, i});
       const double da = distance(a, corner), db = distance(b, corner);
-      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_side({t, i})) return true;
+      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_side({t, i}))
+        return true;
     }
     return false;
   }
@@ -354,11 +377,13 @@ class Refiner {
       const double reach = off_centre_ * (1 - std::min(0.4, 3 / std::sqrt(q2)));
       const double ox = 0.5 * qx - reach * qy, oy = 0.5 * qy + reach * qx;
       const double mx = 0.5 * qx, my = 0.5 * qy;
-      if ((ox - mx) * (ox - mx) + (oy - my) * (oy - my) < (x - mx) * (x - mx) + (y - my) * (y - my)) x = ox, y = oy;
+      if ((ox - mx) * (ox - mx) + (oy - my) * (oy - my) < (x - mx) * (x - mx) + (y - my) * (y - my))
+        x = ox, y = oy;
     }
     x += p.x, y += p.y;
     if (!(std::abs(x) < kMaxCoordinate && std::abs(y) < kMaxCoordinate)) return std::nullopt;
-    return LatticePoint{static_cast<std::int32_t>(std::lrint(x)), static_cast<std::int32_t>(std::lrint(y))};
+    return LatticePoint{static_cast<std::int32_t>(std::lrint(x)),
+                        static_cast<std::int32_t>(std::lrint(y))};
   }
 
   // ---- the cavity: all triangles whose circumcircle holds p and that p sees ----
@@ -392,7 +417,8 @@ class Refiner {
         rim_.push_back({a, b, n, triangles_[t].segment[i], {t, i}});
       }
     }
-    for (const std::uint32_t t : cavity_) in_cavity_[t] = 0;
+    for (const std::uint32_t t : cavity_)
+      in_cavity_[t] = 0;
   }
 
   // Replaces the cavity by the star of a new vertex p. The rim is a closed loop, or, when p splits
@@ -446,28 +472,31 @@ class Refiner {
         triangles_[next].neighbour[2] = fresh_[k];
       }
     }
-    for (const Rim& r : rim_) star_[r.a] = kNone;
+    for (const Rim& r : rim_)
+      star_[r.a] = kNone;
     for (const std::uint32_t t : fresh_) {
       for (std::uint32_t i = 1; i < 3; ++i) {
         if (triangles_[t].neighbour[i] == kNone) triangles_[t].segment[i] = segment;
       }
     }
-    for (const std::uint32_t t : fresh_) look_at(t);
+    for (const std::uint32_t t : fresh_)
+      look_at(t);
     return true;
   }
 
   Refined finish() {
     out_.mesh.vertices = std::move(points_);
     out_.mesh.triangles.reserve(triangles_.size());
-    for (const Tri& t : triangles_) out_.mesh.triangles.push_back(t.v);
+    for (const Tri& t : triangles_)
+      out_.mesh.triangles.push_back(t.v);
     return std::move(out_);
   }
 
   std::vector<LatticePoint> points_;
   std::vector<Tri> triangles_;
-  std::vector<std::uint32_t> stamps_;  // by triangle; grows when it is replaced
+  std::vector<std::uint32_t> stamps_;     // by triangle; grows when it is replaced
   std::vector<double> corner_angle_deg_;  // by vertex: the material angle of an input vertex
-  std::vector<std::uint32_t> star_;    // by vertex; scratch of fill_cavity
+  std::vector<std::uint32_t> star_;       // by vertex; scratch of fill_cavity
   double min_angle_deg_, cos2_ = 0, off_centre_ = 0, max_doubled_area_ = 0;
   std::uint32_t max_vertices_ = 0;
   std::vector<Ticket> encroached_, split_first_;

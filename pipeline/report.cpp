@@ -10,19 +10,22 @@ using nlohmann::json;
 
 std::size_t vertex_count(const Pslg& pslg) {
   std::size_t n = 0;
-  for (const Ring& ring : pslg.rings) n += ring.size();
+  for (const Ring& ring : pslg.rings)
+    n += ring.size();
   return n;
 }
 
 json points_json(const std::vector<LatticePoint>& points, const Lattice& lattice) {
   json out = json::array();
-  for (const LatticePoint p : points) out.push_back({lattice.to_mm(p.x), lattice.to_mm(p.y)});
+  for (const LatticePoint p : points)
+    out.push_back({lattice.to_mm(p.x), lattice.to_mm(p.y)});
   return out;
 }
 
 json rings_json(const Pslg& pslg, const Lattice& lattice) {
   json out = json::array();
-  for (const Ring& ring : pslg.rings) out.push_back(points_json(ring, lattice));
+  for (const Ring& ring : pslg.rings)
+    out.push_back(points_json(ring, lattice));
   return out;
 }
 
@@ -33,13 +36,14 @@ json mesh_json(const SliceMesh& mesh, const Lattice& lattice) {
 }  // namespace
 
 json slice_measures(const MeshedSlice& slice) {
-  return {{"simplification_error_mm", slice.simplification_error_mm},
-          {"min_angle_deg", slice.quality.min_angle_deg},
-          {"triangles_below_min_angle", slice.quality.below_min_angle},
-          {"triangles_below_min_angle_at_small_input_angle", slice.quality.below_at_small_input_angle},
-          {"triangles_below_min_angle_unexplained", slice.quality.below_unexplained},
-          {"max_area_mm2", slice.quality.max_area_mm2},
-          {"area_mm2", slice.area_mm2}};
+  return {
+      {"simplification_error_mm", slice.simplification_error_mm},
+      {"min_angle_deg", slice.quality.min_angle_deg},
+      {"triangles_below_min_angle", slice.quality.below_min_angle},
+      {"triangles_below_min_angle_at_small_input_angle", slice.quality.below_at_small_input_angle},
+      {"triangles_below_min_angle_unexplained", slice.quality.below_unexplained},
+      {"max_area_mm2", slice.quality.max_area_mm2},
+      {"area_mm2", slice.area_mm2}};
 }
 
 json slice_report(int index, double z_mm, const MeshedSlice& slice, const MeshOptions&) {
@@ -54,13 +58,15 @@ json slice_report(int index, double z_mm, const MeshedSlice& slice, const MeshOp
   out["triangles"] = slice.refined.mesh.triangles.size();
   out["max_area_bound_mm2"] = slice.max_area_bound_mm2;
   const StageTimes& t = slice.times;
-  out["ms"] = {{"read", t.read_ms}, {"segment", t.segment_ms}, {"contour", t.contour_ms},
-               {"simplify", t.simplify_ms}, {"triangulate", t.triangulate_ms},
-               {"refine", t.refine_ms}, {"check", t.check_ms}};
+  out["ms"] = {
+      {"read", t.read_ms},         {"segment", t.segment_ms},         {"contour", t.contour_ms},
+      {"simplify", t.simplify_ms}, {"triangulate", t.triangulate_ms}, {"refine", t.refine_ms},
+      {"check", t.check_ms}};
   return out;
 }
 
-json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice, const Lattice& lattice) {
+json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
+                  const Lattice& lattice) {
   return {{"slice", index},
           {"spacing_mm", {plane.spacing_u_mm, plane.spacing_v_mm}},
           {"lattice_bits", lattice.bits},

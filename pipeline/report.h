@@ -10,13 +10,15 @@
 namespace trocar::pipeline {
 
 /// One entry of `slices[]`.
-nlohmann::json slice_report(int index, double z_mm, const MeshedSlice& slice, const MeshOptions& options);
+nlohmann::json slice_report(int index, double z_mm, const MeshedSlice& slice,
+                            const MeshOptions& options);
 
 /// What of it the asset keeps: only what does not change from run to run (no times).
 nlohmann::json slice_measures(const MeshedSlice& slice);
 
 /// Contours, PSLG, carved triangulation and refined mesh of a slice, in mm.
-nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice, const Lattice& lattice);
+nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
+                            const Lattice& lattice);
 
 nlohmann::json to_json(const Warning& warning);
 

@@ -13,11 +13,13 @@ namespace {
 void equalize(Image& image, Calibration calibration) {
   const auto [low, high] = std::minmax_element(image.values.begin(), image.values.end());
   const float offset = calibration == Calibration::kGrey ? 0.0F : *low;
-  const float scale = calibration == Calibration::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
+  const float scale =
+      calibration == Calibration::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
   cv::Mat levels(image.height, image.width, CV_8U);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
-      levels.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>((image.at(x, y) - offset) * scale);
+      levels.at<std::uint8_t>(y, x) =
+          cv::saturate_cast<std::uint8_t>((image.at(x, y) - offset) * scale);
     }
   }
   cv::equalizeHist(levels, levels);
@@ -37,7 +39,8 @@ Field segment(Image image, Calibration calibration, const Segmentation& how) {
     const auto& labels = std::get<Labels>(how).labels;
     for (float& v : field.image.values) {
       const float nearest = std::rint(v);
-      const bool in = nearest == v && std::abs(v) < 1e9F && labels.contains(static_cast<int>(nearest));
+      const bool in =
+          nearest == v && std::abs(v) < 1e9F && labels.contains(static_cast<int>(nearest));
       v = in ? 1.0F : 0.0F;
     }
     field.iso = 0.5F;

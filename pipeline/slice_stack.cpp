@@ -20,7 +20,9 @@ bool ends_with(const fs::path& file, std::initializer_list<const char*> endings)
                      [&name](const char* ending) { return name.ends_with(ending); });
 }
 
-bool is_nifti(const fs::path& f) { return ends_with(f, {".nii", ".nii.gz"}); }
+bool is_nifti(const fs::path& f) {
+  return ends_with(f, {".nii", ".nii.gz"});
+}
 bool is_image(const fs::path& f) {
   return ends_with(f, {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg"});
 }
@@ -32,9 +34,11 @@ bool natural_less(const std::string& a, const std::string& b) {
   while (i < a.size() && j < b.size()) {
     if (digit(a[i]) && digit(b[j])) {
       const auto number = [&digit](const std::string& s, std::size_t& k) {
-        while (k < s.size() && s[k] == '0') ++k;
+        while (k < s.size() && s[k] == '0')
+          ++k;
         const std::size_t first = k;
-        while (k < s.size() && digit(s[k])) ++k;
+        while (k < s.size() && digit(s[k]))
+          ++k;
         return s.substr(first, k - first);
       };
       const std::string m = number(a, i), n = number(b, j);
@@ -98,7 +102,9 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
 
   const bool volume = files.size() == 1 && is_nifti(files[0]);
   if (options.axis != SliceAxis::kTransverse && !volume) {
-    return usage(inputs[0].string() + ": another axis can be chosen for a NIfTI volume only; images and DICOM slices are what they are");
+    return usage(inputs[0].string() +
+                 ": another axis can be chosen for a NIfTI volume only; images and DICOM slices "
+                 "are what they are");
   }
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
   if (volume) {

@@ -23,13 +23,16 @@ using Cdt = CGAL::Constrained_Delaunay_triangulation_2<
     CGAL::No_constraint_intersection_requiring_constructions_tag>;
 
 // Lattice integers are exact in a double, so the filtered kernel decides exactly.
-Kernel::Point_2 to_cgal(LatticePoint p) { return {static_cast<double>(p.x), static_cast<double>(p.y)}; }
+Kernel::Point_2 to_cgal(LatticePoint p) {
+  return {static_cast<double>(p.x), static_cast<double>(p.y)};
+}
 
 constexpr int kUnseen = -1;
 
 // Floods from the infinite face; crossing a constraint changes sides.
 void mark_material(Cdt& cdt) {
-  for (const Cdt::Face_handle f : cdt.all_face_handles()) f->info() = kUnseen;
+  for (const Cdt::Face_handle f : cdt.all_face_handles())
+    f->info() = kUnseen;
   std::vector<Cdt::Face_handle> stack{cdt.infinite_face()};
   cdt.infinite_face()->info() = 0;
   while (!stack.empty()) {
@@ -50,9 +53,11 @@ SliceMesh split_pinches(SliceMesh mesh) {
   // Corners (triangle, k) around one vertex are joined across shared edges; each group is a fan.
   const std::size_t corners = mesh.triangles.size() * 3;
   std::vector<std::uint32_t> parent(corners);
-  for (std::uint32_t i = 0; i < corners; ++i) parent[i] = i;
+  for (std::uint32_t i = 0; i < corners; ++i)
+    parent[i] = i;
   const auto find = [&parent](std::uint32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    while (parent[i] != i)
+      i = parent[i] = parent[parent[i]];
     return i;
   };
   struct HalfEdge {
@@ -94,18 +99,22 @@ Result<SliceMesh> triangulate(const Pslg& pslg) {
   SliceMesh mesh;
   if (pslg.rings.empty()) return mesh;
   // Touching rings share points.
-  for (const Ring& ring : pslg.rings) mesh.vertices.insert(mesh.vertices.end(), ring.begin(), ring.end());
+  for (const Ring& ring : pslg.rings)
+    mesh.vertices.insert(mesh.vertices.end(), ring.begin(), ring.end());
   std::sort(mesh.vertices.begin(), mesh.vertices.end());
   mesh.vertices.erase(std::unique(mesh.vertices.begin(), mesh.vertices.end()), mesh.vertices.end());
 
   Cdt cdt;
   std::vector<std::pair<Kernel::Point_2, std::uint32_t>> points;
-  for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) points.emplace_back(to_cgal(mesh.vertices[v]), v);
+  for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v)
+    points.emplace_back(to_cgal(mesh.vertices[v]), v);
   cdt.insert(points.begin(), points.end());
   std::vector<Cdt::Vertex_handle> handle(points.size());
-  for (const Cdt::Vertex_handle v : cdt.finite_vertex_handles()) handle[v->info()] = v;
+  for (const Cdt::Vertex_handle v : cdt.finite_vertex_handles())
+    handle[v->info()] = v;
   const auto handle_of = [&](LatticePoint p) {
-    return handle[static_cast<std::size_t>(std::lower_bound(mesh.vertices.begin(), mesh.vertices.end(), p) - mesh.vertices.begin())];
+    return handle[static_cast<std::size_t>(
+        std::lower_bound(mesh.vertices.begin(), mesh.vertices.end(), p) - mesh.vertices.begin())];
   };
   try {
     for (const Ring& ring : pslg.rings) {
@@ -118,13 +127,16 @@ Result<SliceMesh> triangulate(const Pslg& pslg) {
   }
   mark_material(cdt);
   for (const Cdt::Face_handle f : cdt.finite_face_handles()) {
-    if (f->info() == 1) mesh.triangles.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
+    if (f->info() == 1)
+      mesh.triangles.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
   }
   // CGAL's face order depends on its memory; ours must not.
-  for (Triangle& t : mesh.triangles) std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+  for (Triangle& t : mesh.triangles)
+    std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
   std::sort(mesh.triangles.begin(), mesh.triangles.end());
   mesh = split_pinches(std::move(mesh));
-  if (doubled_area(mesh) != doubled_area(pslg)) return bug("triangulation: its area is not the outline's");
+  if (doubled_area(mesh) != doubled_area(pslg))
+    return bug("triangulation: its area is not the outline's");
   return mesh;
 }
 

@@ -107,24 +107,6 @@ Result<void> check_arguments(const Arguments& a) {
   return {};
 }
 
-/// An output that cannot be written is better known before a session than after it.
-Result<void> check_writable(const std::string& file) {
-  if (file.empty()) return {};
-  const std::filesystem::path path(file);
-  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
-  std::error_code ignored;
-  // The rename that ends the writing would put a file in the place of a device or a pipe.
-  const std::filesystem::file_status status = std::filesystem::status(path, ignored);
-  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
-    return unwritable(file + ": is there and is not a regular file");
-  }
-  if (!std::filesystem::is_directory(folder, ignored)) {
-    return unwritable(file + ": there is no folder " + folder.string());
-  }
-  if (::access(folder.c_str(), W_OK) != 0) return unwritable(file + ": the folder is read-only");
-  return {};
-}
-
 struct Loaded {
   Scene scene;
   DeviceDescription description;

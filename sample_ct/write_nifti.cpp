@@ -44,8 +44,8 @@ Result<nifti_1_header> make_header(const Scan& scan) {
   image->sto_xyz = to_ras;
   image->sform_code = image->qform_code = NIFTI_XFORM_SCANNER_ANAT;
   nifti_dmat44_to_quatern(to_ras, &image->quatern_b, &image->quatern_c, &image->quatern_d,
-                         &image->qoffset_x, &image->qoffset_y, &image->qoffset_z, &image->dx,
-                         &image->dy, &image->dz, &image->qfac);
+                          &image->qoffset_x, &image->qoffset_y, &image->qoffset_z, &image->dx,
+                          &image->dy, &image->dz, &image->qfac);
   image->pixdim[1] = image->dx;
   image->pixdim[2] = image->dy;
   image->pixdim[3] = image->dz;

@@ -27,18 +27,20 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
   const sample::SectionDistance distance(*truth);
 
   Field field{{scan.columns, scan.rows, {}}, static_cast<float>(kIso_HU)};
-  for (const double hu : sample::render_slice(phantom, scan, k)) field.image.values.push_back(static_cast<float>(hu));
+  for (const double hu : sample::render_slice(phantom, scan, k))
+    field.image.values.push_back(static_cast<float>(hu));
   const PixelGrid grid{scan.pixel_mm, scan.pixel_mm, 0, 0, kLattice};
   const auto from_truth = [&](LatticePoint p) {
-    return distance({scan.first_pixel_mm.x + kLattice.to_mm(p.x), scan.first_pixel_mm.y + kLattice.to_mm(p.y)});
+    return distance(
+        {scan.first_pixel_mm.x + kLattice.to_mm(p.x), scan.first_pixel_mm.y + kLattice.to_mm(p.y)});
   };
 
   struct Expected {
     ContourKind kind;
     double mean_mm, max_mm, area;  // of the unsimplified contour
   };
-  // A pixel is 0.3125 mm: the iso-contour is good to a twentieth of one on average and a fifth at worst, the pixel chain lies up to
-  // a pixel inside.
+  // A pixel is 0.3125 mm: the iso-contour is good to a twentieth of one on average and a fifth at
+  // worst, the pixel chain lies up to a pixel inside.
   for (const Expected& e : {Expected{ContourKind::kSubpixel, 0.015, 0.06, 0.002},
                             Expected{ContourKind::kPixel, 0.25, 0.45, 0.15}}) {
     const Pslg full = drop_small_rings(contours(field, grid, e.kind), 1.0, kLattice);
@@ -52,7 +54,8 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
         ++count;
       }
     }
-    const double area_mm2 = 0.5 * static_cast<double>(doubled_area(full)) * kLattice.step_mm() * kLattice.step_mm();
+    const double area_mm2 =
+        0.5 * static_cast<double>(doubled_area(full)) * kLattice.step_mm() * kLattice.step_mm();
     EXPECT_LT(sum / static_cast<double>(count), e.mean_mm);
     EXPECT_LT(worst, e.max_mm);
     EXPECT_NEAR(area_mm2 / truth->area_mm2, 1.0, e.area);

@@ -14,10 +14,13 @@ namespace trocar {
 namespace {
 
 // A grid of nx by ny cells with jittered inner vertices: valid, and of many coordinates.
-SliceMesh jittered_grid(std::int32_t nx, std::int32_t ny, std::int32_t cell, LatticePoint origin, std::uint64_t seed) {
+SliceMesh jittered_grid(std::int32_t nx, std::int32_t ny, std::int32_t cell, LatticePoint origin,
+                        std::uint64_t seed) {
   std::mt19937_64 rng(seed);
   SliceMesh mesh;
-  const auto jitter = [&] { return static_cast<std::int32_t>(rng() % static_cast<std::uint64_t>(cell / 2 + 1)) - cell / 4; };
+  const auto jitter = [&] {
+    return static_cast<std::int32_t>(rng() % static_cast<std::uint64_t>(cell / 2 + 1)) - cell / 4;
+  };
   for (std::int32_t y = 0; y <= ny; ++y) {
     for (std::int32_t x = 0; x <= nx; ++x) {
       LatticePoint p{origin.x + x * cell, origin.y + y * cell};
@@ -25,7 +28,9 @@ SliceMesh jittered_grid(std::int32_t nx, std::int32_t ny, std::int32_t cell, Lat
       mesh.vertices.push_back(p);
     }
   }
-  const auto id = [nx](std::int32_t x, std::int32_t y) { return static_cast<std::uint32_t>(y * (nx + 1) + x); };
+  const auto id = [nx](std::int32_t x, std::int32_t y) {
+    return static_cast<std::uint32_t>(y * (nx + 1) + x);
+  };
   for (std::int32_t y = 0; y < ny; ++y) {
     for (std::int32_t x = 0; x < nx; ++x) {
       mesh.triangles.push_back({id(x, y), id(x + 1, y), id(x + 1, y + 1)});
@@ -45,7 +50,8 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
     AssetSlice slice;
     slice.index = 2 * i + 1;
     slice.z_mm = 0.1 * i;
-    slice.T_lps_plane = Eigen::Translation3d(1.25, -3.1, 0.1 * i) * Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
+    slice.T_lps_plane = Eigen::Translation3d(1.25, -3.1, 0.1 * i) *
+                        Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
     slice.measures = {{"area_mm2", 1.0 / 3.0}};
     if (i != 1) {
       slice.mesh = jittered_grid(13 + i, 7, 97, origin, 5 + static_cast<std::uint64_t>(i));
@@ -107,7 +113,8 @@ TEST(Asset, DecodesOnlyTheSlicesAskedFor) {
 TEST(Asset, PinchedVerticesSurvive) {
   Asset asset = make_asset(8);
   asset.slices.resize(1);
-  asset.slices[0].mesh = {{{0, 0}, {10, 0}, {5, 5}, {5, 5}, {10, 10}, {0, 10}}, {{0, 1, 2}, {3, 4, 5}}};
+  asset.slices[0].mesh = {{{0, 0}, {10, 0}, {5, 5}, {5, 5}, {10, 10}, {0, 10}},
+                          {{0, 1, 2}, {3, 4, 5}}};
   asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
   const auto glb = encode_asset(asset);
   ASSERT_TRUE(glb) << glb.error().message;
@@ -142,7 +149,8 @@ TEST(Asset, HostileBytesAreRefusedOrReadWhole) {
         std::memcpy(bytes.data() + 8, &size, 4);
       }
     } else {
-      for (std::uint64_t k = 0; k <= rng() % 3; ++k) bytes[rng() % bytes.size()] = static_cast<std::uint8_t>(rng());
+      for (std::uint64_t k = 0; k <= rng() % 3; ++k)
+        bytes[rng() % bytes.size()] = static_cast<std::uint8_t>(rng());
     }
     const auto out = decode_asset(bytes, "mutant");
     if (!out) {

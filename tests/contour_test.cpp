@@ -11,11 +11,14 @@ namespace {
 
 constexpr PixelGrid kUnit{1.0, 1.0, 0, 0, Lattice{8}};
 
-double area_px(const Pslg& pslg) { return 0.5 * static_cast<double>(doubled_area(pslg)) / (256.0 * 256.0); }
+double area_px(const Pslg& pslg) {
+  return 0.5 * static_cast<double>(doubled_area(pslg)) / (256.0 * 256.0);
+}
 
 Field field_of(int width, int height, const std::string& pixels) {  // '#' is material
   Field field{{width, height, {}}, 0.5F};
-  for (const char c : pixels) field.image.values.push_back(c == '#' ? 1.0F : 0.0F);
+  for (const char c : pixels)
+    field.image.values.push_back(c == '#' ? 1.0F : 0.0F);
   return field;
 }
 
@@ -50,15 +53,20 @@ TEST(PixelContour, RunsThroughPixelCentres) {
 
 TEST(PixelContour, WallsWithoutThicknessVanishAndPinchesBecomeTouchingRings) {
   // A one-pixel line and a lone pixel have no area between pixel centres.
-  EXPECT_TRUE(contours(field_of(5, 3, "......####....."), kUnit, ContourKind::kPixel).rings.empty());
+  EXPECT_TRUE(
+      contours(field_of(5, 3, "......####....."), kUnit, ContourKind::kPixel).rings.empty());
   EXPECT_TRUE(contours(field_of(3, 3, "....#...."), kUnit, ContourKind::kPixel).rings.empty());
   // Two blocks joined by a line: two rings. Two blocks sharing a corner pixel: touching rings.
-  const Pslg joined = contours(field_of(7, 2, "##...##"
-                                              "#######"), kUnit, ContourKind::kPixel);
+  const Pslg joined = contours(field_of(7, 2,
+                                        "##...##"
+                                        "#######"),
+                               kUnit, ContourKind::kPixel);
   EXPECT_EQ(joined.rings.size(), 2U);
-  const Pslg touching = contours(field_of(5, 3, "##.##"
-                                                "#####"
-                                                "##.##"), kUnit, ContourKind::kPixel);
+  const Pslg touching = contours(field_of(5, 3,
+                                          "##.##"
+                                          "#####"
+                                          "##.##"),
+                                 kUnit, ContourKind::kPixel);
   EXPECT_EQ(touching.rings.size(), 2U);
   EXPECT_TRUE(check_pslg(touching));
   // Of a ring one pixel wide its corners remain: the hole's chain cuts them.
@@ -86,16 +94,27 @@ TEST(SubpixelContour, CropsKeepThePlanesCoordinates) {
   const Field whole = disc_field(64, 30.3, 33.7, 12.0);
   Field part{{40, 50, {}}, whole.iso};
   for (int y = 10; y < 60; ++y) {
-    for (int x = 12; x < 52; ++x) part.image.values.push_back(whole.image.at(x, y));
+    for (int x = 12; x < 52; ++x)
+      part.image.values.push_back(whole.image.at(x, y));
   }
   PixelGrid grid = kUnit;
   grid.offset_x = 12;
   grid.offset_y = 10;
-  EXPECT_EQ(contours(whole, kUnit, ContourKind::kSubpixel).rings, contours(part, grid, ContourKind::kSubpixel).rings);
+  EXPECT_EQ(contours(whole, kUnit, ContourKind::kSubpixel).rings,
+            contours(part, grid, ContourKind::kSubpixel).rings);
 }
 
 TEST(Contours, DropSmallRingsOfEitherKind) {
-  Pslg rings = contours(field_of(9, 9, "#########" "#########" "##.######" "#########" "####...##" "####...##" "####...##" "#########" "#########"),
+  Pslg rings = contours(field_of(9, 9,
+                                 "#########"
+                                 "#########"
+                                 "##.######"
+                                 "#########"
+                                 "####...##"
+                                 "####...##"
+                                 "####...##"
+                                 "#########"
+                                 "#########"),
                         kUnit, ContourKind::kSubpixel);
   EXPECT_EQ(rings.rings.size(), 3U);
   EXPECT_EQ(drop_small_rings(rings, 2.0, Lattice{8}).rings.size(), 2U);
@@ -118,7 +137,8 @@ TEST_P(AnyField, GivesAValidOutline) {
       if (kind == ContourKind::kPixel) continue;  // its rim pixels lie on the outline
       for (int k = 0; k < 60; ++k) {
         const int x = (k * 31) % 48, y = (k * 17 + k / 7) % 48;
-        const LatticePoint p{grid.lattice.snap_mm((x + 3) * spacing), grid.lattice.snap_mm((y + 5) * 2 * spacing)};
+        const LatticePoint p{grid.lattice.snap_mm((x + 3) * spacing),
+                             grid.lattice.snap_mm((y + 5) * 2 * spacing)};
         int winding = 0;
         for (const Ring& ring : rings.rings) {
           for (std::size_t i = 0; i < ring.size(); ++i) {
@@ -127,7 +147,8 @@ TEST_P(AnyField, GivesAValidOutline) {
             if (a.y > p.y && b.y <= p.y && orient2d(a, b, p) < 0) --winding;
           }
         }
-        ASSERT_EQ(winding, field.image.at(x, y) >= field.iso ? 1 : 0) << "pixel " << x << ", " << y << " seed " << seed;
+        ASSERT_EQ(winding, field.image.at(x, y) >= field.iso ? 1 : 0)
+            << "pixel " << x << ", " << y << " seed " << seed;
       }
     }
   }
@@ -135,7 +156,8 @@ TEST_P(AnyField, GivesAValidOutline) {
 
 INSTANTIATE_TEST_SUITE_P(Noise, AnyField,
                          testing::Combine(testing::Values(0, 1, 2, 4, 8), testing::Bool(),
-                                          testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
+                                          testing::Values(ContourKind::kSubpixel,
+                                                          ContourKind::kPixel)));
 
 }  // namespace
 }  // namespace trocar::pipeline

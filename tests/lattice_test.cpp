@@ -12,8 +12,12 @@ namespace {
 
 using Big = boost::multiprecision::int512_t;
 
-int big_sign(const Big& v) { return v > 0 ? 1 : (v < 0 ? -1 : 0); }
-int sign(std::int64_t v) { return (v > 0) - (v < 0); }
+int big_sign(const Big& v) {
+  return v > 0 ? 1 : (v < 0 ? -1 : 0);
+}
+int sign(std::int64_t v) {
+  return (v > 0) - (v < 0);
+}
 
 Big big_orient(LatticePoint a, LatticePoint b, LatticePoint c) {
   return (Big(b.x) - a.x) * (Big(c.y) - a.y) - (Big(b.y) - a.y) * (Big(c.x) - a.x);
@@ -23,7 +27,8 @@ Big big_orient(LatticePoint a, LatticePoint b, LatticePoint c) {
 Big big_in_circle(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   const auto lift = [](LatticePoint p) { return Big(p.x) * p.x + Big(p.y) * p.y; };
   const auto minor = [&](LatticePoint p, LatticePoint q, LatticePoint r) {
-    return Big(p.x) * (Big(q.y) * lift(r) - lift(q) * r.y) - Big(p.y) * (Big(q.x) * lift(r) - lift(q) * r.x) +
+    return Big(p.x) * (Big(q.y) * lift(r) - lift(q) * r.y) -
+           Big(p.y) * (Big(q.x) * lift(r) - lift(q) * r.x) +
            lift(p) * (Big(q.x) * r.y - Big(q.y) * r.x);
   };
   return minor(a, b, c) - minor(a, b, d) + minor(a, c, d) - minor(b, c, d);
@@ -36,7 +41,8 @@ class Points {
 
  private:
   std::int32_t coordinate() {
-    return static_cast<std::int32_t>(rng_() % (2 * static_cast<std::uint64_t>(extent_) + 1)) - extent_;
+    return static_cast<std::int32_t>(rng_() % (2 * static_cast<std::uint64_t>(extent_) + 1)) -
+           extent_;
   }
   std::mt19937_64 rng_{7};
   std::int32_t extent_;
@@ -69,15 +75,15 @@ TEST(Predicates, TheCornersOfASquareAreCocircular) {
 }
 
 TEST(SegmentsCross, SharedEndsDoNotCountEverythingElseDoes) {
-  EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {0, 4}, {4, 0}));     // proper
-  EXPECT_FALSE(segments_cross({0, 0}, {4, 4}, {4, 4}, {8, 0}));    // shared end
-  EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {2, 2}, {8, 0}));     // end in the other's inside
-  EXPECT_TRUE(segments_cross({0, 0}, {4, 0}, {2, 0}, {6, 0}));     // overlap
-  EXPECT_TRUE(segments_cross({0, 0}, {4, 0}, {4, 0}, {0, 0}));     // the same, reversed
-  EXPECT_TRUE(segments_cross({0, 0}, {4, 0}, {0, 0}, {2, 0}));     // overlap from a shared end
-  EXPECT_FALSE(segments_cross({0, 0}, {4, 0}, {4, 0}, {8, 0}));    // collinear, one shared end
-  EXPECT_FALSE(segments_cross({0, 0}, {4, 0}, {5, 0}, {8, 0}));    // collinear, apart
-  EXPECT_FALSE(segments_cross({0, 0}, {4, 0}, {0, 1}, {4, 1}));    // parallel
+  EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {0, 4}, {4, 0}));   // proper
+  EXPECT_FALSE(segments_cross({0, 0}, {4, 4}, {4, 4}, {8, 0}));  // shared end
+  EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {2, 2}, {8, 0}));   // end in the other's inside
+  EXPECT_TRUE(segments_cross({0, 0}, {4, 0}, {2, 0}, {6, 0}));   // overlap
+  EXPECT_TRUE(segments_cross({0, 0}, {4, 0}, {4, 0}, {0, 0}));   // the same, reversed
+  EXPECT_TRUE(segments_cross({0, 0}, {4, 0}, {0, 0}, {2, 0}));   // overlap from a shared end
+  EXPECT_FALSE(segments_cross({0, 0}, {4, 0}, {4, 0}, {8, 0}));  // collinear, one shared end
+  EXPECT_FALSE(segments_cross({0, 0}, {4, 0}, {5, 0}, {8, 0}));  // collinear, apart
+  EXPECT_FALSE(segments_cross({0, 0}, {4, 0}, {0, 1}, {4, 1}));  // parallel
 }
 
 TEST(Lattice, SnapsToTheNearestMultiple) {

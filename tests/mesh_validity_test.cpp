@@ -7,8 +7,12 @@
 namespace trocar {
 namespace {
 
-SliceMesh square() { return {{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{0, 1, 2}, {0, 2, 3}}}; }
-Pslg square_outline() { return {{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}}}; }
+SliceMesh square() {
+  return {{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{0, 1, 2}, {0, 2, 3}}};
+}
+Pslg square_outline() {
+  return {{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}}};
+}
 
 void expect_refused(const Result<void>& result, const std::string& why) {
   ASSERT_FALSE(result);
@@ -73,7 +77,8 @@ TEST(CheckPslg, NamesWhatIsWrong) {
   expect_refused(check_pslg({{{{0, 0}, {1, 0}}}}), "fewer than three");
   expect_refused(check_pslg({{{{0, 0}, {4, 0}, {0, 4}, {0, 0}}}}), "vertex twice");
   expect_refused(check_pslg({{{{0, 0}, {4, 4}, {4, 0}, {0, 4}}}}), "cross");
-  expect_refused(check_pslg({{{{0, 0}, {4, 0}, {4, 4}}, {{4, 4}, {4, 0}, {8, 0}}}}), "cross");  // shared edge
+  expect_refused(check_pslg({{{{0, 0}, {4, 0}, {4, 4}}, {{4, 4}, {4, 0}, {8, 0}}}}),
+                 "cross");  // shared edge
   expect_refused(check_pslg({{{{0, 0}, {0, 4}, {4, 0}}}}), "a hole outside material");
 }
 
@@ -88,7 +93,8 @@ TEST(CheckPslg, AcceptsNestingAndTouching) {
   std::reverse(nested.rings[3].begin(), nested.rings[3].end());
   EXPECT_FALSE(check_pslg(nested));
   EXPECT_TRUE(check_pslg({{{{0, 0}, {4, 0}, {4, 4}, {0, 4}}, {{4, 4}, {8, 4}, {8, 8}, {4, 8}}}}));
-  EXPECT_TRUE(check_pslg({{{{0, 0}, {8, 0}, {8, 8}, {0, 8}}, {{0, 0}, {2, 4}, {4, 2}}}}));  // hole touching
+  EXPECT_TRUE(
+      check_pslg({{{{0, 0}, {8, 0}, {8, 8}, {0, 8}}, {{0, 0}, {2, 4}, {4, 2}}}}));  // hole touching
 }
 
 TEST(BoundaryRings, SplitWhereTheBoundaryMeetsItself) {

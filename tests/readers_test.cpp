@@ -23,7 +23,8 @@ sample::Scan make_scan() {
   sample::Scan scan;
   scan.geometry = *sample::sample_geometry(32, 4);
   scan.geometry.rows = 24;  // not square
-  for (int i = 0; i < 32 * 24 * 4; ++i) scan.hu.push_back(static_cast<std::int16_t>((i * 7919) % 3000 - 1000));
+  for (int i = 0; i < 32 * 24 * 4; ++i)
+    scan.hu.push_back(static_cast<std::int16_t>((i * 7919) % 3000 - 1000));
   return scan;
 }
 
@@ -36,7 +37,8 @@ class Readers : public testing::Test {
   }
   static void TearDownTestSuite() { fs::remove_all(folder_); }
 
-  static void expect_error(const Result<std::unique_ptr<SliceStack>>& result, ExitCode code, const std::string& text) {
+  static void expect_error(const Result<std::unique_ptr<SliceStack>>& result, ExitCode code,
+                           const std::string& text) {
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().code, code) << result.error().message;
     EXPECT_NE(result.error().message.find(text), std::string::npos) << result.error().message;
@@ -66,11 +68,13 @@ TEST_F(Readers, DicomAndNiftiGiveEveryVoxelAndItsPlace) {
       const auto image = (*stack)->read(k);
       ASSERT_TRUE(image) << image.error().message;
       for (int y = 0; y < 24; ++y) {
-        for (int x = 0; x < 32; ++x) ASSERT_EQ(image->at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
+        for (int x = 0; x < 32; ++x)
+          ASSERT_EQ(image->at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
       }
       const SlicePlane& plane = (*stack)->plane(k);
       const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, 31, 23, k);
-      const Eigen::Vector3d got = plane.T_lps_plane * Eigen::Vector3d(31 * plane.spacing_u_mm, 23 * plane.spacing_v_mm, 0);
+      const Eigen::Vector3d got =
+          plane.T_lps_plane * Eigen::Vector3d(31 * plane.spacing_u_mm, 23 * plane.spacing_v_mm, 0);
       EXPECT_NEAR((got - Eigen::Vector3d(want.x, want.y, want.z)).norm(), 0, 1e-4) << input;
       EXPECT_NEAR(plane.T_lps_plane.linear().determinant(), 1, 1e-6);
     }
@@ -105,23 +109,29 @@ TEST_F(Readers, ImagesComeInNaturalOrder) {
   const auto stack = open_stack({folder_ / "natural"}, options);
   ASSERT_TRUE(stack) << stack.error().message;
   std::string order;
-  for (int i = 0; i < (*stack)->size(); ++i) order += fs::path((*stack)->name(i)).stem().string() + " ";
+  for (int i = 0; i < (*stack)->size(); ++i)
+    order += fs::path((*stack)->name(i)).stem().string() + " ";
   EXPECT_EQ(order, "s1 s9 s10 s100 ");
 }
 
 TEST_F(Readers, BrokenInputIsRefusedByName) {
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
-  expect_error(open_stack({folder_ / "nowhere"}, options), ExitCode::kRefused, "nowhere: no such file");
+  expect_error(open_stack({folder_ / "nowhere"}, options), ExitCode::kRefused,
+               "nowhere: no such file");
   fs::create_directories(folder_ / "empty");
   expect_error(open_stack({folder_ / "empty"}, options), ExitCode::kRefused, "an empty folder");
   expect_error(open_stack({write("bad.png", "no image")}, options), ExitCode::kRefused, "bad.png");
   expect_error(open_stack({write("bad.nii", "no volume")}, options), ExitCode::kRefused, "bad.nii");
-  expect_error(open_stack({write("texts/a.txt", "no scan")}, options), ExitCode::kRefused, "no DICOM images");
+  expect_error(open_stack({write("texts/a.txt", "no scan")}, options), ExitCode::kRefused,
+               "no DICOM images");
 
   const std::vector<std::uint8_t> whole = *read_file(folder_ / "scan" / "sample.nii.gz");
-  expect_error(open_stack({write("cut.nii.gz", {whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(whole.size() / 2)})}, options),
-               ExitCode::kRefused, "cut.nii.gz");
+  expect_error(
+      open_stack({write("cut.nii.gz", {whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(
+                                                                          whole.size() / 2)})},
+                 options),
+      ExitCode::kRefused, "cut.nii.gz");
 
   // Sizes that differ are found when the slice is read.
   const fs::path first = folder_ / "scan" / "png" / "slice_001.png";
@@ -140,14 +150,16 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   // Names in the wrong order change nothing.
   fs::create_directories(folder_ / "shuffled");
   int k = 0;
-  for (const char* name : {"CT_003.dcm", "CT_001.dcm", "CT_004.dcm", "CT_002.dcm"}) fs::copy_file(dicom / name, folder_ / "shuffled" / std::to_string(k++));
+  for (const char* name : {"CT_003.dcm", "CT_001.dcm", "CT_004.dcm", "CT_002.dcm"})
+    fs::copy_file(dicom / name, folder_ / "shuffled" / std::to_string(k++));
   const auto stack = open_stack({folder_ / "shuffled"}, {});
   ASSERT_TRUE(stack) << stack.error().message;
   EXPECT_LT((*stack)->plane(0).z_mm, (*stack)->plane(3).z_mm);
   EXPECT_EQ((*stack)->read(2)->values, (*open_stack({dicom}, {}))->read(2)->values);
   // A slice twice.
   fs::copy_file(dicom / "CT_003.dcm", folder_ / "shuffled" / "again");
-  expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused, "at the same position as");
+  expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused,
+               "at the same position as");
   fs::remove(folder_ / "shuffled" / "again");
   // A missing slice is said, not filled.
   fs::remove(folder_ / "shuffled" / "3");
@@ -166,7 +178,8 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   ASSERT_TRUE(both) << both.error().message;
   EXPECT_EQ((*both)->size(), 3);
   std::string codes;
-  for (const Warning& w : (*both)->warnings) codes += w.code + " ";
+  for (const Warning& w : (*both)->warnings)
+    codes += w.code + " ";
   EXPECT_NE(codes.find("other_series"), std::string::npos) << codes;
   EXPECT_NE(codes.find("not_dicom"), std::string::npos) << codes;
   OpenOptions options;
@@ -177,21 +190,27 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
 // Every kind of image in the corpus (written by Pillow), against OpenCV's own decoders.
 TEST_F(Readers, ImagesAreWhatOpenCvReads) {
   int compared = 0;
-  for (const fs::directory_entry& entry : fs::directory_iterator(fs::path(TROCAR_CORPUS) / "image")) {
+  for (const fs::directory_entry& entry :
+       fs::directory_iterator(fs::path(TROCAR_CORPUS) / "image")) {
     const fs::path& file = entry.path();
     if (file.filename().string().starts_with("found_")) continue;
     cv::Mat want = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
     const auto got = read_image_file(file);
-    if (want.empty() || (want.channels() != 1 && want.channels() != 3 && want.channels() != 4) || want.depth() > CV_16U) continue;
+    if (want.empty() || (want.channels() != 1 && want.channels() != 3 && want.channels() != 4) ||
+        want.depth() > CV_16U)
+      continue;
     ASSERT_TRUE(got || file.string().find("bits.bmp") != std::string::npos) << got.error().message;
     if (!got) continue;
-    if (want.channels() > 1) cv::cvtColor(want, want, want.channels() == 4 ? cv::COLOR_BGRA2GRAY : cv::COLOR_BGR2GRAY);
+    if (want.channels() > 1)
+      cv::cvtColor(want, want, want.channels() == 4 ? cv::COLOR_BGRA2GRAY : cv::COLOR_BGR2GRAY);
     want.convertTo(want, CV_32F, want.depth() == CV_16U ? 1.0 / 257.0 : 1.0);
     ASSERT_EQ(got->width, want.cols) << file;
     ASSERT_EQ(got->height, want.rows) << file;
     double worst = 0;
     for (int y = 0; y < want.rows; ++y) {
-      for (int x = 0; x < want.cols; ++x) worst = std::max(worst, std::abs(static_cast<double>(got->at(x, y)) - want.at<float>(y, x)));
+      for (int x = 0; x < want.cols; ++x)
+        worst =
+            std::max(worst, std::abs(static_cast<double>(got->at(x, y)) - want.at<float>(y, x)));
     }
     EXPECT_EQ(worst, 0) << file;
     ++compared;
@@ -202,14 +221,18 @@ TEST_F(Readers, ImagesAreWhatOpenCvReads) {
 // A few bytes that promise much: refused by the size, before anything is allocated or decoded.
 TEST_F(Readers, HugePromisesAreRefused) {
   const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";
-  const auto patched = [&](const char* seed, std::size_t at, const std::string& bytes, const char* name) {
+  const auto patched = [&](const char* seed, std::size_t at, const std::string& bytes,
+                           const char* name) {
     auto whole = *read_file(corpus / seed);
     std::copy(bytes.begin(), bytes.end(), whole.begin() + static_cast<std::ptrdiff_t>(at));
     return write(name, {whole.begin(), whole.end()});
   };
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
-  expect_error(open_stack({patched("colour.bmp", 18, std::string("\xff\xff\x00\x00\xff\xff\x00\x00", 8), "huge.bmp")}, options), ExitCode::kRefused, "65535 x 65535");
+  expect_error(open_stack({patched("colour.bmp", 18,
+                                   std::string("\xff\xff\x00\x00\xff\xff\x00\x00", 8), "huge.bmp")},
+                          options),
+               ExitCode::kRefused, "65535 x 65535");
   std::string jpeg;
   const auto seed = *read_file(corpus / "grey.jpg");
   jpeg.assign(seed.begin(), seed.end());
@@ -222,7 +245,8 @@ TEST_F(Readers, HugePromisesAreRefused) {
   auto volume = *read_file(nifti / "one_i2.nii");
   volume[42] = volume[44] = volume[46] = 0;
   volume[43] = volume[45] = volume[47] = 0x10;  // 4096 voxels a side
-  expect_error(open_stack({write("huge.nii", {volume.begin(), volume.end()})}, options), ExitCode::kRefused, "truncated");
+  expect_error(open_stack({write("huge.nii", {volume.begin(), volume.end()})}, options),
+               ExitCode::kRefused, "truncated");
 }
 
 TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
@@ -244,7 +268,8 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
       for (int v = 0; v < 4; ++v) {
         for (int u = 0; u < image->width; ++u) {
           // Where the value is says which voxel it must be.
-          const Eigen::Vector3d at = plane.T_lps_plane * Eigen::Vector3d(u * plane.spacing_u_mm, v * plane.spacing_v_mm, 0);
+          const Eigen::Vector3d at = plane.T_lps_plane * Eigen::Vector3d(u * plane.spacing_u_mm,
+                                                                         v * plane.spacing_v_mm, 0);
           const int x = coronal ? u : 31 - k, y = coronal ? k : u, z = 3 - v;
           const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, x, y, z);
           ASSERT_NEAR((at - Eigen::Vector3d(want.x, want.y, want.z)).norm(), 0, 1e-4);
@@ -255,7 +280,8 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
   }
   OpenOptions options;
   options.axis = SliceAxis::kSagittal;
-  expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage, "NIfTI volume only");
+  expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage,
+               "NIfTI volume only");
 }
 
 }  // namespace

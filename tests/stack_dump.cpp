@@ -27,14 +27,25 @@ int main(int argc, char** argv) {
   for (int i = 0; i < (*stack)->size(); ++i) {
     const auto image = (*stack)->read(i);
     if (!image) return fail(image.error());
-    out.write(reinterpret_cast<const char*>(image->values.data()), static_cast<std::streamsize>(image->values.size() * sizeof(float)));
+    out.write(reinterpret_cast<const char*>(image->values.data()),
+              static_cast<std::streamsize>(image->values.size() * sizeof(float)));
     const SlicePlane& p = (*stack)->plane(i);
-    const Eigen::Vector3d far = p.T_lps_plane * Eigen::Vector3d(((*stack)->width() - 1) * p.spacing_u_mm, ((*stack)->height() - 1) * p.spacing_v_mm, 0);
+    const Eigen::Vector3d far =
+        p.T_lps_plane * Eigen::Vector3d(((*stack)->width() - 1) * p.spacing_u_mm,
+                                        ((*stack)->height() - 1) * p.spacing_v_mm, 0);
     const Eigen::Vector3d near = p.T_lps_plane.translation();
-    slices.push_back({{"name", (*stack)->name(i)}, {"z_mm", p.z_mm}, {"first", {near.x(), near.y(), near.z()}}, {"last", {far.x(), far.y(), far.z()}}});
+    slices.push_back({{"name", (*stack)->name(i)},
+                      {"z_mm", p.z_mm},
+                      {"first", {near.x(), near.y(), near.z()}},
+                      {"last", {far.x(), far.y(), far.z()}}});
   }
   for (const Warning& w : (*stack)->warnings) {
-    if (w.code != "spacing_ignored") warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
+    if (w.code != "spacing_ignored")
+      warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
   }
-  std::cout << nlohmann::json{{"width", (*stack)->width()}, {"height", (*stack)->height()}, {"slices", slices}, {"warnings", warnings}} << '\n';
+  std::cout << nlohmann::json{{"width", (*stack)->width()},
+                              {"height", (*stack)->height()},
+                              {"slices", slices},
+                              {"warnings", warnings}}
+            << '\n';
 }

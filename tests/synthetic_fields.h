@@ -33,7 +33,8 @@ inline Field disc_field(int size, double cx, double cy, double radius) {
 inline Field noise_field(int size, int passes, std::uint64_t seed, bool rounded = false) {
   std::mt19937_64 rng(seed);
   std::vector<float> v(static_cast<std::size_t>(size) * size);
-  for (float& f : v) f = static_cast<float>(static_cast<double>(rng() >> 11) * 0x1p-53 - 0.5);
+  for (float& f : v)
+    f = static_cast<float>(static_cast<double>(rng() >> 11) * 0x1p-53 - 0.5);
   const auto clamp = [size](int k) { return std::min(std::max(k, 0), size - 1); };
   for (int pass = 0; pass < passes; ++pass) {
     std::vector<float> w(v.size());
@@ -41,7 +42,8 @@ inline Field noise_field(int size, int passes, std::uint64_t seed, bool rounded 
       for (int x = 0; x < size; ++x) {
         float sum = 0;
         for (int j = -1; j <= 1; ++j) {
-          for (int i = -1; i <= 1; ++i) sum += v[static_cast<std::size_t>(clamp(y + j)) * size + clamp(x + i)];
+          for (int i = -1; i <= 1; ++i)
+            sum += v[static_cast<std::size_t>(clamp(y + j)) * size + clamp(x + i)];
         }
         w[static_cast<std::size_t>(y) * size + x] = sum / 9;
       }
@@ -49,7 +51,8 @@ inline Field noise_field(int size, int passes, std::uint64_t seed, bool rounded 
     v = std::move(w);
   }
   if (rounded) {
-    for (float& f : v) f = std::rint(f * 6 * static_cast<float>(passes + 1));
+    for (float& f : v)
+      f = std::rint(f * 6 * static_cast<float>(passes + 1));
   }
   return {{size, size, std::move(v)}, 0};
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the fuzz harnesses share: each defines LLVMFuzzerTestOneInput(), for libFuzzer or replay.cpp.
+// What the fuzz harnesses share: each defines LLVMFuzzerTestOneInput(), for libFuzzer or
+// replay.cpp.
 #pragma once
 
 #include <cstddef>

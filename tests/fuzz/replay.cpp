@@ -51,33 +51,80 @@ void overwrite(Bytes& b, std::size_t at, std::uint64_t value, std::size_t bytes,
 }
 
 void mutate_once(Bytes& b, const std::vector<Bytes>& seeds, Random& random) {
-  static constexpr std::uint64_t kInteresting[] = {0, 1, 2, 3, 7, 8, 15, 16, 17, 31, 32, 64, 127, 128, 255, 256, 511, 512, 1000, 0x7fff, 0x8000, 0xffff, 0x10000, 0x7fffffff, 0x80000000, 0xfffffffe, 0xffffffff, 0x7fffffffffffffff, 0x8000000000000000, 0xffffffffffffffff};
+  static constexpr std::uint64_t kInteresting[] = {0,
+                                                   1,
+                                                   2,
+                                                   3,
+                                                   7,
+                                                   8,
+                                                   15,
+                                                   16,
+                                                   17,
+                                                   31,
+                                                   32,
+                                                   64,
+                                                   127,
+                                                   128,
+                                                   255,
+                                                   256,
+                                                   511,
+                                                   512,
+                                                   1000,
+                                                   0x7fff,
+                                                   0x8000,
+                                                   0xffff,
+                                                   0x10000,
+                                                   0x7fffffff,
+                                                   0x80000000,
+                                                   0xfffffffe,
+                                                   0xffffffff,
+                                                   0x7fffffffffffffff,
+                                                   0x8000000000000000,
+                                                   0xffffffffffffffff};
   // Headers decide more than pixels do.
-  const std::size_t at = random.below(4) != 0 ? random.below(std::min<std::size_t>(b.size(), 1024)) : random.below(b.size());
+  const std::size_t at = random.below(4) != 0 ? random.below(std::min<std::size_t>(b.size(), 1024))
+                                              : random.below(b.size());
   const std::size_t length = 1 + random.below(random.below(2) == 0 ? 8 : 128);
   const auto begin = b.begin() + static_cast<std::ptrdiff_t>(at);
   const auto end = b.begin() + static_cast<std::ptrdiff_t>(std::min(b.size(), at + length));
   switch (random.below(10)) {
-    case 0: b[at] ^= static_cast<std::uint8_t>(1u << random.below(8)); break;
-    case 1: b[at] = static_cast<std::uint8_t>(random.below(256)); break;
-    case 2: overwrite(b, at, kInteresting[random.below(std::size(kInteresting))], std::size_t{1} << random.below(4), random.below(2) == 0); break;
-    case 3: b[at] = static_cast<std::uint8_t>(b[at] + 1 - 2 * random.below(2)); break;
-    case 4: b.resize(random.below(b.size())); break;
-    case 5: b.erase(begin, end); break;
+    case 0:
+      b[at] ^= static_cast<std::uint8_t>(1u << random.below(8));
+      break;
+    case 1:
+      b[at] = static_cast<std::uint8_t>(random.below(256));
+      break;
+    case 2:
+      overwrite(b, at, kInteresting[random.below(std::size(kInteresting))],
+                std::size_t{1} << random.below(4), random.below(2) == 0);
+      break;
+    case 3:
+      b[at] = static_cast<std::uint8_t>(b[at] + 1 - 2 * random.below(2));
+      break;
+    case 4:
+      b.resize(random.below(b.size()));
+      break;
+    case 5:
+      b.erase(begin, end);
+      break;
     case 6: {  // a piece twice
       const Bytes piece(begin, end);
       b.insert(end, piece.begin(), piece.end());
       break;
     }
-    case 7: std::fill(begin, end, static_cast<std::uint8_t>(random.below(2) * 255)); break;
+    case 7:
+      std::fill(begin, end, static_cast<std::uint8_t>(random.below(2) * 255));
+      break;
     case 8: {  // a piece of another seed in the same place
       const Bytes& other = seeds[random.below(seeds.size())];
-      for (std::size_t i = at; i < std::min({b.size(), other.size(), at + length}); ++i) b[i] = other[i];
+      for (std::size_t i = at; i < std::min({b.size(), other.size(), at + length}); ++i)
+        b[i] = other[i];
       break;
     }
     default: {  // one piece of it over another
       const std::size_t from = random.below(b.size());
-      for (std::size_t i = 0; i < length && from + i < b.size() && at + i < b.size(); ++i) b[at + i] = b[from + i];
+      for (std::size_t i = 0; i < length && from + i < b.size() && at + i < b.size(); ++i)
+        b[at + i] = b[from + i];
     }
   }
 }
@@ -99,7 +146,8 @@ int main(int argc, char** argv) {
     } else if (std::strcmp(argv[i], "--seed") == 0 && i + 1 < argc) {
       seed = std::strtoull(argv[++i], nullptr, 10);
     } else if (std::filesystem::is_directory(argv[i])) {
-      for (const auto& entry : std::filesystem::directory_iterator(argv[i])) files.push_back(entry.path());
+      for (const auto& entry : std::filesystem::directory_iterator(argv[i]))
+        files.push_back(entry.path());
     } else {
       files.emplace_back(argv[i]);
     }
@@ -116,7 +164,8 @@ int main(int argc, char** argv) {
     return 2;
   }
   std::snprintf(crash_name, sizeof crash_name, "crash-%d.bin", static_cast<int>(::getpid()));
-  for (const int signal : {SIGALRM, SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL}) std::signal(signal, leave_input);
+  for (const int signal : {SIGALRM, SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL})
+    std::signal(signal, leave_input);
 
   for (const Bytes& whole : seeds) {
     input = whole;
@@ -127,16 +176,21 @@ int main(int argc, char** argv) {
   double slowest = 0;
   for (std::uint64_t n = 0; n < mutants; ++n) {
     input = seeds[random.below(seeds.size())];
-    for (std::size_t times = 1 + random.below(4); times > 0 && !input.empty(); --times) mutate_once(input, seeds, random);
+    for (std::size_t times = 1 + random.below(4); times > 0 && !input.empty(); --times)
+      mutate_once(input, seeds, random);
     if (input.size() > kMaxBytes) input.resize(kMaxBytes);
     const auto before = std::chrono::steady_clock::now();
     run();
-    slowest = std::max(slowest, std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count());
+    slowest = std::max(
+        slowest, std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count());
   }
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   rusage used{};
   ::getrusage(RUSAGE_SELF, &used);
-  std::printf("%zu seeds, %llu mutants, %.0f a second, slowest %.3f s, peak %ld MB\n", seeds.size(), static_cast<unsigned long long>(mutants),
-              static_cast<double>(mutants) / std::max(seconds, 1e-9), slowest, used.ru_maxrss / 1024);
+  std::printf("%zu seeds, %llu mutants, %.0f a second, slowest %.3f s, peak %ld MB\n", seeds.size(),
+              static_cast<unsigned long long>(mutants),
+              static_cast<double>(mutants) / std::max(seconds, 1e-9), slowest,
+              used.ru_maxrss / 1024);
   return 0;
 }
