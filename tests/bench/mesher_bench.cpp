@@ -123,6 +123,7 @@ class Medians : public benchmark::ConsoleReporter {
 
 struct Counts {
   std::size_t triangles = 0, below = 0, at_small_angle = 0;
+  std::size_t free = 0, corners = 0, splits = 0;
   double max_area_mm2 = 0;
   bool out_of_vertices = false;
 };
@@ -133,6 +134,7 @@ Counts count_ours(const Case& c) {
     const Refined refined = our_mesh(c.outlines->simple[k], c.options());
     const MeshQuality quality = measure_quality(refined, kLattice, kMinAngle_deg);
     out.triangles += refined.mesh.triangles.size();
+    for (const VertexOrigin o : refined.origins) (o.segment == VertexOrigin::kFree ? out.free : o.segment == VertexOrigin::kCorner ? out.corners : out.splits) += 1;
     out.below += quality.below_min_angle;
     out.at_small_angle += quality.below_at_small_input_angle;
     out.max_area_mm2 = std::max(out.max_area_mm2, quality.max_area_mm2);
@@ -212,6 +214,7 @@ int main(int argc, char** argv) {
     std::printf("%-26s %8.1f %8.1f %6.2f | %8zu %8zu %6.3f | %zu (%zu), %zu%s\n", c.name().c_str(), ours, cgal, cgal / ours, counts.triangles,
                 theirs.triangles, static_cast<double>(counts.triangles) / static_cast<double>(theirs.triangles), counts.below,
                 counts.at_small_angle, theirs.below_angle, counts.out_of_vertices ? " OUT OF VERTICES" : "");
+    std::printf("    corners %zu splits %zu free %zu\n", counts.corners, counts.splits, counts.free);
   }
   for (const auto& o : outlines) {
     std::size_t vertices = 0;
