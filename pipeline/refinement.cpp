@@ -8,12 +8,13 @@
 #include <limits>
 #include <numbers>
 #include <optional>
-#include <tuple>
+
+#include "pipeline/mesh_adjacency.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr std::uint32_t kNone = 0xffffffff;
+constexpr std::uint32_t kNone = kNoTriangle;
 constexpr double kSmallInputAngle_deg = 60;
 // Corners below this pull splits of their segments onto concentric shells.
 constexpr double kAcute_deg = 75;
@@ -81,31 +82,15 @@ class Refiner {
     triangles_.reserve(mesh.triangles.size() * 4);
     for (const Triangle& t : mesh.triangles) triangles_.push_back({t});
     stamps_.assign(triangles_.size(), 0);
-    struct Half {
-      std::uint32_t low, high;
-      Side at;
-    };
-    std::vector<Half> halves;
-    for (std::uint32_t t = 0; t < triangles_.size(); ++t) {
-      for (std::uint32_t i = 0; i < 3; ++i) {
-        const auto [a, b] = ends({t, i});
-        halves.push_back({std::min(a, b), std::max(a, b), {t, i}});
-      }
-    }
-    std::sort(halves.begin(), halves.end(), [](const Half& a, const Half& b) {
-      return std::tie(a.low, a.high, a.at.triangle) < std::tie(b.low, b.high, b.at.triangle);
-    });
+    const Neighbours beyond = neighbours(mesh);
     std::vector<std::int32_t> segment_into(points_.size(), -1);
-    for (std::size_t i = 0; i < halves.size(); ++i) {
-      const Half& h = halves[i];
-      if (i + 1 < halves.size() && halves[i + 1].low == h.low && halves[i + 1].high == h.high) {
-        const Half& g = halves[++i];
-        triangles_[h.at.triangle].neighbour[h.at.side] = g.at.triangle;
-        triangles_[g.at.triangle].neighbour[g.at.side] = h.at.triangle;
-      } else {
-        const auto [a, b] = ends(h.at);
+    for (std::uint32_t t = 0; t < triangles_.size(); ++t) {
+      triangles_[t].neighbour = beyond[t];
+      for (std::uint32_t i = 0; i < 3; ++i) {
+        if (beyond[t][i] != kNone) continue;
+        const auto [a, b] = ends({t, i});
         const auto s = static_cast<std::int32_t>(out_.segments.size());
-        triangles_[h.at.triangle].segment[h.at.side] = s;
+        triangles_[t].segment[i] = s;
         out_.segments.push_back({a, b, -1, 0});
         segment_into[b] = s;
       }
