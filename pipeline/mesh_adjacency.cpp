@@ -8,9 +8,11 @@ Neighbours neighbours(const SliceMesh& mesh) {
   // The sides that leave each vertex, as 3 * triangle + side, grouped by counting.
   std::vector<std::uint32_t> first(mesh.vertices.size() + 1, 0);
   for (const Triangle& t : mesh.triangles) {
-    for (const std::uint32_t v : t) ++first[v + 1];
+    for (const std::uint32_t v : t)
+      ++first[v + 1];
   }
-  for (std::size_t v = 1; v < first.size(); ++v) first[v] += first[v - 1];
+  for (std::size_t v = 1; v < first.size(); ++v)
+    first[v] += first[v - 1];
   struct Leaving {
     std::uint32_t to, side;
   };

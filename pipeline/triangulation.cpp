@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A plane sweep triangulates the material (Hertel and Mehlhorn, 1983), then flips make it constrained
-// Delaunay (Lawson, 1977). The outside is never triangulated, constraints never have to be recovered,
-// and both steps decide in exact integers only.
+// A plane sweep triangulates the material (Hertel and Mehlhorn, 1983), then flips make it
+// constrained Delaunay (Lawson, 1977). The outside is never triangulated, constraints never have to
+// be recovered, and both steps decide in exact integers only.
 #include "pipeline/triangulation.h"
 
 #include <algorithm>
@@ -14,7 +14,8 @@ namespace trocar::pipeline {
 namespace {
 
 constexpr std::uint32_t kNone = kNoTriangle;
-// A side that lies on a diagonal whose triangles are still to come: this flag and the diagonal's number.
+// A side that lies on a diagonal whose triangles are still to come: this flag and the diagonal's
+// number.
 constexpr std::uint32_t kDiagonal = 0x80000000;
 
 struct Triangulated {
@@ -23,12 +24,12 @@ struct Triangulated {
   bool has_pinches = false;
 };
 
-// Sweeps over the points in lexicographic order (left to right, on a vertical from below). The status
-// holds the outline's edges that the sweep line cuts, from below, and with each edge that has material
-// above it the chain: the right border of what is triangulated of that material, as far as it can be
-// without points to the right. It runs from the left end of the edge below to that of the edge above,
-// and bulges to the right: no corner of it can be cut off. A new point right of it therefore sees it
-// where it turns towards the point, and nothing else has to be checked.
+// Sweeps over the points in lexicographic order (left to right, on a vertical from below). The
+// status holds the outline's edges that the sweep line cuts, from below, and with each edge that
+// has material above it the chain: the right border of what is triangulated of that material, as
+// far as it can be without points to the right. It runs from the left end of the edge below to that
+// of the edge above, and bulges to the right: no corner of it can be cut off. A new point right of
+// it therefore sees it where it turns towards the point, and nothing else has to be checked.
 class Sweep {
  public:
   explicit Sweep(const Pslg& pslg) : pslg_(pslg) {}
@@ -54,8 +55,8 @@ class Sweep {
     std::uint32_t left, right;
     bool material_above;
   };
-  // A point on a chain, and the triangle side (3 * triangle + side) or kNone for the outline that joins
-  // it to the next one.
+  // A point on a chain, and the triangle side (3 * triangle + side) or kNone for the outline that
+  // joins it to the next one.
   struct Node {
     std::uint32_t point, side = kNone, previous = kNone, next = kNone;
   };
@@ -68,27 +69,33 @@ class Sweep {
 
   void sort_points() {
     std::size_t total = 0;
-    for (const Ring& ring : pslg_.rings) total += ring.size();
+    for (const Ring& ring : pslg_.rings)
+      total += ring.size();
     struct Item {
       std::uint64_t key;
       std::uint32_t corner;
     };
     const auto key = [](LatticePoint p) {
-      return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x) ^ 0x80000000U) << 32) | (static_cast<std::uint32_t>(p.y) ^ 0x80000000U);
+      return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x) ^ 0x80000000U) << 32) |
+             (static_cast<std::uint32_t>(p.y) ^ 0x80000000U);
     };
     std::vector<Item> items;
     items.reserve(total);
     std::uint32_t corner = 0;
     for (const Ring& ring : pslg_.rings) {
-      for (const LatticePoint p : ring) items.push_back({key(p), corner++});
+      for (const LatticePoint p : ring)
+        items.push_back({key(p), corner++});
     }
-    std::sort(items.begin(), items.end(), [](const Item& a, const Item& b) { return a.key < b.key; });
+    std::sort(items.begin(), items.end(),
+              [](const Item& a, const Item& b) { return a.key < b.key; });
     vertex_of_corner_.resize(total);
     points_.reserve(total);
     for (std::size_t i = 0; i < total; ++i) {
       if (i == 0 || items[i].key != items[i - 1].key) {
-        points_.push_back({static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key >> 32) ^ 0x80000000U),
-                           static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key) ^ 0x80000000U)});
+        points_.push_back(
+            {static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key >> 32) ^
+                                       0x80000000U),
+             static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key) ^ 0x80000000U)});
       }
       vertex_of_corner_[items[i].corner] = static_cast<std::uint32_t>(points_.size() - 1);
     }
@@ -112,14 +119,18 @@ class Sweep {
       }
       start += ring.size();
     }
-    for (std::size_t v = 1; v < first_edge_.size(); ++v) first_edge_[v] += first_edge_[v - 1];
+    for (std::size_t v = 1; v < first_edge_.size(); ++v)
+      first_edge_[v] += first_edge_[v - 1];
     edges_.resize(total);
     std::vector<std::uint32_t> at(first_edge_.begin(), first_edge_.end() - 1);
-    for (const Edge& e : unsorted) edges_[at[e.left]++] = e;
+    for (const Edge& e : unsorted)
+      edges_[at[e.left]++] = e;
     for (std::uint32_t v = 0; v < points_.size(); ++v) {
       if (first_edge_[v + 1] - first_edge_[v] < 2) continue;
       std::sort(edges_.begin() + first_edge_[v], edges_.begin() + first_edge_[v + 1],
-                [&](const Edge& e, const Edge& f) { return orient2d(points_[v], points_[e.right], points_[f.right]) > 0; });
+                [&](const Edge& e, const Edge& f) {
+                  return orient2d(points_[v], points_[e.right], points_[f.right]) > 0;
+                });
     }
   }
 
@@ -133,9 +144,10 @@ class Sweep {
     nodes_[next].previous = node;
   }
 
-  // Triangle (a, p, b), the chain's nodes a and its next one b. `side_ap` and `side_pb`, where known,
-  // lie beyond its other sides. Side i is opposite vertex i: 0 is pb, 1 is ba, 2 is ap.
-  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, std::uint32_t side_ap, std::uint32_t side_pb) {
+  // Triangle (a, p, b), the chain's nodes a and its next one b. `side_ap` and `side_pb`, where
+  // known, lie beyond its other sides. Side i is opposite vertex i: 0 is pb, 1 is ba, 2 is ap.
+  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, std::uint32_t side_ap,
+                     std::uint32_t side_pb) {
     const auto t = static_cast<std::uint32_t>(out_.mesh.triangles.size());
     out_.mesh.triangles.push_back({nodes_[a].point, p, nodes_[b].point});
     out_.neighbours.push_back({kNone, kNone, kNone});
@@ -158,8 +170,10 @@ class Sweep {
     return orient2d(points_[nodes_[a].point], points_[p], points_[nodes_[b].point]) > 0;
   }
 
-  // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end itself.
-  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, std::uint32_t side = kNone) {
+  // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end
+  // itself.
+  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
+                  std::uint32_t side = kNone) {
     while (back != front && sees(nodes_[back].previous, back, p)) {
       const std::uint32_t a = nodes_[back].previous;
       side = 3 * emit(a, p, back, kNone, side) + 2;
@@ -170,7 +184,8 @@ class Sweep {
     back = node;
   }
   // The same from the lower end.
-  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, std::uint32_t side = kNone) {
+  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
+                   std::uint32_t side = kNone) {
     while (front != back && sees(front, nodes_[front].next, p)) {
       const std::uint32_t b = nodes_[front].next;
       side = 3 * emit(front, p, b, side, kNone);
@@ -203,7 +218,8 @@ class Sweep {
       }
     }
     std::size_t high = low;
-    while (high < status_.size() && status_[high].right == p) ++high;
+    while (high < status_.size() && status_[high].right == p)
+      ++high;
 
     std::uint32_t lower_front = kNone, lower_back = kNone, upper_front = kNone, upper_back = kNone;
     const bool below = low > 0 && status_[low - 1].material_above;
@@ -252,7 +268,8 @@ class Sweep {
           lower_back = upper_back;
         }
       }
-      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low), status_.begin() + static_cast<std::ptrdiff_t>(high));
+      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low),
+                    status_.begin() + static_cast<std::ptrdiff_t>(high));
       if (below) status_[low - 1].front = lower_front, status_[low - 1].back = lower_back;
       return true;
     }
@@ -260,13 +277,15 @@ class Sweep {
     if (more > less) {
       status_.insert(status_.begin() + static_cast<std::ptrdiff_t>(high), more - less, Active{});
     } else if (less > more) {
-      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low + more), status_.begin() + static_cast<std::ptrdiff_t>(high));
+      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low + more),
+                    status_.begin() + static_cast<std::ptrdiff_t>(high));
     }
     if (below) status_[low - 1].front = lower_front, status_[low - 1].back = lower_back;
     bool material = below;
     for (std::size_t i = 0; i < more; ++i) {
       const Edge& e = edges_[first + i];
-      if (e.material_above == material) return false;  // two edges on each other, or a ring the wrong way round
+      if (e.material_above == material)
+        return false;  // two edges on each other, or a ring the wrong way round
       material = e.material_above;
       Active& active = status_[low + i];
       active = {e.left, e.right, at, points_[e.right], kNone, kNone, material};
@@ -306,16 +325,24 @@ void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
     const std::uint32_t u = neighbours[t][i];
     if (u == kNone) continue;
     Triangle &s = mesh.triangles[t], &r = mesh.triangles[u];
-    const std::uint32_t j = neighbours[u][0] == t && r[1] == s[next(next(i))] ? 0 : neighbours[u][1] == t && r[2] == s[next(next(i))] ? 1 : 2;
+    const std::uint32_t j = neighbours[u][0] == t && r[1] == s[next(next(i))]   ? 0
+                            : neighbours[u][1] == t && r[2] == s[next(next(i))] ? 1
+                                                                                : 2;
     const std::uint32_t a = s[i], b = s[next(i)], c = s[next(next(i))], d = r[j];
-    if (in_circle(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d]) <= 0) continue;
+    if (in_circle(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d]) <= 0)
+      continue;
     // abc, dcb become abd, adc.
-    const std::uint32_t beyond_ca = neighbours[t][next(i)], beyond_ab = neighbours[t][next(next(i))];
-    const std::uint32_t beyond_bd = neighbours[u][next(j)], beyond_dc = neighbours[u][next(next(j))];
-    const auto repoint = [&](std::uint32_t at, std::uint32_t from, std::uint32_t p, std::uint32_t q, std::uint32_t to) {
+    const std::uint32_t beyond_ca = neighbours[t][next(i)],
+                        beyond_ab = neighbours[t][next(next(i))];
+    const std::uint32_t beyond_bd = neighbours[u][next(j)],
+                        beyond_dc = neighbours[u][next(next(j))];
+    const auto repoint = [&](std::uint32_t at, std::uint32_t from, std::uint32_t p, std::uint32_t q,
+                             std::uint32_t to) {
       if (at == kNone) return;
       for (std::uint32_t k = 0; k < 3; ++k) {
-        if (neighbours[at][k] == from && mesh.triangles[at][next(k)] == q && mesh.triangles[at][next(next(k))] == p) neighbours[at][k] = to;
+        if (neighbours[at][k] == from && mesh.triangles[at][next(k)] == q &&
+            mesh.triangles[at][next(next(k))] == p)
+          neighbours[at][k] = to;
       }
     };
     repoint(beyond_bd, u, b, d, t);
@@ -324,7 +351,8 @@ void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
     neighbours[t] = {beyond_bd, u, beyond_ab};
     r = {a, d, c};
     neighbours[u] = {beyond_dc, beyond_ca, t};
-    for (const std::uint32_t side : {3 * t, 3 * t + 2, 3 * u, 3 * u + 1}) stack.push_back(side);
+    for (const std::uint32_t side : {3 * t, 3 * t + 2, 3 * u, 3 * u + 1})
+      stack.push_back(side);
   }
 }
 
@@ -364,7 +392,8 @@ Result<SliceMesh> triangulate(const Pslg& pslg) {
   auto out = Sweep(pslg).run();
   if (!out) return out.error();
   flip_to_delaunay(out->mesh, out->neighbours);
-  if (doubled_area(out->mesh) != doubled_area(pslg)) return bug("triangulation: its area is not the outline's");
+  if (doubled_area(out->mesh) != doubled_area(pslg))
+    return bug("triangulation: its area is not the outline's");
   if (out->has_pinches) return split_pinches(std::move(out->mesh));
   return std::move(out->mesh);
 }

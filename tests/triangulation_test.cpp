@@ -20,7 +20,9 @@ namespace {
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Cdt = CGAL::Constrained_Delaunay_triangulation_2<
-    Kernel, CGAL::Triangulation_data_structure_2<CGAL::Triangulation_vertex_base_2<Kernel>, CGAL::Constrained_triangulation_face_base_2<Kernel>>>;
+    Kernel,
+    CGAL::Triangulation_data_structure_2<CGAL::Triangulation_vertex_base_2<Kernel>,
+                                         CGAL::Constrained_triangulation_face_base_2<Kernel>>>;
 using Corners = std::array<LatticePoint, 3>;
 
 Corners rotated(Corners c) {
@@ -32,9 +34,12 @@ Corners rotated(Corners c) {
 std::set<Corners> by_cgal(const Pslg& pslg) {
   Cdt cdt;
   // Lattice integers are exact in a double, so the filtered kernel decides exactly.
-  const auto insert = [&](LatticePoint p) { return cdt.insert({static_cast<double>(p.x), static_cast<double>(p.y)}); };
+  const auto insert = [&](LatticePoint p) {
+    return cdt.insert({static_cast<double>(p.x), static_cast<double>(p.y)});
+  };
   for (const Ring& ring : pslg.rings) {
-    for (std::size_t i = 0; i < ring.size(); ++i) cdt.insert_constraint(insert(ring[i]), insert(ring[(i + 1) % ring.size()]));
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      cdt.insert_constraint(insert(ring[i]), insert(ring[(i + 1) % ring.size()]));
   }
   std::map<Cdt::Face_handle, bool> in_material{{cdt.infinite_face(), false}};
   std::vector<Cdt::Face_handle> stack{cdt.infinite_face()};
@@ -47,12 +52,14 @@ std::set<Corners> by_cgal(const Pslg& pslg) {
       Corners c;
       for (int i = 0; i < 3; ++i) {
         const Kernel::Point_2& p = f->vertex(i)->point();
-        c[static_cast<std::size_t>(i)] = {static_cast<std::int32_t>(p.x()), static_cast<std::int32_t>(p.y())};
+        c[static_cast<std::size_t>(i)] = {static_cast<std::int32_t>(p.x()),
+                                          static_cast<std::int32_t>(p.y())};
       }
       out.insert(rotated(c));
     }
     for (int i = 0; i < 3; ++i) {
-      if (in_material.emplace(f->neighbor(i), here != f->is_constrained(i)).second) stack.push_back(f->neighbor(i));
+      if (in_material.emplace(f->neighbor(i), here != f->is_constrained(i)).second)
+        stack.push_back(f->neighbor(i));
     }
   }
   return out;
@@ -76,7 +83,9 @@ void expect_as_cgal(const Pslg& pslg, const std::string& what) {
     for (const std::uint32_t n : beyond[t]) {
       if (n == kNoTriangle) continue;
       for (const std::uint32_t w : mesh->triangles[n]) {
-        if (std::find(v.begin(), v.end(), w) == v.end() && in_circle(c[0], c[1], c[2], mesh->vertices[w]) == 0) cocircular = true;
+        if (std::find(v.begin(), v.end(), w) == v.end() &&
+            in_circle(c[0], c[1], c[2], mesh->vertices[w]) == 0)
+          cocircular = true;
       }
     }
     EXPECT_TRUE(cocircular) << what << ": a triangle that CGAL does not have";
@@ -102,21 +111,29 @@ TEST(Triangulation, IsCgalsOnNoise) {
 TEST(Triangulation, IsCgalsOnVerticalsTouchesAndCocircularPoints) {
   // A comb of verticals, with holes that touch its teeth and each other.
   Ring comb = {{0, 0}, {900, 0}, {900, 500}};
-  for (std::int32_t x = 800; x > 0; x -= 200) comb.insert(comb.end(), {{x, 500}, {x, 200}, {x - 100, 200}, {x - 100, 500}});
+  for (std::int32_t x = 800; x > 0; x -= 200)
+    comb.insert(comb.end(), {{x, 500}, {x, 200}, {x - 100, 200}, {x - 100, 500}});
   comb.push_back({0, 500});
   expect_as_cgal({{comb}}, "comb");
-  expect_as_cgal({{comb, {{100, 100}, {200, 200}, {200, 100}}, {{200, 100}, {300, 150}, {300, 100}}}}, "comb with touching holes");
-  expect_as_cgal({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{4, 4}, {4, 6}, {6, 6}, {6, 4}}}}, "square in square");
-  expect_as_cgal({{{{-5, 0}, {0, -5}, {5, 0}, {0, 5}}, {{-5, 0}, {0, 4}, {5, 0}, {0, -4}}}}, "hole that touches twice");
+  expect_as_cgal(
+      {{comb, {{100, 100}, {200, 200}, {200, 100}}, {{200, 100}, {300, 150}, {300, 100}}}},
+      "comb with touching holes");
+  expect_as_cgal({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{4, 4}, {4, 6}, {6, 6}, {6, 4}}}},
+                 "square in square");
+  expect_as_cgal({{{{-5, 0}, {0, -5}, {5, 0}, {0, 5}}, {{-5, 0}, {0, 4}, {5, 0}, {0, -4}}}},
+                 "hole that touches twice");
   const std::int32_t m = kMaxCoordinate;
-  expect_as_cgal({{{{-m, -m}, {m, -m}, {m, m}, {-m, m}}, {{-1, 0}, {0, 1}, {1, 0}, {0, -1}}}}, "the lattice's corners");
+  expect_as_cgal({{{{-m, -m}, {m, -m}, {m, m}, {-m, m}}, {{-1, 0}, {0, 1}, {1, 0}, {0, -1}}}},
+                 "the lattice's corners");
 }
 
 TEST(Triangulation, WrongOutlinesAreRefused) {
-  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 10}, {10, 0}, {0, 10}}}}));                                 // crosses itself
-  EXPECT_FALSE(triangulate({{{{0, 0}, {0, 10}, {10, 10}, {10, 0}}}}));                                 // clockwise
-  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{5, 5}, {15, 5}, {15, 8}}}}));     // rings cross
-  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{4, 4}, {6, 4}, {6, 6}, {4, 6}}}}));  // island in material
+  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 10}, {10, 0}, {0, 10}}}}));  // crosses itself
+  EXPECT_FALSE(triangulate({{{{0, 0}, {0, 10}, {10, 10}, {10, 0}}}}));  // clockwise
+  EXPECT_FALSE(triangulate(
+      {{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{5, 5}, {15, 5}, {15, 8}}}}));  // rings cross
+  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}},
+                             {{4, 4}, {6, 4}, {6, 6}, {4, 6}}}}));  // island in material
 }
 
 }  // namespace

@@ -15,7 +15,8 @@ struct CgalInput {
   const Pslg* pslg = nullptr;
   std::vector<LatticePoint> points;  ///< each once
   std::vector<std::pair<std::size_t, std::size_t>> edges;
-  std::vector<std::array<double, 2>> hole_seeds;  ///< a point in each bounded region outside the material
+  std::vector<std::array<double, 2>>
+      hole_seeds;  ///< a point in each bounded region outside the material
 };
 
 /// Not timed: finds the seeds by flooding a triangulation.
@@ -31,7 +32,8 @@ struct CgalCounts {
 
 /// Triangulates and refines to an angle and, if given, an area in squared lattice steps.
 /// `measure` looks at the result too (not for timing).
-CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg, std::optional<double> max_area_steps2, bool measure);
+CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg,
+                     std::optional<double> max_area_steps2, bool measure);
 
 /// The triangulation alone: number of faces.
 std::size_t cgal_triangulate(const CgalInput& input);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// mesher_bench SCAN... [Google Benchmark's options]: our triangulation and refinement against CGAL's on
-// the same outlines, in the same run, on one thread. Ends with a table of ratios.
+// mesher_bench SCAN... [Google Benchmark's options]: our triangulation and refinement against
+// CGAL's on the same outlines, in the same run, on one thread. Ends with a table of ratios.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -67,7 +67,8 @@ Image upsampled(const Image& image, int factor) {
   return {to.cols, to.rows, {to.begin<float>(), to.end<float>()}};
 }
 
-std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack& stack, int factor, double tolerance_mm) {
+std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack& stack, int factor,
+                                      double tolerance_mm) {
   auto out = std::make_unique<Outlines>();
   out->name = name;
   out->tolerance_mm = tolerance_mm;
@@ -80,11 +81,14 @@ std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack&
     }
     const PixelGrid grid{plane.spacing_u_mm / factor, plane.spacing_v_mm / factor, 0, 0, kLattice};
     out->pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
-    const Field field = segment(upsampled(*image, factor), stack.calibration(), Threshold{kBone_HU});
-    out->full.push_back(drop_small_rings(contours(field, grid, ContourKind::kSubpixel), kMinRegion_mm2, kLattice));
+    const Field field =
+        segment(upsampled(*image, factor), stack.calibration(), Threshold{kBone_HU});
+    out->full.push_back(
+        drop_small_rings(contours(field, grid, ContourKind::kSubpixel), kMinRegion_mm2, kLattice));
     out->simple.push_back(simplify(out->full.back(), kLattice, {tolerance_mm}));
   }
-  for (const Pslg& pslg : out->simple) out->for_cgal.push_back(prepare(pslg));
+  for (const Pslg& pslg : out->simple)
+    out->for_cgal.push_back(prepare(pslg));
   return out;
 }
 
@@ -103,7 +107,8 @@ class Medians : public benchmark::ConsoleReporter {
   void ReportRuns(const std::vector<Run>& runs) override {
     for (const Run& run : runs) {
       if (run.run_type == Run::RT_Iteration && run.iterations > 0) {
-        times_[run.run_name.function_name].push_back(run.cpu_accumulated_time / static_cast<double>(run.iterations) * 1e3);
+        times_[run.run_name.function_name].push_back(run.cpu_accumulated_time /
+                                                     static_cast<double>(run.iterations) * 1e3);
       }
     }
     ConsoleReporter::ReportRuns(runs);
@@ -134,7 +139,10 @@ Counts count_ours(const Case& c) {
     const Refined refined = our_mesh(c.outlines->simple[k], c.options());
     const MeshQuality quality = measure_quality(refined, kLattice, kMinAngle_deg);
     out.triangles += refined.mesh.triangles.size();
-    for (const VertexOrigin o : refined.origins) (o.segment == VertexOrigin::kFree ? out.free : o.segment == VertexOrigin::kCorner ? out.corners : out.splits) += 1;
+    for (const VertexOrigin o : refined.origins)
+      (o.segment == VertexOrigin::kFree     ? out.free
+       : o.segment == VertexOrigin::kCorner ? out.corners
+                                            : out.splits) += 1;
     out.below += quality.below_min_angle;
     out.at_small_angle += quality.below_at_small_input_angle;
     out.max_area_mm2 = std::max(out.max_area_mm2, quality.max_area_mm2);
@@ -169,38 +177,48 @@ int main(int argc, char** argv) {
     cases.push_back({o.get(), "none", 0});
   }
   for (const auto& o : outlines) {
-    benchmark::RegisterBenchmark(("simplify/" + o->name).c_str(), [&o = *o](benchmark::State& state) {
+    benchmark::RegisterBenchmark(("simplify/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
       for (auto _ : state) {
-        for (const auto& full : o.full) benchmark::DoNotOptimize(trocar::pipeline::simplify(full, kLattice, {o.tolerance_mm}));
+        for (const auto& full : o.full)
+          benchmark::DoNotOptimize(trocar::pipeline::simplify(full, kLattice, {o.tolerance_mm}));
       }
     })->Unit(benchmark::kMillisecond);
-    benchmark::RegisterBenchmark(("cdt_ours/" + o->name).c_str(), [&o = *o](benchmark::State& state) {
+    benchmark::RegisterBenchmark(("cdt_ours/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
       for (auto _ : state) {
-        for (const auto& pslg : o.simple) benchmark::DoNotOptimize(trocar::pipeline::triangulate(pslg));
+        for (const auto& pslg : o.simple)
+          benchmark::DoNotOptimize(trocar::pipeline::triangulate(pslg));
       }
     })->Unit(benchmark::kMillisecond);
-    benchmark::RegisterBenchmark(("cdt_cgal/" + o->name).c_str(), [&o = *o](benchmark::State& state) {
+    benchmark::RegisterBenchmark(("cdt_cgal/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
       for (auto _ : state) {
-        for (const auto& input : o.for_cgal) benchmark::DoNotOptimize(cgal_triangulate(input));
+        for (const auto& input : o.for_cgal)
+          benchmark::DoNotOptimize(cgal_triangulate(input));
       }
     })->Unit(benchmark::kMillisecond);
   }
   for (const Case& c : cases) {
     benchmark::RegisterBenchmark(("ours/" + c.name()).c_str(), [&c](benchmark::State& state) {
       for (auto _ : state) {
-        for (const auto& pslg : c.outlines->simple) benchmark::DoNotOptimize(our_mesh(pslg, c.options()));
+        for (const auto& pslg : c.outlines->simple)
+          benchmark::DoNotOptimize(our_mesh(pslg, c.options()));
       }
     })->Unit(benchmark::kMillisecond);
     benchmark::RegisterBenchmark(("cgal/" + c.name()).c_str(), [&c](benchmark::State& state) {
       for (auto _ : state) {
-        for (const auto& input : c.outlines->for_cgal) benchmark::DoNotOptimize(cgal_mesh(input, kMinAngle_deg, c.area_steps2(), false));
+        for (const auto& input : c.outlines->for_cgal)
+          benchmark::DoNotOptimize(cgal_mesh(input, kMinAngle_deg, c.area_steps2(), false));
       }
     })->Unit(benchmark::kMillisecond);
   }
   Medians medians;
   benchmark::RunSpecifiedBenchmarks(&medians);
 
-  std::printf("\n%-26s %8s %8s %6s | %8s %8s %6s | %s\n", "outlines/area bound", "ours ms", "CGAL ms", "ratio", "ours tri", "CGAL tri", "share", "ours < 30 deg (at input < 60), CGAL < 30 deg");
+  std::printf("\n%-26s %8s %8s %6s | %8s %8s %6s | %s\n", "outlines/area bound", "ours ms",
+              "CGAL ms", "ratio", "ours tri", "CGAL tri", "share",
+              "ours < 30 deg (at input < 60), CGAL < 30 deg");
   for (const Case& c : cases) {
     const double ours = medians.ms("ours/" + c.name()), cgal = medians.ms("cgal/" + c.name());
     if (std::isnan(ours)) continue;
@@ -211,19 +229,26 @@ int main(int argc, char** argv) {
       theirs.triangles += one.triangles;
       theirs.below_angle += one.below_angle;
     }
-    std::printf("%-26s %8.1f %8.1f %6.2f | %8zu %8zu %6.3f | %zu (%zu), %zu%s\n", c.name().c_str(), ours, cgal, cgal / ours, counts.triangles,
-                theirs.triangles, static_cast<double>(counts.triangles) / static_cast<double>(theirs.triangles), counts.below,
-                counts.at_small_angle, theirs.below_angle, counts.out_of_vertices ? " OUT OF VERTICES" : "");
-    std::printf("    corners %zu splits %zu free %zu\n", counts.corners, counts.splits, counts.free);
+    std::printf("%-26s %8.1f %8.1f %6.2f | %8zu %8zu %6.3f | %zu (%zu), %zu%s\n", c.name().c_str(),
+                ours, cgal, cgal / ours, counts.triangles, theirs.triangles,
+                static_cast<double>(counts.triangles) / static_cast<double>(theirs.triangles),
+                counts.below, counts.at_small_angle, theirs.below_angle,
+                counts.out_of_vertices ? " OUT OF VERTICES" : "");
+    std::printf("    corners %zu splits %zu free %zu\n", counts.corners, counts.splits,
+                counts.free);
   }
   for (const auto& o : outlines) {
     std::size_t vertices = 0;
     for (const auto& pslg : o->simple) {
-      for (const auto& ring : pslg.rings) vertices += ring.size();
+      for (const auto& ring : pslg.rings)
+        vertices += ring.size();
     }
-    std::printf("%-16s %zu slices, %zu vertices: simplify %.3f ms a slice; CDT ours %.1f ms, CGAL %.1f ms\n", o->name.c_str(),
-                o->full.size(), vertices, medians.ms("simplify/" + o->name) / static_cast<double>(o->full.size()),
-                medians.ms("cdt_ours/" + o->name), medians.ms("cdt_cgal/" + o->name));
+    std::printf(
+        "%-16s %zu slices, %zu vertices: simplify %.3f ms a slice; CDT ours %.1f ms, CGAL %.1f "
+        "ms\n",
+        o->name.c_str(), o->full.size(), vertices,
+        medians.ms("simplify/" + o->name) / static_cast<double>(o->full.size()),
+        medians.ms("cdt_ours/" + o->name), medians.ms("cdt_cgal/" + o->name));
   }
   return 0;
 }
