@@ -43,7 +43,7 @@ struct Shape {
   bool is_sharp;           // its smallest angle is below the wanted one
 };
 
-Shape shape_of(LatticePoint a, LatticePoint b, LatticePoint c, double cos2) {
+[[gnu::always_inline]] inline Shape shape_of(LatticePoint a, LatticePoint b, LatticePoint c, double cos2) {
   // The smallest angle lies opposite the shortest side s, between l and m; l.m = (l^2 + m^2 - s^2)
   // / 2.
   const std::int64_t ab2 = distance2(a, b), bc2 = distance2(b, c), ca2 = distance2(c, a);
@@ -326,7 +326,7 @@ class Refiner {
     }
     const Shape shape = shape_of(a, b, c, cos2_);
     std::optional<LatticePoint> p = circumcentre(tri, shape.is_sharp);
-    if (!p || in_circle(a, b, c, *p) <= 0) return;
+    if (!p || !mesh_.circumcircle_holds(t, *p)) return;
     mesh_.find_cavity(t, *p, cavity_);
     if (shape.is_sharp && !large) {
       // Other places under the same angle may rid us of more bad triangles at once, or spare the
@@ -347,9 +347,11 @@ class Refiner {
                                  std::lrint(x + (place.along * dx - place.away * dy) * shrink)),
                              static_cast<std::int32_t>(
                                  std::lrint(y + (place.along * dy + place.away * dx) * shrink))};
-        if (in_circle(a, b, c, q) <= 0) continue;
-        mesh_.find_cavity(t, q, trial_);
-        if (is_blocked(trial_, q) || is_near(trial_, q, shape.shortest2)) continue;
+        if (!mesh_.circumcircle_holds(t, q)) continue;
+        const auto is_welcome = [&](const Cavity::Rim& r) {
+          return distance2(at(r.a), q) >= shape.shortest2 && orient2d(at(r.a), at(r.b), q) > 0 && !is_in_the_way(r, q);
+        };
+        if (!mesh_.find_cavity(t, q, trial_, is_welcome)) continue;
         if (const int growth = growth_of_bad(trial_, q); growth < best) {
           best = growth, p = q;
           std::swap(cavity_, trial_);
@@ -386,13 +388,6 @@ class Refiner {
   bool is_blocked(const Cavity& cavity, LatticePoint p) const {
     return std::any_of(cavity.rim.begin(), cavity.rim.end(),
                        [&](const Cavity::Rim& r) { return is_in_the_way(r, p); });
-  }
-
-  // Would p lie within the squared distance of a vertex, or outside its cavity?
-  bool is_near(const Cavity& cavity, LatticePoint p, std::int64_t distance2_) const {
-    return std::any_of(cavity.rim.begin(), cavity.rim.end(), [&](const Cavity::Rim& r) {
-      return distance2(at(r.a), p) < distance2_ || orient2d(at(r.a), at(r.b), p) <= 0;
-    });
   }
 
   // How many bad triangles more there would be.

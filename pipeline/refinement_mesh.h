@@ -37,6 +37,40 @@ struct Cavity {
   std::vector<Rim> rim;
 };
 
+/// A triangle's circumcircle for many questions: the determinant of in_circle(), expanded by the
+/// point asked for. Exact; 64 bits do where all differences are below kReach, which nearly all are.
+class Circle {
+ public:
+  Circle() = default;
+  Circle(LatticePoint a, LatticePoint b, LatticePoint c) : origin_(a) {
+    const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
+    const std::int64_t cx = std::int64_t{c.x} - a.x, cy = std::int64_t{c.y} - a.y;
+    if (!(is_in_reach(bx, by) && is_in_reach(cx, cy))) return;
+    const std::int64_t b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
+    x_ = b2 * cy - c2 * by;
+    y_ = c2 * bx - b2 * cx;
+    area2_ = bx * cy - by * cx;
+  }
+
+  enum class Answer { kNo, kYes, kTooFar };
+  /// Does p lie strictly inside?
+  Answer holds(LatticePoint p) const {
+    const std::int64_t dx = std::int64_t{p.x} - origin_.x, dy = std::int64_t{p.y} - origin_.y;
+    if (area2_ == 0 || !is_in_reach(dx, dy)) return Answer::kTooFar;
+    return dx * x_ + dy * y_ > (dx * dx + dy * dy) * area2_ ? Answer::kYes : Answer::kNo;
+  }
+
+ private:
+  // With differences below M: |x|, |y| < 4 M^3, area2 < 2 M^2, so all sums stay below 12 M^4 < 2^63.
+  static constexpr std::int64_t kReach = 1 << 14;
+  static bool is_in_reach(std::int64_t x, std::int64_t y) {
+    return static_cast<std::uint64_t>(x + kReach) < 2 * kReach && static_cast<std::uint64_t>(y + kReach) < 2 * kReach;
+  }
+
+  std::int64_t x_ = 0, y_ = 0, area2_ = 0;
+  LatticePoint origin_;
+};
+
 constexpr std::uint32_t next_side(std::uint32_t i) {
   return i == 2 ? 0 : i + 1;
 }
@@ -64,6 +98,8 @@ class RefinementMesh {
           tri.beyond[i] = kOutline | segment(tri.v[next_side(i)], tri.v[previous_side(i)]);
       }
     }
+    circles_.clear();
+    for (const WorkingTriangle& t : triangles) circles_.push_back(circle(t));
     stamps.assign(triangles.size(), 0);
     visit_.assign(triangles.size(), 0);
     visits_ = 0;
@@ -78,9 +114,23 @@ class RefinementMesh {
   }
   std::uint32_t apex(Side s) const { return triangles[s.triangle].v[s.side]; }
 
+  /// in_circle() of a triangle.
+  bool circumcircle_holds(std::uint32_t t, LatticePoint p) const {
+    const Circle::Answer answer = circles_[t].holds(p);
+    if (answer != Circle::Answer::kTooFar) return answer == Circle::Answer::kYes;
+    const std::array<std::uint32_t, 3>& v = triangles[t].v;
+    return in_circle(points[v[0]], points[v[1]], points[v[2]], p) > 0;
+  }
+
   /// All triangles whose circumcircles hold p and that p sees through `start`, which it is in or
   /// near.
   void find_cavity(std::uint32_t start, LatticePoint p, Cavity& cavity) {
+    find_cavity(start, p, cavity, [](const Cavity::Rim&) { return true; });
+  }
+
+  /// The same, but stops and gives false where `is_welcome` of an edge of the rim does.
+  template <typename IsWelcome>
+  bool find_cavity(std::uint32_t start, LatticePoint p, Cavity& cavity, IsWelcome is_welcome) {
     cavity.triangles.assign(1, start);
     cavity.rim.clear();
     visit_[start] = ++visits_;
@@ -91,16 +141,17 @@ class RefinementMesh {
         const std::uint32_t n = tri.beyond[i];
         if ((n & kOutline) == 0) {
           if (visit_[n] == visits_) continue;
-          const WorkingTriangle& other = triangles[n];
-          if (in_circle(points[other.v[0]], points[other.v[1]], points[other.v[2]], p) > 0) {
+          if (circumcircle_holds(n, p)) {
             visit_[n] = visits_;
             cavity.triangles.push_back(n);
             continue;
           }
         }
         cavity.rim.push_back({tri.v[next_side(i)], tri.v[previous_side(i)], n, {t, i}});
+        if (!is_welcome(cavity.rim.back())) return false;
       }
     }
+    return true;
   }
 
   /// Replaces the cavity by the star of a new vertex p, and gives its triangles. The rim is a
@@ -122,6 +173,7 @@ class RefinementMesh {
     while (fresh.size() < rim.size()) {
       fresh.push_back(static_cast<std::uint32_t>(triangles.size()));
       triangles.emplace_back();
+      circles_.emplace_back();
       stamps.push_back(0);
       visit_.push_back(0);
     }
@@ -138,6 +190,7 @@ class RefinementMesh {
     const std::uint32_t open = split == 0 ? kNoTriangle : split;
     for (std::size_t k = 0; k < rim.size(); ++k) {
       triangles[fresh[k]] = {{v, rim[k].a, rim[k].b}, {rim[k].beyond, open, open}};
+      circles_[fresh[k]] = circle(triangles[fresh[k]]);
       ++stamps[fresh[k]];
       star_[rim[k].a] = fresh[k];
     }
@@ -151,6 +204,9 @@ class RefinementMesh {
   }
 
  private:
+  Circle circle(const WorkingTriangle& t) const { return {points[t.v[0]], points[t.v[1]], points[t.v[2]]}; }
+
+  std::vector<Circle> circles_;       // by triangle
   std::vector<std::uint32_t> visit_;  // by triangle: the last search that took it
   std::uint32_t visits_ = 0;
   std::vector<std::uint32_t> star_;  // by vertex; scratch of fill_cavity
