@@ -142,8 +142,7 @@ class Refiner {
                          n = at(s.to);
       const double cross = static_cast<double>(orient2d(v, n, p));
       const double dot = static_cast<double>(diametral_dot(n, p, v));
-      s.angle_at_from_deg = std::atan2(cross, dot) * 180 / std::numbers::pi;
-      if (s.angle_at_from_deg <= 0) s.angle_at_from_deg += 360;
+      s.angle_at_from_deg = cross > 0 && dot > 0 ? std::atan2(cross, dot) * 180 / std::numbers::pi : 360;
     }
     origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
     corner_angle_deg_.assign(mesh_.points.size(), 360);

@@ -309,6 +309,14 @@ class Sweep {
   Triangulated out_;
 };
 
+// Of the triangles abc and dcb. The angles opposite bc sum to at most 180 degrees: two that are not
+// obtuse do, and two obtuse ones do not, without in_circle().
+bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  const bool obtuse_a = diametral_dot(b, c, a) < 0, obtuse_d = diametral_dot(b, c, d) < 0;
+  if (obtuse_a == obtuse_d) return !obtuse_a;
+  return in_circle(a, b, c, d) <= 0;
+}
+
 // Flips edges until every one that is not on the outline is locally Delaunay.
 void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
   std::vector<std::uint32_t> stack;  // sides
@@ -329,8 +337,7 @@ void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
                             : neighbours[u][1] == t && r[2] == s[next(next(i))] ? 1
                                                                                 : 2;
     const std::uint32_t a = s[i], b = s[next(i)], c = s[next(next(i))], d = r[j];
-    if (in_circle(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d]) <= 0)
-      continue;
+    if (is_locally_delaunay(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d])) continue;
     // abc, dcb become abd, adc.
     const std::uint32_t beyond_ca = neighbours[t][next(i)],
                         beyond_ab = neighbours[t][next(next(i))];
