@@ -43,7 +43,8 @@ struct Shape {
   bool is_sharp;           // its smallest angle is below the wanted one
 };
 
-[[gnu::always_inline]] inline Shape shape_of(LatticePoint a, LatticePoint b, LatticePoint c, double cos2) {
+[[gnu::always_inline]] inline Shape shape_of(LatticePoint a, LatticePoint b, LatticePoint c,
+                                             double cos2) {
   // The smallest angle lies opposite the shortest side s, between l and m; l.m = (l^2 + m^2 - s^2)
   // / 2.
   const std::int64_t ab2 = distance2(a, b), bc2 = distance2(b, c), ca2 = distance2(c, a);
@@ -142,7 +143,8 @@ class Refiner {
                          n = at(s.to);
       const double cross = static_cast<double>(orient2d(v, n, p));
       const double dot = static_cast<double>(diametral_dot(n, p, v));
-      s.angle_at_from_deg = cross > 0 && dot > 0 ? std::atan2(cross, dot) * 180 / std::numbers::pi : 360;
+      s.angle_at_from_deg =
+          cross > 0 && dot > 0 ? std::atan2(cross, dot) * 180 / std::numbers::pi : 360;
     }
     origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
     corner_angle_deg_.assign(mesh_.points.size(), 360);
@@ -348,7 +350,8 @@ class Refiner {
                                  std::lrint(y + (place.along * dy + place.away * dx) * shrink))};
         if (!mesh_.circumcircle_holds(t, q)) continue;
         const auto is_welcome = [&](const Cavity::Rim& r) {
-          return distance2(at(r.a), q) >= shape.shortest2 && orient2d(at(r.a), at(r.b), q) > 0 && !is_in_the_way(r, q);
+          return distance2(at(r.a), q) >= shape.shortest2 && orient2d(at(r.a), at(r.b), q) > 0 &&
+                 !is_in_the_way(r, q);
         };
         if (!mesh_.find_cavity(t, q, trial_, is_welcome)) continue;
         if (const int growth = growth_of_bad(trial_, q); growth < best) {

@@ -43,7 +43,8 @@ struct Refined {
   };
   std::vector<Segment> segments;
   bool out_of_vertices = false;
-  std::uint32_t too_short = 0;  ///< bad triangles left because their shortest edge is near the lattice's step
+  std::uint32_t too_short =
+      0;  ///< bad triangles left because their shortest edge is near the lattice's step
 };
 
 /// Is the smallest angle of the triangle below the angle whose squared cosine is given? Exact but

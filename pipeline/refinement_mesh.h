@@ -61,10 +61,12 @@ class Circle {
   }
 
  private:
-  // With differences below M: |x|, |y| < 4 M^3, area2 < 2 M^2, so all sums stay below 12 M^4 < 2^63.
+  // With differences below M: |x|, |y| < 4 M^3, area2 < 2 M^2, so all sums stay below 12 M^4 <
+  // 2^63.
   static constexpr std::int64_t kReach = 1 << 14;
   static bool is_in_reach(std::int64_t x, std::int64_t y) {
-    return static_cast<std::uint64_t>(x + kReach) < 2 * kReach && static_cast<std::uint64_t>(y + kReach) < 2 * kReach;
+    return static_cast<std::uint64_t>(x + kReach) < 2 * kReach &&
+           static_cast<std::uint64_t>(y + kReach) < 2 * kReach;
   }
 
   std::int64_t x_ = 0, y_ = 0, area2_ = 0;
@@ -99,7 +101,8 @@ class RefinementMesh {
       }
     }
     circles_.clear();
-    for (const WorkingTriangle& t : triangles) circles_.push_back(circle(t));
+    for (const WorkingTriangle& t : triangles)
+      circles_.push_back(circle(t));
     stamps.assign(triangles.size(), 0);
     visit_.assign(triangles.size(), 0);
     visits_ = 0;
@@ -204,7 +207,9 @@ class RefinementMesh {
   }
 
  private:
-  Circle circle(const WorkingTriangle& t) const { return {points[t.v[0]], points[t.v[1]], points[t.v[2]]}; }
+  Circle circle(const WorkingTriangle& t) const {
+    return {points[t.v[0]], points[t.v[1]], points[t.v[2]]};
+  }
 
   std::vector<Circle> circles_;       // by triangle
   std::vector<std::uint32_t> visit_;  // by triangle: the last search that took it

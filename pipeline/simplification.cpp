@@ -48,13 +48,14 @@ struct Simplified {
 
   Ring ring() const {
     Ring out;
-    for (std::uint32_t k : kept) out.push_back((*contour)[k]);
+    for (std::uint32_t k : kept)
+      out.push_back((*contour)[k]);
     return out;
   }
 };
 
-void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t last, double tolerance2,
-                     std::vector<std::uint32_t>& kept) {
+void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t last,
+                     double tolerance2, std::vector<std::uint32_t>& kept) {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> spans{{first, last}};
   while (!spans.empty()) {
     const auto [i, j] = spans.back();
@@ -70,7 +71,8 @@ void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t las
 Simplified simplify_ring(const Ring& contour, double tolerance2) {
   // Two extreme vertices to start from: the smallest, and the one farthest from it.
   Simplified s{&contour, {}};
-  const auto a = static_cast<std::uint32_t>(std::min_element(contour.begin(), contour.end()) - contour.begin());
+  const auto a = static_cast<std::uint32_t>(std::min_element(contour.begin(), contour.end()) -
+                                            contour.begin());
   std::uint32_t b = a;
   for (std::uint32_t i = 0; i < s.size(); ++i) {
     if (distance2(contour[a], contour[i]) > distance2(contour[a], contour[b])) b = i;
@@ -97,7 +99,8 @@ bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vecto
     }
   }
   std::sort(edges.begin(), edges.end(), [](const Edge& e, const Edge& f) {
-    return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} < std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
+    return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} <
+           std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
   });
   bool any = false;
   std::vector<const Edge*> active;
@@ -125,43 +128,44 @@ struct Box {
       high = {std::max(high.x, p.x), std::max(high.y, p.y)};
     }
   }
-  bool contains(LatticePoint p) const { return p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y; }
+  bool meets(const Box& o) const {
+    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y;
+  }
 };
 
-// Crossing number of p in a simple ring; p on the ring itself counts as neither (-1).
-int inside(const Ring& ring, LatticePoint p) {
+// Is the ring q inside the simple ring r, which it does not cross? The middle of an edge of q lies
+// on no edge of r and speaks for all of q, even if all vertices of q touch r. In doubled
+// coordinates, so that it is exact.
+bool is_inside(const Ring& q, const Ring& r) {
+  const std::int64_t px = std::int64_t{q[0].x} + q[1].x, py = std::int64_t{q[0].y} + q[1].y;
   bool in = false;
-  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
-    LatticePoint a = ring[i], b = ring[i + 1 == n ? 0 : i + 1];
-    if (a == p) return -1;
-    if ((a.y > p.y) == (b.y > p.y)) continue;
+  for (std::size_t i = 0, n = r.size(); i < n; ++i) {
+    LatticePoint a = r[i], b = r[i + 1 == n ? 0 : i + 1];
+    if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
     if (a.y > b.y) std::swap(a, b);
-    if (orient2d(a, b, p) > 0) in = !in;
+    const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
+                        Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
+    if (turn > 0) in = !in;
   }
-  return in ? 1 : 0;
+  return in;
 }
 
-// A simplified ring may not jump over a vertex that another ring keeps, though nothing crosses:
-// marks the jumper's spans. A vertex is looked at from every ring whose box holds it.
+// A simplified ring may not jump over another, though nothing crosses: marks both.
 bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
   bool any = false;
   std::vector<Ring> now;
-  for (const Simplified& s : rings) now.push_back(s.ring());
+  std::vector<Box> boxes;
+  for (const Simplified& s : rings) {
+    now.push_back(s.ring());
+    boxes.emplace_back(*s.contour);
+  }
   for (std::size_t r = 0; r < rings.size(); ++r) {
-    const Box box(*rings[r].contour);
     for (std::size_t q = 0; q < rings.size(); ++q) {
-      if (q == r) continue;
-      // Nothing crosses, so one vertex off the ring speaks for the whole of q.
-      for (LatticePoint p : now[q]) {
-        if (!box.contains(p)) break;
-        const int before = inside(*rings[r].contour, p), after = inside(now[r], p);
-        if (before < 0 || after < 0) continue;
-        if (before != after) {
-          std::fill(marks[r].begin(), marks[r].end(), char{1});
-          any = true;
-        }
-        break;
-      }
+      if (q == r || !boxes[r].meets(boxes[q])) continue;
+      if (is_inside(*rings[q].contour, *rings[r].contour) == is_inside(now[q], now[r])) continue;
+      std::fill(marks[r].begin(), marks[r].end(), char{1});
+      std::fill(marks[q].begin(), marks[q].end(), char{1});
+      any = true;
     }
   }
   return any;
@@ -172,17 +176,19 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
   const double tolerance = options.tolerance_mm / lattice.step_mm();
   std::vector<Simplified> rings;
-  for (const Ring& contour : contours.rings) rings.push_back(simplify_ring(contour, tolerance * tolerance));
+  for (const Ring& contour : contours.rings)
+    rings.push_back(simplify_ring(contour, tolerance * tolerance));
 
   // Split every span that breaks something at its farthest vertex, until nothing does. At the
   // latest this ends with the contours themselves, which are valid.
   while (true) {
     std::vector<std::vector<char>> marks;
-    for (const Simplified& s : rings) marks.emplace_back(s.kept.size(), char{0});
+    for (const Simplified& s : rings)
+      marks.emplace_back(s.kept.size(), char{0});
     bool any = false;
     for (std::size_t r = 0; r < rings.size(); ++r) {
-      const bool collapsed = rings[r].kept.size() < 3 ||
-                             (doubled_area(rings[r].ring()) > 0) != (doubled_area(*rings[r].contour) > 0);
+      const bool collapsed = rings[r].kept.size() < 3 || (doubled_area(rings[r].ring()) > 0) !=
+                                                             (doubled_area(*rings[r].contour) > 0);
       if (collapsed) {
         std::fill(marks[r].begin(), marks[r].end(), char{1});
         any = true;
@@ -197,7 +203,8 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
       const std::vector<std::uint32_t> before = s.kept;
       for (std::size_t k = 0; k < before.size(); ++k) {
         if (marks[r][k] == 0) continue;
-        const std::uint32_t i = before[k], j = k + 1 < before.size() ? before[k + 1] : before[0] + s.size();
+        const std::uint32_t i = before[k],
+                            j = k + 1 < before.size() ? before[k + 1] : before[0] + s.size();
         if (j - i < 2) continue;
         const std::uint32_t m = s.farthest(i, j).first;
         s.kept.push_back(m % s.size());
@@ -212,7 +219,8 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
   }
 
   Pslg out;
-  for (const Simplified& s : rings) out.rings.push_back(s.ring());
+  for (const Simplified& s : rings)
+    out.rings.push_back(s.ring());
   return out;
 }
 
@@ -225,7 +233,8 @@ double hausdorff_mm(const Pslg& contours, const Pslg& simplified, const Lattice&
     const Ring& contour = contours.rings[r];
     const Ring& ring = simplified.rings[r];
     const std::size_t n = contour.size();
-    std::size_t at = static_cast<std::size_t>(std::find(contour.begin(), contour.end(), ring[0]) - contour.begin());
+    std::size_t at = static_cast<std::size_t>(std::find(contour.begin(), contour.end(), ring[0]) -
+                                              contour.begin());
     for (std::size_t k = 0; k < ring.size(); ++k) {
       const LatticePoint a = ring[k], b = ring[(k + 1) % ring.size()];
       for (std::size_t steps = 0; steps < n && contour[(at + 1) % n] != b; ++steps) {

@@ -337,7 +337,8 @@ void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
                             : neighbours[u][1] == t && r[2] == s[next(next(i))] ? 1
                                                                                 : 2;
     const std::uint32_t a = s[i], b = s[next(i)], c = s[next(next(i))], d = r[j];
-    if (is_locally_delaunay(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d])) continue;
+    if (is_locally_delaunay(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d]))
+      continue;
     // abc, dcb become abd, adc.
     const std::uint32_t beyond_ca = neighbours[t][next(i)],
                         beyond_ab = neighbours[t][next(next(i))];
