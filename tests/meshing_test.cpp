@@ -60,20 +60,28 @@ TEST_P(Simplification, StaysWithinItsBoundAndKeepsTheTopology) {
     EXPECT_LE(reported, tolerance_mm * (1 + 1e-12));
     for (std::size_t r = 0; r < full.rings.size(); ++r) {
       EXPECT_EQ(doubled_area(simple.rings[r]) > 0, doubled_area(full.rings[r]) > 0);
-      const double both = std::max(sampled_distance(full.rings[r], simple.rings[r]), sampled_distance(simple.rings[r], full.rings[r]));
+      const double both = std::max(sampled_distance(full.rings[r], simple.rings[r]),
+                                   sampled_distance(simple.rings[r], full.rings[r]));
       EXPECT_LE(both * kLattice.step_mm(), reported + 1e-9);
     }
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Noise, Simplification,
-                         testing::Combine(testing::Values(1, 3, 8), testing::Values(0.1, 0.5, 1.0, 3.0),
-                                          testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
+INSTANTIATE_TEST_SUITE_P(
+    Noise, Simplification,
+    testing::Combine(testing::Values(1, 3, 8), testing::Values(0.1, 0.5, 1.0, 3.0),
+                     testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
 
 TEST(Simplification, ASmallIslandIsNotJumpedOver) {
   // A bay one tolerance deep with an island in it: cutting the bay off would swallow the island.
   const std::int32_t s = 256;
-  const Pslg full{{{{0, 0}, {20 * s, 0}, {20 * s, 10 * s}, {12 * s, 10 * s}, {10 * s, 8 * s}, {8 * s, 10 * s}, {0, 10 * s}},
+  const Pslg full{{{{0, 0},
+                    {20 * s, 0},
+                    {20 * s, 10 * s},
+                    {12 * s, 10 * s},
+                    {10 * s, 8 * s},
+                    {8 * s, 10 * s},
+                    {0, 10 * s}},
                    {{10 * s - 40, 9 * s}, {10 * s + 40, 9 * s}, {10 * s, 9 * s + 60}}}};
   ASSERT_TRUE(check_pslg(full));
   const Pslg simple = simplify(full, kLattice, {3.0});
@@ -104,9 +112,11 @@ void expect_sound(const Pslg& pslg, const RefinementOptions& options, const std:
   for (std::size_t v = 0; v < refined.mesh.vertices.size(); ++v) {
     const std::int32_t s = refined.origins[v].segment;
     if (s < 0) continue;
-    const LatticePoint a = refined.mesh.vertices[refined.segments[static_cast<std::size_t>(s)].from];
+    const LatticePoint a =
+        refined.mesh.vertices[refined.segments[static_cast<std::size_t>(s)].from];
     const LatticePoint b = refined.mesh.vertices[refined.segments[static_cast<std::size_t>(s)].to];
-    const double off = static_cast<double>(orient2d(a, b, refined.mesh.vertices[v])) / std::sqrt(static_cast<double>(distance2(a, b)));
+    const double off = static_cast<double>(orient2d(a, b, refined.mesh.vertices[v])) /
+                       std::sqrt(static_cast<double>(distance2(a, b)));
     EXPECT_GE(off, 0.0) << what;
     EXPECT_LT(off, 3.0) << what;
   }
@@ -114,7 +124,9 @@ void expect_sound(const Pslg& pslg, const RefinementOptions& options, const std:
 
 TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
   for (const double radius : {3.0, 12.0, 25.0}) {
-    const Pslg disc = simplify(contours(disc_field(64, 31.3, 31.8, radius), kGrid, ContourKind::kSubpixel), kLattice, {0.1});
+    const Pslg disc =
+        simplify(contours(disc_field(64, 31.3, 31.8, radius), kGrid, ContourKind::kSubpixel),
+                 kLattice, {0.1});
     for (const double angle : {20.0, 30.0, 33.0}) {
       for (const double area : {0.5, 5.0, 1e9}) {
         RefinementOptions options;
@@ -133,23 +145,54 @@ TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
 TEST(Refinement, EndsSoundlyOnNoise) {
   for (const int passes : {1, 2, 4, 8}) {
     for (std::uint64_t seed = 0; seed < 15; ++seed) {
-      const Pslg full = drop_small_rings(contours(noise_field(64, passes, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
-      expect_sound(simplify(full, kLattice, {0.25}), {}, "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
+      const Pslg full = drop_small_rings(
+          contours(noise_field(64, passes, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
+      expect_sound(simplify(full, kLattice, {0.25}), {},
+                   "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
     }
   }
 }
 
 TEST(Refinement, EndsSoundlyOnPixelChains) {
   for (std::uint64_t seed = 0; seed < 15; ++seed) {
-    const Pslg full = drop_small_rings(contours(noise_field(64, 3, seed), kGrid, ContourKind::kPixel), 0.25, kLattice);
+    const Pslg full = drop_small_rings(
+        contours(noise_field(64, 3, seed), kGrid, ContourKind::kPixel), 0.25, kLattice);
     expect_sound(simplify(full, kLattice, {0.4}), {}, "chains, seed " + std::to_string(seed));
+  }
+}
+
+// Up to 33 degrees all ends well; beyond, within the budget, with a valid mesh and a word about it.
+TEST(Refinement, SteepAnglesEnd) {
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    const Pslg full = drop_small_rings(
+        contours(noise_field(48, 3, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
+    const Pslg pslg = simplify(full, kLattice, {0.25});
+    for (const double angle : {33.0, 36.0, 45.0, 59.0}) {
+      RefinementOptions options;
+      options.min_angle_deg = angle;
+      options.max_vertices = 20'000;
+      const Refined refined = refine(*triangulate(pslg), kLattice, options);
+      const auto ok = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
+      ASSERT_TRUE(ok) << angle << ": " << ok.error().message;
+      EXPECT_LE(refined.mesh.vertices.size(), options.max_vertices);
+      if (angle <= 33.0) {
+        EXPECT_FALSE(refined.out_of_vertices);
+      } else {
+        EXPECT_TRUE(refined.out_of_vertices || refined.too_short > 0 ||
+                    measure_quality(refined, kLattice, angle).below_unexplained == 0)
+            << angle;
+      }
+    }
   }
 }
 
 TEST(Refinement, SmallInputAnglesEnd) {
   for (const double degrees : {45.0, 29.0, 10.0, 1.0, 0.1}) {
     const double a = degrees * std::numbers::pi / 180;
-    const Pslg needle{{{{0, 0}, {100'000, 0}, {static_cast<std::int32_t>(100'000 * std::cos(a)), static_cast<std::int32_t>(std::ceil(100'000 * std::sin(a)))}}}};
+    const Pslg needle{{{{0, 0},
+                        {100'000, 0},
+                        {static_cast<std::int32_t>(100'000 * std::cos(a)),
+                         static_cast<std::int32_t>(std::ceil(100'000 * std::sin(a)))}}}};
     expect_sound(needle, {}, "needle of " + std::to_string(degrees));
   }
 }
@@ -164,18 +207,24 @@ TEST(Refinement, NestedRingsAndTouchingHoles) {
     nested.rings.push_back(ring);
   }
   expect_sound(nested, {}, "nested");
-  expect_sound({{{{0, 0}, {8000, 0}, {8000, 8000}, {0, 8000}}, {{0, 0}, {2000, 4000}, {4000, 2000}}}}, {}, "touching hole");
-  expect_sound({{{{0, 0}, {4000, 0}, {4000, 4000}, {0, 4000}}, {{4000, 4000}, {8000, 4000}, {8000, 8000}, {4000, 8000}}}}, {}, "touching islands");
+  expect_sound(
+      {{{{0, 0}, {8000, 0}, {8000, 8000}, {0, 8000}}, {{0, 0}, {2000, 4000}, {4000, 2000}}}}, {},
+      "touching hole");
+  expect_sound({{{{0, 0}, {4000, 0}, {4000, 4000}, {0, 4000}},
+                 {{4000, 4000}, {8000, 4000}, {8000, 8000}, {4000, 8000}}}},
+               {}, "touching islands");
 }
 
 // The carved triangulation is *the* constrained Delaunay triangulation, not only locally so: no
-// vertex that a triangle sees lies in its circle. Brute force on convex outlines, where all see all.
+// vertex that a triangle sees lies in its circle. Brute force on convex outlines, where all see
+// all.
 TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
   Ring ring;
   std::set<LatticePoint> seen;
   for (int k = 0; k < 60; ++k) {
     const double t = 2 * std::numbers::pi * (k + 0.3 * std::sin(5.0 * k)) / 60;
-    const LatticePoint p{static_cast<std::int32_t>(std::lrint(9000 * std::cos(t))), static_cast<std::int32_t>(std::lrint(5000 * std::sin(t)))};
+    const LatticePoint p{static_cast<std::int32_t>(std::lrint(9000 * std::cos(t))),
+                         static_cast<std::int32_t>(std::lrint(5000 * std::sin(t)))};
     if (seen.insert(p).second) ring.push_back(p);
   }
   const auto mesh = triangulate({{ring}});
@@ -193,15 +242,18 @@ TEST(IsAngleBelow, AgreesWithTheAngleItself) {
   const double cosine = std::cos(30 * std::numbers::pi / 180);
   for (int i = 0; i < 20'000; ++i) {
     LatticePoint p[3];
-    for (LatticePoint& q : p) q = {static_cast<std::int32_t>(rng() % 2000), static_cast<std::int32_t>(rng() % 2000)};
+    for (LatticePoint& q : p)
+      q = {static_cast<std::int32_t>(rng() % 2000), static_cast<std::int32_t>(rng() % 2000)};
     if (orient2d(p[0], p[1], p[2]) <= 0) continue;
     double smallest = 10;
     for (int k = 0; k < 3; ++k) {
       const LatticePoint a = p[k], b = p[(k + 1) % 3], c = p[(k + 2) % 3];
-      smallest = std::min(smallest, std::atan2(static_cast<double>(orient2d(a, b, c)), static_cast<double>(diametral_dot(b, c, a))));
+      smallest = std::min(smallest, std::atan2(static_cast<double>(orient2d(a, b, c)),
+                                               static_cast<double>(diametral_dot(b, c, a))));
     }
     if (std::abs(smallest - 30 * std::numbers::pi / 180) < 1e-9) continue;
-    ASSERT_EQ(is_angle_below(p[0], p[1], p[2], cosine * cosine), smallest < 30 * std::numbers::pi / 180);
+    ASSERT_EQ(is_angle_below(p[0], p[1], p[2], cosine * cosine),
+              smallest < 30 * std::numbers::pi / 180);
   }
 }
 
