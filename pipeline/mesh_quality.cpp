@@ -17,35 +17,43 @@ double angle_at(LatticePoint v, LatticePoint p, LatticePoint q) {
 
 class SmallInputAngles {
  public:
-  SmallInputAngles(const Refined& refined, double limit_deg)
-      : refined_(refined), limit_deg_(limit_deg), at_vertex_(refined.mesh.vertices.size(), 0) {
-    for (const Refined::Segment& s : refined.segments) {
-      if (s.angle_at_from_deg < limit_deg) at_vertex_[s.from] = 1;
+  explicit SmallInputAngles(const Refined& refined)
+      : refined_(refined), at_vertex_(refined.mesh.vertices.size(), -1) {
+    for (std::size_t s = 0; s < refined.segments.size(); ++s) {
+      if (refined.segments[s].angle_at_from_deg < kSmallInputAngle_deg)
+        at_vertex_[refined.segments[s].from] = static_cast<std::int32_t>(s);
     }
   }
 
-  bool touches(const Triangle& t) const {
-    if (at_vertex_[t[0]] || at_vertex_[t[1]] || at_vertex_[t[2]]) return true;
+  // The segment that starts at the smallest input angle below 60 degrees that the triangle touches,
+  // or -1.
+  std::int32_t at(const Triangle& t) const {
+    std::int32_t best = -1;
+    for (const std::uint32_t v : t)
+      best = smaller(best, at_vertex_[v]);
     const std::vector<LatticePoint>& p = refined_.mesh.vertices;
     std::size_t k = 0;
     for (std::size_t i = 1; i < 3; ++i) {
       if (distance2(p[t[i]], p[t[(i + 1) % 3]]) < distance2(p[t[k]], p[t[(k + 1) % 3]])) k = i;
     }
-    return meet(refined_.origins[t[k]].segment, refined_.origins[t[(k + 1) % 3]].segment);
+    const std::int32_t a = refined_.origins[t[k]].segment,
+                       b = refined_.origins[t[(k + 1) % 3]].segment;
+    if (a >= 0 && b >= 0) {
+      if (segment(b).previous == a && angle(b) < kSmallInputAngle_deg) best = smaller(best, b);
+      if (segment(a).previous == b && angle(a) < kSmallInputAngle_deg) best = smaller(best, a);
+    }
+    return best;
   }
 
  private:
-  bool meet(std::int32_t s, std::int32_t t) const {
-    const auto small = [this](std::int32_t a, std::int32_t b) {
-      const Refined::Segment& segment = refined_.segments[static_cast<std::size_t>(b)];
-      return segment.previous == a && segment.angle_at_from_deg < limit_deg_;
-    };
-    return s >= 0 && t >= 0 && (small(s, t) || small(t, s));
+  const Refined::Segment& segment(std::int32_t s) const {
+    return refined_.segments[static_cast<std::size_t>(s)];
   }
+  double angle(std::int32_t s) const { return s < 0 ? 360 : segment(s).angle_at_from_deg; }
+  std::int32_t smaller(std::int32_t a, std::int32_t b) const { return angle(b) < angle(a) ? b : a; }
 
   const Refined& refined_;
-  double limit_deg_;
-  std::vector<char> at_vertex_;
+  std::vector<std::int32_t> at_vertex_;  // the segment that starts at a small angle there, or -1
 };
 
 }  // namespace
@@ -53,21 +61,28 @@ class SmallInputAngles {
 MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg) {
   MeshQuality out;
   if (refined.mesh.triangles.empty()) return out;
-  const SmallInputAngles small(refined, kSmallInputAngle_deg),
-      unavoidable(refined, min_angle_deg + kLatticeAllowance_deg);
+  const SmallInputAngles small(refined);
   const double cosine = std::cos(min_angle_deg * std::numbers::pi / 180);
   double min_angle = std::numbers::pi;
   std::int64_t max_doubled_area = 0;
-  for (const Triangle& t : refined.mesh.triangles) {
+  for (std::uint32_t k = 0; k < refined.mesh.triangles.size(); ++k) {
+    const Triangle& t = refined.mesh.triangles[k];
     const LatticePoint a = refined.mesh.vertices[t[0]], b = refined.mesh.vertices[t[1]],
                        c = refined.mesh.vertices[t[2]];
     max_doubled_area = std::max(max_doubled_area, orient2d(a, b, c));
-    min_angle = std::min({min_angle, angle_at(a, b, c), angle_at(b, c, a), angle_at(c, a, b)});
-    if (is_angle_below(a, b, c, cosine * cosine)) {
-      ++out.below_min_angle;
-      if (small.touches(t)) ++out.below_at_small_input_angle;
-      if (!unavoidable.touches(t)) ++out.below_unexplained;
+    const double angle = std::min({angle_at(a, b, c), angle_at(b, c, a), angle_at(c, a, b)});
+    min_angle = std::min(min_angle, angle);
+    if (!is_angle_below(a, b, c, cosine * cosine)) continue;
+    SharpTriangle sharp{k, angle * 180 / std::numbers::pi, 360, {}};
+    if (const std::int32_t s = small.at(t); s >= 0) {
+      const Refined::Segment& segment = refined.segments[static_cast<std::size_t>(s)];
+      sharp.input_angle_deg = segment.angle_at_from_deg;
+      sharp.input_corner = refined.mesh.vertices[segment.from];
     }
+    ++out.below_min_angle;
+    if (sharp.input_angle_deg < kSmallInputAngle_deg) ++out.below_at_small_input_angle;
+    if (sharp.input_angle_deg >= min_angle_deg + kLatticeAllowance_deg) ++out.below_unexplained;
+    out.sharp.push_back(sharp);
   }
   out.min_angle_deg = min_angle * 180 / std::numbers::pi;
   out.max_area_mm2 =

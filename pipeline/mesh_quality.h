@@ -2,9 +2,19 @@
 // Angles and areas of a refined mesh, measured on the result.
 #pragma once
 
+#include <vector>
+
 #include "pipeline/refinement.h"
 
 namespace trocar::pipeline {
+
+/// A triangle with an angle below the wanted one, and the input angle that it sits at.
+struct SharpTriangle {
+  std::uint32_t triangle = 0;
+  double angle_deg = 0;
+  double input_angle_deg = 360;  ///< the smallest below 60 that it touches; 360 if none
+  LatticePoint input_corner;     ///< its vertex, if there is one
+};
 
 struct MeshQuality {
   double min_angle_deg = 0;  ///< 0 for an empty mesh
@@ -18,6 +28,7 @@ struct MeshQuality {
   /// input allows it and refinement still failed. Zero unless it ran out of vertices or into the
   /// lattice's step.
   std::uint32_t below_unexplained = 0;
+  std::vector<SharpTriangle> sharp;  ///< all of them, one by one
 };
 
 MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg);

@@ -128,46 +128,44 @@ struct Box {
       high = {std::max(high.x, p.x), std::max(high.y, p.y)};
     }
   }
-  bool contains(LatticePoint p) const {
-    return p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y;
+  bool meets(const Box& o) const {
+    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y;
   }
 };
 
-// Crossing number of p in a simple ring; p on the ring itself counts as neither (-1).
-int inside(const Ring& ring, LatticePoint p) {
+// Is the ring q inside the simple ring r, which it does not cross? The middle of an edge of q lies
+// on no edge of r and speaks for all of q, even if all vertices of q touch r. In doubled
+// coordinates, so that it is exact.
+bool is_inside(const Ring& q, const Ring& r) {
+  const std::int64_t px = std::int64_t{q[0].x} + q[1].x, py = std::int64_t{q[0].y} + q[1].y;
   bool in = false;
-  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
-    LatticePoint a = ring[i], b = ring[i + 1 == n ? 0 : i + 1];
-    if (a == p) return -1;
-    if ((a.y > p.y) == (b.y > p.y)) continue;
+  for (std::size_t i = 0, n = r.size(); i < n; ++i) {
+    LatticePoint a = r[i], b = r[i + 1 == n ? 0 : i + 1];
+    if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
     if (a.y > b.y) std::swap(a, b);
-    if (orient2d(a, b, p) > 0) in = !in;
+    const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
+                        Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
+    if (turn > 0) in = !in;
   }
-  return in ? 1 : 0;
+  return in;
 }
 
-// A simplified ring may not jump over a vertex that another ring keeps, though nothing crosses:
-// marks the jumper's spans. A vertex is looked at from every ring whose box holds it.
+// A simplified ring may not jump over another, though nothing crosses: marks both.
 bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
   bool any = false;
   std::vector<Ring> now;
-  for (const Simplified& s : rings)
+  std::vector<Box> boxes;
+  for (const Simplified& s : rings) {
     now.push_back(s.ring());
+    boxes.emplace_back(*s.contour);
+  }
   for (std::size_t r = 0; r < rings.size(); ++r) {
-    const Box box(*rings[r].contour);
     for (std::size_t q = 0; q < rings.size(); ++q) {
-      if (q == r) continue;
-      // Nothing crosses, so one vertex off the ring speaks for the whole of q.
-      for (LatticePoint p : now[q]) {
-        if (!box.contains(p)) break;
-        const int before = inside(*rings[r].contour, p), after = inside(now[r], p);
-        if (before < 0 || after < 0) continue;
-        if (before != after) {
-          std::fill(marks[r].begin(), marks[r].end(), char{1});
-          any = true;
-        }
-        break;
-      }
+      if (q == r || !boxes[r].meets(boxes[q])) continue;
+      if (is_inside(*rings[q].contour, *rings[r].contour) == is_inside(now[q], now[r])) continue;
+      std::fill(marks[r].begin(), marks[r].end(), char{1});
+      std::fill(marks[q].begin(), marks[q].end(), char{1});
+      any = true;
     }
   }
   return any;

@@ -161,6 +161,31 @@ TEST(Refinement, EndsSoundlyOnPixelChains) {
   }
 }
 
+// Up to 33 degrees all ends well; beyond, within the budget, with a valid mesh and a word about it.
+TEST(Refinement, SteepAnglesEnd) {
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    const Pslg full = drop_small_rings(
+        contours(noise_field(48, 3, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
+    const Pslg pslg = simplify(full, kLattice, {0.25});
+    for (const double angle : {33.0, 36.0, 45.0, 59.0}) {
+      RefinementOptions options;
+      options.min_angle_deg = angle;
+      options.max_vertices = 20'000;
+      const Refined refined = refine(*triangulate(pslg), kLattice, options);
+      const auto ok = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
+      ASSERT_TRUE(ok) << angle << ": " << ok.error().message;
+      EXPECT_LE(refined.mesh.vertices.size(), options.max_vertices);
+      if (angle <= 33.0) {
+        EXPECT_FALSE(refined.out_of_vertices);
+      } else {
+        EXPECT_TRUE(refined.out_of_vertices || refined.too_short > 0 ||
+                    measure_quality(refined, kLattice, angle).below_unexplained == 0)
+            << angle;
+      }
+    }
+  }
+}
+
 TEST(Refinement, SmallInputAnglesEnd) {
   for (const double degrees : {45.0, 29.0, 10.0, 1.0, 0.1}) {
     const double a = degrees * std::numbers::pi / 180;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// mesher_bench SCAN... [Google Benchmark's options]: our triangulation and refinement against
-// CGAL's on the same outlines, in the same run, on one thread. Ends with a table of ratios.
+// mesher_bench [--list] SCAN... [Google Benchmark's options]: our triangulation and refinement
+// against CGAL's on the same outlines, in the same run, on one thread. Ends with a table of ratios;
+// --list names every triangle below 30 degrees and the input angle that it sits at. Fails if one
+// sits at none below 60 degrees.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -128,21 +130,24 @@ class Medians : public benchmark::ConsoleReporter {
 
 struct Counts {
   std::size_t triangles = 0, below = 0, at_small_angle = 0;
-  std::size_t free = 0, corners = 0, splits = 0;
   double max_area_mm2 = 0;
   bool out_of_vertices = false;
 };
 
-Counts count_ours(const Case& c) {
+// Lists every triangle below the angle if asked to.
+Counts count_ours(const Case& c, bool list) {
   Counts out;
   for (std::size_t k = 0; k < c.outlines->simple.size(); ++k) {
     const Refined refined = our_mesh(c.outlines->simple[k], c.options());
     const MeshQuality quality = measure_quality(refined, kLattice, kMinAngle_deg);
     out.triangles += refined.mesh.triangles.size();
-    for (const VertexOrigin o : refined.origins)
-      (o.segment == VertexOrigin::kFree     ? out.free
-       : o.segment == VertexOrigin::kCorner ? out.corners
-                                            : out.splits) += 1;
+    for (const SharpTriangle& t : quality.sharp) {
+      if (!list) break;
+      std::printf(
+          "  %s slice %zu: triangle %u, %.3f deg, at the input angle of %.3f deg in (%d, %d)\n",
+          c.name().c_str(), k, t.triangle, t.angle_deg, t.input_angle_deg, t.input_corner.x,
+          t.input_corner.y);
+    }
     out.below += quality.below_min_angle;
     out.at_small_angle += quality.below_at_small_input_angle;
     out.max_area_mm2 = std::max(out.max_area_mm2, quality.max_area_mm2);
@@ -158,7 +163,12 @@ int main(int argc, char** argv) {
   using namespace trocar::bench;
   benchmark::Initialize(&argc, argv);
   std::vector<std::unique_ptr<Outlines>> outlines;
+  bool list = false;
   for (int i = 1; i < argc; ++i) {
+    if (std::string_view(argv[i]) == "--list") {
+      list = true;
+      continue;
+    }
     const auto stack = open_stack({argv[i]}, {});
     if (!stack) {
       std::fprintf(stderr, "mesher_bench: %s\n", stack.error().message.c_str());
@@ -219,10 +229,12 @@ int main(int argc, char** argv) {
   std::printf("\n%-26s %8s %8s %6s | %8s %8s %6s | %s\n", "outlines/area bound", "ours ms",
               "CGAL ms", "ratio", "ours tri", "CGAL tri", "share",
               "ours < 30 deg (at input < 60), CGAL < 30 deg");
+  bool sound = true;
   for (const Case& c : cases) {
     const double ours = medians.ms("ours/" + c.name()), cgal = medians.ms("cgal/" + c.name());
-    if (std::isnan(ours)) continue;
-    const Counts counts = count_ours(c);
+    if (std::isnan(ours) && !list) continue;
+    const Counts counts = count_ours(c, list);
+    sound = sound && counts.below == counts.at_small_angle && !counts.out_of_vertices;
     CgalCounts theirs;
     for (const auto& input : c.outlines->for_cgal) {
       const CgalCounts one = cgal_mesh(input, kMinAngle_deg, c.area_steps2(), true);
@@ -234,8 +246,6 @@ int main(int argc, char** argv) {
                 static_cast<double>(counts.triangles) / static_cast<double>(theirs.triangles),
                 counts.below, counts.at_small_angle, theirs.below_angle,
                 counts.out_of_vertices ? " OUT OF VERTICES" : "");
-    std::printf("    corners %zu splits %zu free %zu\n", counts.corners, counts.splits,
-                counts.free);
   }
   for (const auto& o : outlines) {
     std::size_t vertices = 0;
@@ -250,5 +260,5 @@ int main(int argc, char** argv) {
         medians.ms("simplify/" + o->name) / static_cast<double>(o->full.size()),
         medians.ms("cdt_ours/" + o->name), medians.ms("cdt_cgal/" + o->name));
   }
-  return 0;
+  return sound ? 0 : 1;
 }
