@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
+# SPDX-License-Identifier: Apache-2.0
 """dicom_variants_test.py BIN WORK: every kind of DICOM file that is read, written by DCMTK's and
 GDCM's programs, voxel by voxel against the numbers that went in; and every kind that is refused,
 by the reason and the file that are named. pydicom makes the originals and edits geometry."""

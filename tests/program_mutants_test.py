@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
+# SPDX-License-Identifier: Apache-2.0
 """program_mutants_test.py BIN CORPUS WORK [N]: trocar-mesh itself on N mutants of the corpus: it
 ends with 0 or 3 within 10 s, in 2 GB of address space, with one line on stderr when it refuses
 and none of its own when it does not, and never leaves an output of a refused input."""

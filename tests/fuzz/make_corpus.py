@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
+# SPDX-License-Identifier: Apache-2.0
 """make_corpus.py BIN CORPUS: the seeds in tests/corpus, small files of every kind that is read,
 written by DCMTK, GDCM, nibabel and Pillow (and trocar-mesh for .glb). Only needed to add kinds:
 the corpus is kept in the repository, with findings (found_*) beside the seeds."""
