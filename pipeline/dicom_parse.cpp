@@ -25,8 +25,8 @@ class GuardedStream final : public DcmInputFileStream {
 
   OFBool good() const override { return !too_deep() && DcmInputFileStream::good(); }
   OFCondition status() const override {
-    static const OFConditionConst deep(OFM_dcmdata, 0x7ff, OF_error, "sequences nested too deep");
-    return too_deep() ? OFCondition(deep) : DcmInputFileStream::status();
+    if (!too_deep()) return DcmInputFileStream::status();
+    return makeOFCondition(OFM_dcmdata, 0x7ff, OF_error, "sequences nested too deep");
   }
   bool was_too_deep() const { return hit_; }
   OFBool eos() override { return too_deep() || DcmInputFileStream::eos(); }

@@ -7,6 +7,7 @@
 #include <dcmtk/dcmdata/dcrledec.h>
 
 #include <algorithm>
+#include <span>
 
 #include "pipeline/jpeg2000.h"
 
@@ -42,6 +43,41 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
     out.insert(out.end(), bytes, bytes + item->getLength());
   }
   return out;
+}
+
+// The sample precision that a JPEG's frame header tells, 0 if there is none where it must be.
+// (ISO 10918-1, B.1: before it stand only segments that tell their length.)
+int jpeg_precision(std::span<const std::uint8_t> jpeg) {
+  if (jpeg.size() < 4 || jpeg[0] != 0xff || jpeg[1] != 0xd8) return 0;
+  for (std::size_t at = 2; at + 5 < jpeg.size();) {
+    const int marker = jpeg[at + 1];
+    if (jpeg[at] != 0xff) return 0;
+    const bool tables = marker == 0xc4 || marker == 0xcc || marker == 0xdb || marker == 0xdd;
+    if (marker >= 0xc0 && marker <= 0xcf && !tables && marker != 0xc8) return jpeg[at + 4];
+    if (!tables && marker != 0xfe && (marker < 0xe0 || marker > 0xef)) return 0;
+    at += 2 + static_cast<std::size_t>(jpeg[at + 2] << 8 | jpeg[at + 3]);
+  }
+  return 0;
+}
+
+// DCMTK's decoder never ends where a frame's first fragment has no frame header.
+Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
+  Uint32 first = 0;
+  DcmPixelItem* item = nullptr;
+  Uint8* bytes = nullptr;
+  int precision = 0;
+  if (DcmCodec::determineStartFragment(static_cast<Uint32>(h.frame), h.frames, &sequence, first)
+          .good() &&
+      sequence.getItem(item, first).good() && item != nullptr &&
+      item->getUint8Array(bytes).good() && bytes != nullptr) {
+    precision = jpeg_precision({bytes, item->getLength()});
+  }
+  if (precision < 2 || precision > 16) return refused(h.name() + ": its JPEG pixels are damaged");
+  if ((precision <= 8) != (h.bits_allocated == 8)) {
+    return refused(h.name() + ": its JPEG has " + std::to_string(precision) +
+                   " bits a sample, its header allocates " + std::to_string(h.bits_allocated));
+  }
+  return {};
 }
 
 // As stored words. Lossy coding overshoots: clamped, where a mask would turn white into black.
@@ -113,6 +149,10 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
     return decode_rle(h, *bytes);
   }
 
+  if (sequence != nullptr && syntax != EXS_JPEGLSLossless && syntax != EXS_JPEGLSLossy &&
+      DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit)) {
+    if (auto ok = check_jpeg(h, *sequence); !ok) return ok.error();
+  }
   std::vector<std::uint16_t> words(count);
   const std::size_t bytes = count * (h.bits_allocated / 8);
   Uint32 frame_size = 0, fragment = 0;
