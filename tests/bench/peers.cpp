@@ -163,6 +163,13 @@ double median_ms(int repetitions, const std::function<void()>& f) {
   return median(std::move(times));
 }
 
+double median_cpu_ms(int repetitions, const std::function<void()>& f) {
+  Time time;
+  for (int i = 0; i < repetitions; ++i)
+    time.add(f);
+  return median(time.cpu);
+}
+
 json disc_rows(const std::vector<double>& radii_px, double sigma_px, int offsets) {
   const PixelGrid grid{1, 1, 0, 0, Lattice{10}};
   json rows = json::array();

@@ -12,8 +12,9 @@
 
 namespace trocar::pipeline::bench {
 
-/// Wall-clock milliseconds of f, the median of `repetitions`.
+/// Milliseconds of f by the wall clock, and of CPU; the median of `repetitions`.
 double median_ms(int repetitions, const std::function<void()>& f);
+double median_cpu_ms(int repetitions, const std::function<void()>& f);
 
 /// Discs of the radii (pixels), at `offsets` places within a pixel each, as a scanner shows them:
 /// every pixel its coverage (sigma_px 0, by 64 x 64 samples) or blurred by a Gaussian edge. The
