@@ -16,13 +16,20 @@ sample::ScanGeometry phantom_geometry() {
   return *sample::sample_geometry(512, 35);
 }
 
+double ring_area_mm2(const std::vector<sample::Vec2>& ring) {
+  double doubled = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i)
+    doubled += cross(ring[i], ring[(i + 1) % ring.size()]);
+  return 0.5 * doubled;
+}
+
 // Of the intervals that the rings' areas (mm^2) divide low .. high into.
-double middle_of_widest_gap(const std::vector<Pslg>& slices, double low, double high) {
+double middle_of_widest_gap(const std::vector<sample::CrossSection>& slices, double low,
+                            double high) {
   std::vector<double> areas{low, high};
-  for (const Pslg& slice : slices) {
-    for (const Ring& ring : slice.rings) {
-      const double area = 0.5 * std::abs(static_cast<double>(doubled_area(ring))) *
-                          kFinest.step_mm() * kFinest.step_mm();
+  for (const sample::CrossSection& slice : slices) {
+    for (const auto& ring : slice.rings) {
+      const double area = std::abs(ring_area_mm2(ring));
       if (area > low && area < high) areas.push_back(area);
     }
   }
@@ -31,6 +38,20 @@ double middle_of_widest_gap(const std::vector<Pslg>& slices, double low, double 
   for (std::size_t i = 1; i < areas.size(); ++i)
     if (areas[i] - areas[i - 1] > areas[widest] - areas[widest - 1]) widest = i;
   return 0.5 * (areas[widest - 1] + areas[widest]);
+}
+
+// Chooses the scan's smallest region; what is smaller is no part of its truth either.
+void take_truths(std::vector<sample::CrossSection> sections, SweepScan& scan) {
+  scan.min_region_mm2 = middle_of_widest_gap(sections, 0.9, 1.1);
+  for (sample::CrossSection& section : sections) {
+    std::erase_if(section.rings, [&](const auto& ring) {
+      const double area = ring_area_mm2(ring);
+      if (std::abs(area) >= scan.min_region_mm2) return false;
+      section.area_mm2 -= area;
+      return true;
+    });
+    scan.truths.emplace_back(std::move(section));
+  }
 }
 
 }  // namespace
@@ -54,12 +75,13 @@ Result<SweepScan> phantom_scan(const std::vector<int>& slices, double noise_hu,
   const sample::PhantomOptions phantom;
   const sample::ScanGeometry scan = phantom_geometry();
   SweepScan out;
+  std::vector<sample::CrossSection> sections;
   out.pixel_mm = scan.pixel_mm;
   for (const int k : slices) {
     if (k < 0 || k >= scan.slices) return usage("the phantom has slices 0 to 34");
     auto truth = truths.at(k);
     if (!truth) return truth.error();
-    out.truths.emplace_back(std::move(*truth));
+    sections.push_back(std::move(*truth));
     const std::vector<double> hu = sample::render_slice(phantom, scan, k);
     const std::vector<double> noise =
         noise_hu > 0 ? sample::noise_slice(scan, phantom.seed, noise_hu, k) : std::vector<double>();
@@ -75,7 +97,8 @@ Result<SweepScan> phantom_scan(const std::vector<int>& slices, double noise_hu,
     out.stack.planes.push_back(plane);
     out.stack.names.push_back("phantom slice " + std::to_string(k));
   }
-  if (out.truths.empty()) return usage("no slices chosen");
+  if (sections.empty()) return usage("no slices chosen");
+  take_truths(std::move(sections), out);
   return out;
 }
 
@@ -84,7 +107,7 @@ Result<SweepScan> file_scan(const std::filesystem::path& path, int first, int st
   const auto stack = open_stack({path}, {});
   if (!stack) return stack.error();
   SweepScan out;
-  std::vector<Pslg> full;
+  std::vector<sample::CrossSection> sections;
   for (int k = first; k < (*stack)->size(); k += stride) {
     auto image = (*stack)->read(k);
     if (!image) return image.error();
@@ -95,14 +118,10 @@ Result<SweepScan> file_scan(const std::filesystem::path& path, int first, int st
     out.stack.names.push_back((*stack)->name(k));
     const Field field =
         segment(out.stack.images.back(), Calibration::kHounsfield, Threshold{kIso_HU});
-    full.push_back(contours(field, {plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kFinest},
-                            ContourKind::kSubpixel));
+    const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kFinest};
+    sections.push_back(as_section(contours(field, grid, ContourKind::kSubpixel), kFinest));
   }
-  out.min_region_mm2 = middle_of_widest_gap(full, 0.9, 1.1);
-  for (const Pslg& contour : full)
-    out.truths.emplace_back(
-        as_section(drop_small_rings(contour, out.min_region_mm2, kFinest), kFinest));
-
+  take_truths(std::move(sections), out);
   if (out.truths.empty()) return usage(path.string() + ": has no slice " + std::to_string(first));
   return out;
 }

@@ -27,6 +27,10 @@ class MemoryStack final : public SliceStack {
   std::vector<std::string> names;
 };
 
+/// A region of 1.000 mm^2 would be dropped on one lattice and kept on another, and centimetres of
+/// distance with it: min_region_mm2, trocar-mesh's default of 1, is moved to the middle of the
+/// widest gap between the areas of the truths' rings in 0.9 .. 1.1 mm^2. Smaller rings are no part
+/// of the truth.
 struct SweepScan {
   MemoryStack stack;
   std::vector<Truth> truths;  ///< by slice, in plane coordinates
@@ -51,9 +55,7 @@ Result<SweepScan> phantom_scan(const std::vector<int>& slices, double noise_hu,
                                PhantomTruths& truths);
 
 /// Every `stride`-th slice of a real scan from `first` on; the reference is its sub-pixel contour
-/// at full resolution on the finest lattice. A ring of 1.000 mm^2 would be dropped on one lattice
-/// and kept on another, and a millimetre of error with it: min_region_mm2 is therefore the middle
-/// of the widest gap between the areas of the reference's rings in 0.9 .. 1.1 mm^2.
+/// at full resolution on the finest lattice.
 Result<SweepScan> file_scan(const std::filesystem::path& path, int first, int stride);
 
 }  // namespace trocar::pipeline::bench

@@ -22,7 +22,6 @@ sys.path[:0] = [str(HERE), str(HERE.parent.parent / "plots")]
 
 import against  # noqa: E402
 import machine  # noqa: E402
-import page as html  # noqa: E402
 import readme  # noqa: E402
 
 SCHEMA = 1
@@ -104,6 +103,7 @@ def main():
         report = measure(given, sections)
         write(given.out / "report.json", json.dumps(report, indent=1) + "\n")
 
+    import page as html  # not before: it brings matplotlib, and a wrong word should be told at once
     page = html.Page("Trocar: speed against error")
     machine.show(report, page)
     if given.against is not None:

@@ -10,7 +10,7 @@ CSS = """
 body { font: 15px/1.5 "DejaVu Sans", Verdana, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
 h1 { font-size: 1.7em } h2 { font-size: 1.35em; margin-top: 2.2em; border-bottom: 1px solid #ccc } h3 { font-size: 1.08em; margin-top: 1.8em }
 table { border-collapse: collapse; font-size: 0.86em; margin: 0.8em 0 } td, th { padding: 0.18em 0.7em; text-align: right; border-bottom: 1px solid #e4e4e4 }
-th { text-align: right; vertical-align: bottom; border-bottom: 1px solid #888; font-weight: 600 } td:first-child, th:first-child { text-align: left }
+th { text-align: right; vertical-align: bottom; border-bottom: 1px solid #888; font-weight: 600 } td:first-child, th:first-child { text-align: left; white-space: nowrap }
 tr.marked td { background: #fbf3da } svg { max-width: 100%; height: auto } figure { margin: 1em 0 } figcaption { color: #555; font-size: 0.9em }
 .wide { overflow-x: auto } details { margin: 0.8em 0 } .verdict { background: #eef4f9; border-left: 4px solid #1f6fb4; padding: 0.5em 1em }
 """

@@ -156,7 +156,7 @@ def show_tolerance(data, page):
                   {point(contour=contour, tolerance_mm=t)["id"] for t in TOLERANCES_MM}]
         marked = [k for k, row in enumerate(listed) if row["point"] in (data["default"], data["recommended"]["point"])]
         page.table(HEAD, [cells(f"{row['contour']}, {row['tolerance_mm']:g} mm", row) for row in listed], marked,
-                   folded=f"{scan}: {listed[0]['slices']} slices of {listed[0]['pixel_mm']:.3g} mm pixels, by tolerance")
+                   folded=f"{scan}: {listed[0]['slices']} slices of {listed[0]['pixel_mm']:.4g} mm pixels, by tolerance")
 
 
 def show_meshing(data, page):
@@ -205,7 +205,8 @@ def show(data, page):
     page.text_block("Distances are between the outline that the asset holds (simplified, refined, on the lattice) and the truth, both ways, "
                     "read every eighth of a pixel. On the phantom the truth is exact: where a noiseless scanner of the same "
                     "apertures reads 226 HU. On the real scans L3 (1.5 mm pixels) and head (0.96 mm) it is the sub-pixel contour at full "
-                    "resolution on a 2\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT FOUR} mm lattice, so those errors are the simplification's and the lattice's alone.")
+                    "resolution on a 2\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT FOUR} mm lattice, so those errors are the simplification's and the lattice's alone. "
+                    "Regions below 1 mm\N{SUPERSCRIPT TWO} are dropped on both sides.")
     show_recommendation(data, page)
     show_tolerance(data, page)
     show_meshing(data, page)
