@@ -50,10 +50,18 @@ def versions(root, programs):
     return found
 
 
+def busy(report):
+    """The load average, if there was more work than cores."""
+    machine = report["machine"]
+    load = max(machine["load_average_at_start"], machine.get("load_average_at_end", 0))
+    return load if load > machine["cores_count"] else None
+
+
 def sentence(report):
     machine = report["machine"]
+    meanwhile = ", busy with other work meanwhile" if busy(report) else ""
     return (f"{report['form']} report of {report['made'][:10]}, trocar {report['versions']['trocar']}, {machine['processor']}, "
-            f"{machine['cores_count']} cores, {report['versions']['compiler']}")
+            f"{machine['cores_count']} cores{meanwhile}, {report['versions']['compiler']}")
 
 
 def show(report, page):
@@ -61,8 +69,7 @@ def show(report, page):
     page.text_block(f"A {report['form']} report, {report['made']}, on {machine['processor']} ({machine['cores_count']} cores, "
                     f"{machine['memory_bytes'] / 2**30:.1f} GiB), {report['versions']['system']}. Times are medians in one process, "
                     "one thread unless said otherwise. All figures with their names: report.json.")
-    load = max(machine["load_average_at_start"], machine.get("load_average_at_end", 0))
-    if load > machine["cores_count"]:
+    if load := busy(report):
         page.text_block(f"The machine was busy with other work meanwhile (load average {load:.1f} on {machine['cores_count']} "
                         "cores): wall-clock times are too long; errors, counts and bytes are not concerned.", verdict=True)
     page.table(("what", "version"), list(report["versions"].items()), folded="versions")
