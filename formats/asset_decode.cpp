@@ -229,8 +229,8 @@ Result<Pslg> decode_lines(const tinygltf::Model& model, const tinygltf::Primitiv
   // Rings as written: (f, f+1) (f+1, f+2) ... (l, f).
   Pslg pslg;
   Ring ring;
-  std::uint32_t first = 0;
-  for (std::uint32_t i = 0; i < position->count; ++i) {
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < position->count; ++i) {
     const double x = std::ldexp(static_cast<double>((*xyz)[3 * i]), lattice.bits);
     const double y = std::ldexp(static_cast<double>((*xyz)[3 * i + 1]), lattice.bits);
     if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||

@@ -196,7 +196,7 @@ void add_materials(tinygltf::Model& model) {
 }
 
 std::vector<double> node_matrix(const Eigen::Affine3d& T) {
-  const Eigen::Matrix4d m = T.matrix();
+  const Eigen::Matrix4d& m = T.matrix();
   return {m.data(), m.data() + 16};  // Eigen and glTF are both column-major
 }
 

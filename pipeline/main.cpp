@@ -38,7 +38,7 @@ struct Arguments {
   double threshold = 226, equalize = 230, tolerance_mm = 0.25, min_angle_deg = 30,
          max_area_mm2 = 50, min_region_mm2 = 1;
   std::vector<int> labels;
-  std::string contour = "subpixel", preset, series, spacing, slices, crop;
+  std::string contour = "subpixel", axis = "transverse", preset, series, spacing, slices, crop;
   int lattice_bits = 8, jobs = 0, dump_slice = -1;
   bool quiet = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
@@ -157,6 +157,9 @@ int mesh(const Arguments& a) {
   if (!options) return fail(options.error());
   OpenOptions open;
   open.series_uid = a.series;
+  open.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
+              : a.axis == "sagittal" ? SliceAxis::kSagittal
+                                     : SliceAxis::kTransverse;
   if (!a.spacing.empty()) {
     const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing");
     if (!n) return fail(n.error());
@@ -297,6 +300,9 @@ int run(int argc, char** argv) {
   app.add_option("--slices", a.slices, "A:B, first and last slice, from 0");
   app.add_option("--crop", a.crop, "X0:X1,Y0:Y1, first and last pixel, from 0");
   app.add_option("--series", a.series, "SeriesInstanceUID, of several in a folder");
+  app.add_option("--axis", a.axis, "slices of a volume: transverse, coronal or sagittal")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
   app.add_option("--preset", a.preset, "paper: equalise, pixel chains, 30 degrees, 200 px^2")
       ->check(CLI::IsMember({"paper"}));
   app.add_option("--lattice-bits", a.lattice_bits, "lattice step 2^-N mm")

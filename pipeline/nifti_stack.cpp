@@ -1,22 +1,35 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // NIfTI-1 and -2, plain or gzipped, any axis order. Slices run along the array axis that is
-// nearest to the patient's z axis; rows and columns are turned so that u points to the patient's
-// left and v to the back (LPS), by reading in another order, never by resampling.
-#include <nifti2_io.h>
+// nearest to the chosen anatomical axis; rows and columns are turned to the view's usual
+// directions by reading in another order, never by resampling. Voxels stay on disk.
+#include <nifti1.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 
+#include "pipeline/nifti_header.h"
 #include "pipeline/slice_stack.h"
+#include "pipeline/volume_file.h"
 
 namespace trocar::pipeline {
 namespace {
 
-struct ImageDeleter {
-  void operator()(nifti_image* image) const { nifti_image_free(image); }
-};
-using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
+// Where u, v and the slices should run, in LPS: as in DICOM's images of each kind.
+std::array<Eigen::Vector3d, 3> view_directions(SliceAxis axis) {
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(),
+                        z = Eigen::Vector3d::UnitZ();
+  switch (axis) {
+    case SliceAxis::kCoronal:
+      return {x, -z, y};  // from front to back
+    case SliceAxis::kSagittal:
+      return {y, -z, -x};  // from left to right
+    case SliceAxis::kTransverse:
+      break;
+  }
+  return {x, y, z};  // from the feet to the head
+}
 
 class NiftiStack final : public SliceStack {
  public:
@@ -26,143 +39,142 @@ class NiftiStack final : public SliceStack {
   Calibration calibration() const override { return Calibration::kHounsfield; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return file_ + " slice " + std::to_string(slice); }
+
   Result<Image> read(int slice) const override {
     Image out{width(), height(), {}};
     out.values.resize(static_cast<std::size_t>(n_[0] * n_[1]));
-    const bool ok = dispatch([&](auto zero) {
-      using T = decltype(zero);
-      const auto* data = static_cast<const char*>(image_->data);
-      float* to = out.values.data();
-      for (std::int64_t y = 0; y < n_[1]; ++y) {
-        for (std::int64_t x = 0; x < n_[0]; ++x) {
-          const std::int64_t at = first_ + x * stride_[0] + y * stride_[1] + slice * stride_[2];
-          T value;
-          std::memcpy(&value, data + at * static_cast<std::int64_t>(sizeof(T)), sizeof(T));
-          *to++ = static_cast<float>(static_cast<double>(value) * slope_ + intercept_);
-        }
-      }
-    });
-    if (!ok) return bug("NIfTI type not dispatched");
+    const std::int64_t fixed = flipped_[2] ? n_[2] - 1 - slice : slice;
+    // Along the array's slowest axis a slice is one block; else a row or a column of each plane.
+    const int slowest_used = axis_[2] == 2 ? 1 : 2;
+    const std::int64_t runs = axis_[2] == 2 ? 1 : header_.n[2];
+    const std::int64_t block =
+        (axis_[2] == 1 ? header_.n[0] : header_.n[0] * header_.n[1]) * header_.bytes_per_voxel;
+    std::vector<char> bytes(static_cast<std::size_t>(block));
+    for (std::int64_t run = 0; run < runs; ++run) {
+      const std::int64_t plane = axis_[2] == 2 ? fixed : run;
+      const std::int64_t row = axis_[2] == 1 ? fixed : 0;
+      const std::int64_t at = (plane * header_.n[1] + row) * header_.n[0] * header_.bytes_per_voxel;
+      if (!voxels_.read(at, bytes)) return refused(name(slice) + ": the file has become shorter");
+      place(bytes, fixed, slowest_used == 2 ? run : -1, out);
+    }
     for (float v : out.values) {
       if (!std::isfinite(v)) return refused(name(slice) + ": a voxel that is not a finite number");
     }
     return out;
   }
 
-  // Calls f with a zero of the voxel type; false if it is not a scalar we read.
+  // Converts what was read (one plane, or one row of it, of the array) and puts it where it
+  // belongs in the image. `plane` is the place along the slowest axis, -1 if that is the slices'.
+  void place(const std::vector<char>& bytes, std::int64_t fixed, std::int64_t plane,
+             Image& out) const {
+    const std::int64_t columns = header_.n[0];
+    const std::int64_t rows = axis_[2] == 1 ? 1 : header_.n[1];
+    // The steps in the image that one step along the array's axes makes.
+    std::array<std::int64_t, 3> step{};
+    std::int64_t first = 0;
+    for (int k = 0; k < 2; ++k) {
+      const std::int64_t stride = k == 0 ? 1 : n_[0];
+      step[axis_[k]] = flipped_[k] ? -stride : stride;
+      if (flipped_[k]) first += stride * (n_[k] - 1);
+    }
+    if (plane >= 0) first += plane * step[2];
+    const bool column_only = axis_[2] == 0;
+    dispatch([&](auto zero) {
+      using T = decltype(zero);
+      for (std::int64_t j = 0; j < rows; ++j) {
+        for (std::int64_t i = column_only ? fixed : 0; i < (column_only ? fixed + 1 : columns);
+             ++i) {
+          T value;
+          char raw[sizeof(T)];
+          std::memcpy(raw, bytes.data() + (j * columns + i) * static_cast<std::int64_t>(sizeof(T)),
+                      sizeof(T));
+          if (header_.swapped) std::reverse(raw, raw + sizeof(T));
+          std::memcpy(&value, raw, sizeof(T));
+          const double number = static_cast<double>(value) * header_.slope + header_.intercept;
+          // A cast out of float's range is undefined; let it be found as not finite.
+          out.values[static_cast<std::size_t>(first + i * step[0] + j * step[1])] =
+              std::abs(number) <= 3e38 ? static_cast<float>(number) : INFINITY;
+        }
+      }
+    });
+  }
+
+  // Calls f with a zero of the voxel type; parse_nifti_header() lets no other through.
   template <typename F>
-  bool dispatch(F f) const {
-    switch (image_->datatype) {
+  void dispatch(F f) const {
+    switch (header_.datatype) {
       case NIFTI_TYPE_UINT8:
-        return f(std::uint8_t{}), true;
+        return f(std::uint8_t{});
       case NIFTI_TYPE_INT8:
-        return f(std::int8_t{}), true;
+        return f(std::int8_t{});
       case NIFTI_TYPE_UINT16:
-        return f(std::uint16_t{}), true;
+        return f(std::uint16_t{});
       case NIFTI_TYPE_INT16:
-        return f(std::int16_t{}), true;
+        return f(std::int16_t{});
       case NIFTI_TYPE_UINT32:
-        return f(std::uint32_t{}), true;
+        return f(std::uint32_t{});
       case NIFTI_TYPE_INT32:
-        return f(std::int32_t{}), true;
+        return f(std::int32_t{});
       case NIFTI_TYPE_UINT64:
-        return f(std::uint64_t{}), true;
+        return f(std::uint64_t{});
       case NIFTI_TYPE_INT64:
-        return f(std::int64_t{}), true;
+        return f(std::int64_t{});
       case NIFTI_TYPE_FLOAT32:
-        return f(float{}), true;
-      case NIFTI_TYPE_FLOAT64:
-        return f(double{}), true;
+        return f(float{});
       default:
-        return false;
+        return f(double{});
     }
   }
 
   std::string file_;
-  NiftiImage image_;
-  std::array<std::int64_t, 3> n_{}, stride_{};  // of u, v and the slice axis, in voxels
-  std::int64_t first_ = 0;                      // voxel at u = v = slice = 0
-  double slope_ = 1, intercept_ = 0;
+  NiftiHeader header_;
+  VolumeFile voxels_;
+  std::array<std::int64_t, 3> n_{};  // of u, v and the slices
+  std::array<int, 3> axis_{};        // the array's axis of each
+  std::array<bool, 3> flipped_{};    // that one is read backwards
   std::vector<SlicePlane> planes_;
 };
-
-// The voxel-to-patient matrix in LPS mm, by sform, qform or, failing both, the voxel sizes.
-Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
-                             std::vector<Warning>& warnings) {
-  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
-  const auto take = [&T](const nifti_dmat44& m) {
-    for (int r = 0; r < 4; ++r) {
-      for (int c = 0; c < 4; ++c)
-        T(r, c) = m.m[r][c];
-    }
-  };
-  if (image.sform_code > 0) {
-    take(image.sto_xyz);
-  } else if (image.qform_code > 0) {
-    take(image.qto_xyz);
-  } else {
-    T.diagonal() << image.dx, image.dy, image.dz, 1.0;
-    warnings.push_back({"no_orientation", file,
-                        "the file has neither sform nor qform; array axes are taken as right, "
-                        "anterior, superior"});
-  }
-  return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
-}
 
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
                                                const OpenOptions& options) {
-  nifti_set_debug_level(0);
   const std::string file = path.string();
   auto stack = std::make_unique<NiftiStack>();
   stack->file_ = file;
-  stack->image_.reset(nifti_image_read(file.c_str(), 0));
-  if (!stack->image_) return refused(file + ": not a readable NIfTI file");
-  nifti_image& image = *stack->image_;
-  const std::array<std::int64_t, 3> n = {image.nx, image.ny, image.nz};
-  for (std::int64_t side : n) {
-    if (side < 1 || side > kMaxImageSide)
-      return refused(file + ": a side of " + std::to_string(side) + " voxels");
-  }
-  if (image.nt > 1 || image.nu > 1 || image.nv > 1 || image.nw > 1) {
-    return refused(file + ": more than three dimensions");
-  }
-  if (!stack->dispatch([](auto) {})) {
-    return refused(file + ": voxel type " + std::string(nifti_datatype_string(image.datatype)) +
-                   " is not a scalar");
-  }
-  Eigen::Matrix4d T = voxel_to_lps(image, file, stack->warnings);
-  if (!T.allFinite()) return refused(file + ": its affine is not finite");
+  const auto head = VolumeFile::head(path, kNiftiHeadBytes);
+  if (!head) return head.error();
+  const auto header = parse_nifti_header(*head, file, stack->warnings);
+  if (!header) return header.error();
+  stack->header_ = *header;
   if (options.spacing_mm) {
     stack->warnings.push_back(
         {"spacing_ignored", file,
          "--spacing is for input without a voxel size; the file's own is used"});
   }
 
-  // Array axes for u, v, slices: the assignment whose unit vectors lie closest to x, y, z.
-  std::array<int, 3> axis{0, 1, 2}, best = axis;
+  // Array axes for u, v, slices: the assignment whose unit vectors lie closest to the view's.
+  const Eigen::Matrix4d& T = header->T_lps_voxel;
+  const std::array<Eigen::Vector3d, 3> wanted = view_directions(options.axis);
+  std::array<int, 3> axis{0, 1, 2};
   double best_score = -1;
   do {
     double score = 0;
     for (int k = 0; k < 3; ++k)
-      score += std::abs(T.col(axis[k]).head<3>().normalized()[k]);
-    if (score > best_score) best_score = score, best = axis;
+      score += std::abs(T.col(axis[k]).head<3>().normalized().dot(wanted[k]));
+    if (score > best_score) best_score = score, stack->axis_ = axis;
   } while (std::next_permutation(axis.begin(), axis.end()));
 
-  const std::array<std::int64_t, 3> voxel_stride = {1, n[0], n[0] * n[1]};
   Eigen::Vector3d origin = T.col(3).head<3>();
   std::array<Eigen::Vector3d, 3> direction;
   for (int k = 0; k < 3; ++k) {
-    const int a = best[k];
-    stack->n_[k] = n[a];
+    const int a = stack->axis_[k];
+    stack->n_[k] = header->n[a];
     direction[k] = T.col(a).head<3>();
-    stack->stride_[k] = voxel_stride[a];
-    if (direction[k][k] < 0) {  // read this axis backwards
-      origin += direction[k] * static_cast<double>(n[a] - 1);
-      stack->first_ += voxel_stride[a] * (n[a] - 1);
+    stack->flipped_[k] = direction[k].dot(wanted[k]) < 0;
+    if (stack->flipped_[k]) {
+      origin += direction[k] * static_cast<double>(header->n[a] - 1);
       direction[k] = -direction[k];
-      stack->stride_[k] = -voxel_stride[a];
     }
   }
   const double su = direction[0].norm(), sv = direction[1].norm();
@@ -170,11 +182,17 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
     return refused(file + ": a voxel size of zero");
   const Eigen::Vector3d u = direction[0] / su;
   Eigen::Vector3d v = direction[1] / sv;
-  if (std::abs(u.dot(v)) > 1e-3)
+  if (!(std::abs(u.dot(v)) <= 1e-3))
     return refused(file + ": its rows and columns are not at right angles");
   v = (v - u * u.dot(v)).normalized();
   const Eigen::Vector3d normal = u.cross(v);
-  if (normal.dot(direction[2]) <= 0) return refused(file + ": its affine has no volume");
+  if (!(normal.dot(direction[2]) > 0)) return refused(file + ": its affine has no volume");
+  if (stack->n_[0] < 2 || stack->n_[1] < 2)
+    return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
+                   std::to_string(stack->n_[1]) + " voxels");
+  if (stack->n_[0] * stack->n_[1] > kMaxSlicePixels)
+    return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
+                   std::to_string(stack->n_[1]) + " voxels");
 
   for (std::int64_t i = 0; i < stack->n_[2]; ++i) {
     SlicePlane plane{su, sv, Eigen::Affine3d::Identity(), 0};
@@ -183,13 +201,9 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
     plane.z_mm = normal.dot(plane.T_lps_plane.translation());
     stack->planes_.push_back(plane);
   }
-  if (image.scl_slope != 0 && std::isfinite(image.scl_slope) && std::isfinite(image.scl_inter)) {
-    stack->slope_ = image.scl_slope;
-    stack->intercept_ = image.scl_inter;
-  }
-  if (nifti_image_load(&image) != 0 || image.data == nullptr) {
-    return refused(file + ": the voxels cannot be read (truncated?)");
-  }
+  auto voxels = VolumeFile::open(path, header->data_start, header->data_bytes());
+  if (!voxels) return voxels.error();
+  stack->voxels_ = std::move(*voxels);
   return std::unique_ptr<SliceStack>(std::move(stack));
 }
 

@@ -39,7 +39,7 @@ struct Refined {
   struct Segment {
     std::uint32_t from, to;
     std::int32_t previous;     ///< segment that ends where this one starts
-    double angle_at_from_deg;  ///< in the material, 0..360
+    double angle_at_from_deg;  ///< in the material; 360 for all of 90 and more
   };
   std::vector<Segment> segments;
   bool out_of_vertices = false;

@@ -100,8 +100,14 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   });
   if (files.empty()) return refused(inputs[0].string() + ": an empty folder");
 
+  const bool volume = files.size() == 1 && is_nifti(files[0]);
+  if (options.axis != SliceAxis::kTransverse && !volume) {
+    return usage(inputs[0].string() +
+                 ": another axis can be chosen for a NIfTI volume only; images and DICOM slices "
+                 "are what they are");
+  }
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
-  if (files.size() == 1 && is_nifti(files[0])) {
+  if (volume) {
     stack = open_nifti(files[0], options);
   } else if (std::any_of(files.begin(), files.end(), is_nifti)) {
     return usage(inputs[0].string() + ": give one NIfTI file, not a folder or list with one in it");

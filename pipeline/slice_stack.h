@@ -59,14 +59,20 @@ class SliceStack {
   std::string input_digest;       ///< BLAKE2b-256 over the input's bytes, hex
 };
 
+/// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
+/// transverse u left, v back, from the feet up; coronal u left, v down, from front to back;
+/// sagittal u back, v down, from left to right.
+enum class SliceAxis { kTransverse, kCoronal, kSagittal };
+
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< for input that has none
   std::string series_uid;                           ///< of a DICOM folder; empty: the largest
+  SliceAxis axis = SliceAxis::kTransverse;          ///< of a volume; others keep their slices
 };
 
 /// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
 /// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
-/// missing.
+/// missing, an axis asked of what is not a volume.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
@@ -79,6 +85,8 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
                                                const OpenOptions& options);
 
 inline constexpr int kMaxImageSide = 1 << 15;
+/// Slices of more pixels (8192 x 8192) are refused: what a few hostile bytes can claim.
+inline constexpr long kMaxSlicePixels = 1L << 26;
 
 /// BLAKE2b-256 of the files' bytes, one after the other.
 Result<std::string> digest_files(const std::vector<std::filesystem::path>& files);

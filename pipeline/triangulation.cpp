@@ -1,143 +1,409 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The only file that includes CGAL.
+// A plane sweep triangulates the material (Hertel and Mehlhorn, 1983), then flips make it
+// constrained Delaunay (Lawson, 1977). The outside is never triangulated, constraints never have to
+// be recovered, and both steps decide in exact integers only.
 #include "pipeline/triangulation.h"
 
-#include <CGAL/Constrained_Delaunay_triangulation_2.h>
-#include <CGAL/Constrained_triangulation_face_base_2.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Triangulation_face_base_with_info_2.h>
-#include <CGAL/Triangulation_vertex_base_with_info_2.h>
-
 #include <algorithm>
-#include <map>
+#include <array>
+#include <utility>
+
+#include "pipeline/mesh_adjacency.h"
 
 namespace trocar::pipeline {
 namespace {
 
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
-using FaceBase = CGAL::Constrained_triangulation_face_base_2<
-    Kernel, CGAL::Triangulation_face_base_with_info_2<int, Kernel>>;
-using Cdt = CGAL::Constrained_Delaunay_triangulation_2<
-    Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>,
-    CGAL::No_constraint_intersection_requiring_constructions_tag>;
+constexpr std::uint32_t kNone = kNoTriangle;
+// A side that lies on a diagonal whose triangles are still to come: this flag and the diagonal's
+// number.
+constexpr std::uint32_t kDiagonal = 0x80000000;
 
-// Lattice integers are exact in a double, so the filtered kernel decides exactly.
-Kernel::Point_2 to_cgal(LatticePoint p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y)};
+struct Triangulated {
+  SliceMesh mesh;
+  Neighbours neighbours;
+  bool has_pinches = false;
+};
+
+// Sweeps over the points in lexicographic order (left to right, on a vertical from below). The
+// status holds the outline's edges that the sweep line cuts, from below, and with each edge that
+// has material above it the chain: the right border of what is triangulated of that material, as
+// far as it can be without points to the right. It runs from the left end of the edge below to that
+// of the edge above, and bulges to the right: no corner of it can be cut off. A new point right of
+// it therefore sees it where it turns towards the point, and nothing else has to be checked.
+class Sweep {
+ public:
+  explicit Sweep(const Pslg& pslg) : pslg_(pslg) {}
+
+  Result<Triangulated> run() {
+    sort_points();
+    sort_edges();
+    const auto n = static_cast<std::uint32_t>(points_.size());
+    out_.mesh.triangles.reserve(n + n / 4);
+    out_.neighbours.reserve(n + n / 4);
+    nodes_.reserve(2 * n);
+    for (std::uint32_t p = 0; p < n; ++p) {
+      if (!add(p)) return bug("triangulation: the outline crosses itself");
+    }
+    if (!status_.empty()) return bug("triangulation: the outline does not close");
+    out_.mesh.vertices = std::move(points_);
+    return std::move(out_);
+  }
+
+ private:
+  // An edge of the outline from its left end to its right end.
+  struct Edge {
+    std::uint32_t left, right;
+    bool material_above;
+  };
+  // A point on a chain, and the triangle side (3 * triangle + side) or kNone for the outline that
+  // joins it to the next one.
+  struct Node {
+    std::uint32_t point, side = kNone, previous = kNone, next = kNone;
+  };
+  struct Active {
+    std::uint32_t left = 0, right = 0;
+    LatticePoint a, b;
+    std::uint32_t front = kNone, back = kNone;  // the chain above it
+    bool material_above = false;
+  };
+
+  void sort_points() {
+    std::size_t total = 0;
+    for (const Ring& ring : pslg_.rings)
+      total += ring.size();
+    struct Item {
+      std::uint64_t key;
+      std::uint32_t corner;
+    };
+    const auto key = [](LatticePoint p) {
+      return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x) ^ 0x80000000U) << 32) |
+             (static_cast<std::uint32_t>(p.y) ^ 0x80000000U);
+    };
+    std::vector<Item> items;
+    items.reserve(total);
+    std::uint32_t corner = 0;
+    for (const Ring& ring : pslg_.rings) {
+      for (const LatticePoint p : ring)
+        items.push_back({key(p), corner++});
+    }
+    std::sort(items.begin(), items.end(),
+              [](const Item& a, const Item& b) { return a.key < b.key; });
+    vertex_of_corner_.resize(total);
+    points_.reserve(total);
+    for (std::size_t i = 0; i < total; ++i) {
+      if (i == 0 || items[i].key != items[i - 1].key) {
+        points_.push_back(
+            {static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key >> 32) ^
+                                       0x80000000U),
+             static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key) ^ 0x80000000U)});
+      }
+      vertex_of_corner_[items[i].corner] = static_cast<std::uint32_t>(points_.size() - 1);
+    }
+    out_.has_pinches = points_.size() != total;
+  }
+
+  // Edges grouped by their left ends; at one point from below.
+  void sort_edges() {
+    first_edge_.assign(points_.size() + 1, 0);
+    const std::size_t total = vertex_of_corner_.size();
+    std::vector<Edge> unsorted;
+    unsorted.reserve(total);
+    std::size_t start = 0;
+    for (const Ring& ring : pslg_.rings) {
+      std::uint32_t a = vertex_of_corner_[start + ring.size() - 1];
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        const std::uint32_t b = vertex_of_corner_[start + i];
+        unsorted.push_back(a < b ? Edge{a, b, true} : Edge{b, a, false});
+        ++first_edge_[std::min(a, b) + 1];
+        a = b;
+      }
+      start += ring.size();
+    }
+    for (std::size_t v = 1; v < first_edge_.size(); ++v)
+      first_edge_[v] += first_edge_[v - 1];
+    edges_.resize(total);
+    std::vector<std::uint32_t> at(first_edge_.begin(), first_edge_.end() - 1);
+    for (const Edge& e : unsorted)
+      edges_[at[e.left]++] = e;
+    for (std::uint32_t v = 0; v < points_.size(); ++v) {
+      if (first_edge_[v + 1] - first_edge_[v] < 2) continue;
+      std::sort(edges_.begin() + first_edge_[v], edges_.begin() + first_edge_[v + 1],
+                [&](const Edge& e, const Edge& f) {
+                  return orient2d(points_[v], points_[e.right], points_[f.right]) > 0;
+                });
+    }
+  }
+
+  std::uint32_t add_node(std::uint32_t point) {
+    nodes_.push_back({point});
+    return static_cast<std::uint32_t>(nodes_.size() - 1);
+  }
+  void join(std::uint32_t node, std::uint32_t next, std::uint32_t side) {
+    nodes_[node].next = next;
+    nodes_[node].side = side;
+    nodes_[next].previous = node;
+  }
+
+  // Triangle (a, p, b), the chain's nodes a and its next one b. `side_ap` and `side_pb`, where
+  // known, lie beyond its other sides. Side i is opposite vertex i: 0 is pb, 1 is ba, 2 is ap.
+  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, std::uint32_t side_ap,
+                     std::uint32_t side_pb) {
+    const auto t = static_cast<std::uint32_t>(out_.mesh.triangles.size());
+    out_.mesh.triangles.push_back({nodes_[a].point, p, nodes_[b].point});
+    out_.neighbours.push_back({kNone, kNone, kNone});
+    link(3 * t + 1, nodes_[a].side);
+    link(3 * t + 2, side_ap);
+    link(3 * t, side_pb);
+    return t;
+  }
+  void link(std::uint32_t side, std::uint32_t beyond) {
+    if (beyond == kNone) return;
+    if ((beyond & kDiagonal) != 0) {
+      const std::uint32_t other = std::exchange(diagonals_[beyond ^ kDiagonal], side);
+      if (other == kNone) return;
+      beyond = other;
+    }
+    out_.neighbours[side / 3][side % 3] = beyond / 3;
+    out_.neighbours[beyond / 3][beyond % 3] = side / 3;
+  }
+  bool sees(std::uint32_t a, std::uint32_t b, std::uint32_t p) const {
+    return orient2d(points_[nodes_[a].point], points_[p], points_[nodes_[b].point]) > 0;
+  }
+
+  // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end
+  // itself.
+  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
+                  std::uint32_t side = kNone) {
+    while (back != front && sees(nodes_[back].previous, back, p)) {
+      const std::uint32_t a = nodes_[back].previous;
+      side = 3 * emit(a, p, back, kNone, side) + 2;
+      back = a;
+    }
+    const std::uint32_t node = add_node(p);
+    join(back, node, side);
+    back = node;
+  }
+  // The same from the lower end.
+  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
+                   std::uint32_t side = kNone) {
+    while (front != back && sees(front, nodes_[front].next, p)) {
+      const std::uint32_t b = nodes_[front].next;
+      side = 3 * emit(front, p, b, side, kNone);
+      front = b;
+    }
+    const std::uint32_t node = add_node(p);
+    join(node, front, side);
+    front = node;
+  }
+  // p is joined to both ends: what is left of this material ends here.
+  bool close(std::uint32_t front, std::uint32_t back, std::uint32_t p) {
+    std::uint32_t side = kNone;
+    for (; front != back; front = nodes_[front].next) {
+      if (!sees(front, nodes_[front].next, p)) return false;
+      side = 3 * emit(front, p, nodes_[front].next, side, kNone);
+    }
+    return true;
+  }
+
+  bool add(std::uint32_t p) {
+    const LatticePoint at = points_[p];
+    // The edges that end in p are neighbours in the status.
+    std::size_t low = 0, count = status_.size();
+    while (count > 0) {
+      const std::size_t half = count / 2;
+      if (orient2d(status_[low + half].a, status_[low + half].b, at) > 0) {
+        low += half + 1, count -= half + 1;
+      } else {
+        count = half;
+      }
+    }
+    std::size_t high = low;
+    while (high < status_.size() && status_[high].right == p)
+      ++high;
+
+    std::uint32_t lower_front = kNone, lower_back = kNone, upper_front = kNone, upper_back = kNone;
+    const bool below = low > 0 && status_[low - 1].material_above;
+    const bool above = high > low ? status_[high - 1].material_above : below;
+    if (below) lower_front = status_[low - 1].front, lower_back = status_[low - 1].back;
+    if (high > low) {
+      if (below) close_back(lower_front, lower_back, p);
+      for (std::size_t i = low; i + 1 < high; ++i) {
+        if (status_[i].material_above && !close(status_[i].front, status_[i].back, p)) return false;
+      }
+      if (above) {
+        upper_front = status_[high - 1].front, upper_back = status_[high - 1].back;
+        close_front(upper_front, upper_back, p);
+      }
+    } else if (below) {
+      // A hole begins. The last point of the chain sees p, as nothing lies between them.
+      std::uint32_t last = lower_front;
+      for (std::uint32_t k = lower_front;; k = nodes_[k].next) {
+        if (nodes_[k].point > nodes_[last].point) last = k;
+        if (k == lower_back) break;
+      }
+      upper_front = add_node(nodes_[last].point);
+      if (last == lower_back) {
+        upper_back = upper_front;
+      } else {
+        join(upper_front, nodes_[last].next, nodes_[last].side);
+        upper_back = lower_back;
+        lower_back = last;
+      }
+      // Both halves are joined to p by the diagonal from that point.
+      const std::uint32_t diagonal = kDiagonal | static_cast<std::uint32_t>(diagonals_.size());
+      diagonals_.push_back(kNone);
+      close_back(lower_front, lower_back, p, diagonal);
+      close_front(upper_front, upper_back, p, diagonal);
+    }
+
+    // The edges that start in p take the place of those that end there.
+    const std::uint32_t first = first_edge_[p], last_edge = first_edge_[p + 1];
+    if (first == last_edge) {
+      if (below != above) return false;
+      if (below) {
+        // Both halves end in p: one chain.
+        if (high == low) return false;
+        if (upper_front != upper_back) {
+          join(lower_back, nodes_[upper_front].next, nodes_[upper_front].side);
+          lower_back = upper_back;
+        }
+      }
+      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low),
+                    status_.begin() + static_cast<std::ptrdiff_t>(high));
+      if (below) status_[low - 1].front = lower_front, status_[low - 1].back = lower_back;
+      return true;
+    }
+    const std::size_t more = last_edge - first, less = high - low;
+    if (more > less) {
+      status_.insert(status_.begin() + static_cast<std::ptrdiff_t>(high), more - less, Active{});
+    } else if (less > more) {
+      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low + more),
+                    status_.begin() + static_cast<std::ptrdiff_t>(high));
+    }
+    if (below) status_[low - 1].front = lower_front, status_[low - 1].back = lower_back;
+    bool material = below;
+    for (std::size_t i = 0; i < more; ++i) {
+      const Edge& e = edges_[first + i];
+      if (e.material_above == material)
+        return false;  // two edges on each other, or a ring the wrong way round
+      material = e.material_above;
+      Active& active = status_[low + i];
+      active = {e.left, e.right, at, points_[e.right], kNone, kNone, material};
+      if (!material) continue;
+      if (i + 1 < more) {
+        active.front = active.back = add_node(p);
+      } else {
+        active.front = upper_front, active.back = upper_back;
+      }
+    }
+    return material == above;
+  }
+
+  const Pslg& pslg_;
+  std::vector<LatticePoint> points_;
+  std::vector<std::uint32_t> vertex_of_corner_, first_edge_;
+  std::vector<Edge> edges_;
+  std::vector<Node> nodes_;
+  std::vector<Active> status_;
+  std::vector<std::uint32_t> diagonals_;  // the first side on each, or kNone
+  Triangulated out_;
+};
+
+// Of the triangles abc and dcb. The angles opposite bc sum to at most 180 degrees: two that are not
+// obtuse do, and two obtuse ones do not, without in_circle().
+bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  const bool obtuse_a = diametral_dot(b, c, a) < 0, obtuse_d = diametral_dot(b, c, d) < 0;
+  if (obtuse_a == obtuse_d) return !obtuse_a;
+  return in_circle(a, b, c, d) <= 0;
 }
 
-constexpr int kUnseen = -1;
-
-// Floods from the infinite face; crossing a constraint changes sides.
-void mark_material(Cdt& cdt) {
-  for (const Cdt::Face_handle f : cdt.all_face_handles())
-    f->info() = kUnseen;
-  std::vector<Cdt::Face_handle> stack{cdt.infinite_face()};
-  cdt.infinite_face()->info() = 0;
-  while (!stack.empty()) {
-    const Cdt::Face_handle f = stack.back();
-    stack.pop_back();
-    for (int i = 0; i < 3; ++i) {
-      const Cdt::Face_handle g = f->neighbor(i);
-      if (g->info() != kUnseen) continue;
-      g->info() = f->info() ^ (f->is_constrained(i) ? 1 : 0);
-      stack.push_back(g);
+// Flips edges until every one that is not on the outline is locally Delaunay.
+void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
+  std::vector<std::uint32_t> stack;  // sides
+  stack.reserve(mesh.triangles.size() * 3);
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (neighbours[t][i] != kNone && neighbours[t][i] > t) stack.push_back(3 * t + i);
     }
+  }
+  const auto next = [](std::uint32_t i) { return i == 2 ? 0U : i + 1; };
+  while (!stack.empty()) {
+    const std::uint32_t t = stack.back() / 3, i = stack.back() % 3;
+    stack.pop_back();
+    const std::uint32_t u = neighbours[t][i];
+    if (u == kNone) continue;
+    Triangle &s = mesh.triangles[t], &r = mesh.triangles[u];
+    const std::uint32_t j = neighbours[u][0] == t && r[1] == s[next(next(i))]   ? 0
+                            : neighbours[u][1] == t && r[2] == s[next(next(i))] ? 1
+                                                                                : 2;
+    const std::uint32_t a = s[i], b = s[next(i)], c = s[next(next(i))], d = r[j];
+    if (is_locally_delaunay(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d]))
+      continue;
+    // abc, dcb become abd, adc.
+    const std::uint32_t beyond_ca = neighbours[t][next(i)],
+                        beyond_ab = neighbours[t][next(next(i))];
+    const std::uint32_t beyond_bd = neighbours[u][next(j)],
+                        beyond_dc = neighbours[u][next(next(j))];
+    const auto repoint = [&](std::uint32_t at, std::uint32_t from, std::uint32_t p, std::uint32_t q,
+                             std::uint32_t to) {
+      if (at == kNone) return;
+      for (std::uint32_t k = 0; k < 3; ++k) {
+        if (neighbours[at][k] == from && mesh.triangles[at][next(k)] == q &&
+            mesh.triangles[at][next(next(k))] == p)
+          neighbours[at][k] = to;
+      }
+    };
+    repoint(beyond_bd, u, b, d, t);
+    repoint(beyond_ca, t, c, a, u);
+    s = {a, b, d};
+    neighbours[t] = {beyond_bd, u, beyond_ab};
+    r = {a, d, c};
+    neighbours[u] = {beyond_dc, beyond_ca, t};
+    for (const std::uint32_t side : {3 * t, 3 * t + 2, 3 * u, 3 * u + 1})
+      stack.push_back(side);
   }
 }
 
 }  // namespace
 
 SliceMesh split_pinches(SliceMesh mesh) {
-  // Corners (triangle, k) around one vertex are joined across shared edges; each group is a fan.
-  const std::size_t corners = mesh.triangles.size() * 3;
-  std::vector<std::uint32_t> parent(corners);
-  for (std::uint32_t i = 0; i < corners; ++i)
-    parent[i] = i;
-  const auto find = [&parent](std::uint32_t i) {
-    while (parent[i] != i)
-      i = parent[i] = parent[parent[i]];
-    return i;
-  };
-  struct HalfEdge {
-    std::uint32_t low, high, low_corner, high_corner;
-  };
-  std::vector<HalfEdge> edges;
-  edges.reserve(corners);
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t a = 3 * t + i, b = 3 * t + (i + 1) % 3;
-      const std::uint32_t va = mesh.triangles[t][i], vb = mesh.triangles[t][(i + 1) % 3];
-      edges.push_back(va < vb ? HalfEdge{va, vb, a, b} : HalfEdge{vb, va, b, a});
-    }
-  }
-  std::sort(edges.begin(), edges.end(), [](const HalfEdge& e, const HalfEdge& f) {
-    return std::tie(e.low, e.high, e.low_corner) < std::tie(f.low, f.high, f.low_corner);
-  });
-  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
-    const HalfEdge &e = edges[i], &f = edges[i + 1];
-    if (e.low != f.low || e.high != f.high) continue;
-    parent[find(e.low_corner)] = find(f.low_corner);
-    parent[find(e.high_corner)] = find(f.high_corner);
-  }
+  // Corners (triangle, k) around one vertex are joined across shared sides; each group is a fan.
+  const auto corners = static_cast<std::uint32_t>(mesh.triangles.size() * 3);
+  const Neighbours beyond = neighbours(mesh);
+  std::vector<std::uint32_t> vertex_of_corner(corners, kNone), stack;
   SliceMesh out;
   out.triangles = mesh.triangles;
-  std::vector<std::uint32_t> vertex_of_fan(corners, 0xffffffff);
   for (std::uint32_t c = 0; c < corners; ++c) {
-    const std::uint32_t fan = find(c), v = mesh.triangles[c / 3][c % 3];
-    if (vertex_of_fan[fan] == 0xffffffff) {
-      vertex_of_fan[fan] = static_cast<std::uint32_t>(out.vertices.size());
-      out.vertices.push_back(mesh.vertices[v]);
+    if (vertex_of_corner[c] != kNone) continue;
+    const std::uint32_t v = mesh.triangles[c / 3][c % 3];
+    const auto vertex = static_cast<std::uint32_t>(out.vertices.size());
+    out.vertices.push_back(mesh.vertices[v]);
+    vertex_of_corner[c] = vertex;
+    stack.assign(1, c);
+    while (!stack.empty()) {
+      const std::uint32_t t = stack.back() / 3, k = stack.back() % 3;
+      stack.pop_back();
+      out.triangles[t][k] = vertex;
+      for (const std::uint32_t side : {(k + 1) % 3, (k + 2) % 3}) {
+        const std::uint32_t n = beyond[t][side];
+        if (n == kNoTriangle) continue;
+        const Triangle& u = mesh.triangles[n];
+        const std::uint32_t d = 3 * n + (u[0] == v ? 0U : u[1] == v ? 1U : 2U);
+        if (vertex_of_corner[d] == kNone) vertex_of_corner[d] = vertex, stack.push_back(d);
+      }
     }
-    out.triangles[c / 3][c % 3] = vertex_of_fan[fan];
   }
   return out;
 }
 
 Result<SliceMesh> triangulate(const Pslg& pslg) {
-  SliceMesh mesh;
-  if (pslg.rings.empty()) return mesh;
-  // Touching rings share points.
-  for (const Ring& ring : pslg.rings)
-    mesh.vertices.insert(mesh.vertices.end(), ring.begin(), ring.end());
-  std::sort(mesh.vertices.begin(), mesh.vertices.end());
-  mesh.vertices.erase(std::unique(mesh.vertices.begin(), mesh.vertices.end()), mesh.vertices.end());
-
-  Cdt cdt;
-  std::vector<std::pair<Kernel::Point_2, std::uint32_t>> points;
-  for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v)
-    points.emplace_back(to_cgal(mesh.vertices[v]), v);
-  cdt.insert(points.begin(), points.end());
-  std::vector<Cdt::Vertex_handle> handle(points.size());
-  for (const Cdt::Vertex_handle v : cdt.finite_vertex_handles())
-    handle[v->info()] = v;
-  const auto handle_of = [&](LatticePoint p) {
-    return handle[static_cast<std::size_t>(
-        std::lower_bound(mesh.vertices.begin(), mesh.vertices.end(), p) - mesh.vertices.begin())];
-  };
-  try {
-    for (const Ring& ring : pslg.rings) {
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        cdt.insert_constraint(handle_of(ring[i]), handle_of(ring[(i + 1) % ring.size()]));
-      }
-    }
-  } catch (const Cdt::Intersection_of_constraints_exception&) {
-    return bug("triangulation: the outline crosses itself");
-  }
-  mark_material(cdt);
-  for (const Cdt::Face_handle f : cdt.finite_face_handles()) {
-    if (f->info() == 1)
-      mesh.triangles.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
-  }
-  // CGAL's face order depends on its memory; ours must not.
-  for (Triangle& t : mesh.triangles)
-    std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
-  std::sort(mesh.triangles.begin(), mesh.triangles.end());
-  mesh = split_pinches(std::move(mesh));
-  if (doubled_area(mesh) != doubled_area(pslg))
+  auto out = Sweep(pslg).run();
+  if (!out) return out.error();
+  flip_to_delaunay(out->mesh, out->neighbours);
+  if (doubled_area(out->mesh) != doubled_area(pslg))
     return bug("triangulation: its area is not the outline's");
-  return mesh;
+  if (out->has_pinches) return split_pinches(std::move(out->mesh));
+  return std::move(out->mesh);
 }
 
 }  // namespace trocar::pipeline

@@ -10,8 +10,9 @@ namespace trocar::pipeline {
 
 /// All triangles of the constrained Delaunay triangulation that lie in the material, as a valid
 /// mesh whose boundary is exactly the PSLG: where rings touch, each fan of triangles has a vertex
-/// of its own. `pslg` is valid by check_pslg. Fails (bug) if CGAL's result does not match it.
-/// O(n log n).
+/// of its own. `pslg` is valid by check_pslg. Fails (bug) if the
+/// outline turns out not to be. O(n log n) typically; the flips O(n^2) at worst. Deterministic:
+/// only integers decide.
 Result<SliceMesh> triangulate(const Pslg& pslg);
 
 /// Gives each fan of triangles around a point a vertex of its own, drops unused vertices.

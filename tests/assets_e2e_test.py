@@ -12,26 +12,11 @@ import json
 import os
 import pathlib
 import shutil
-import subprocess
 import sys
 
+from e2e import check, failures, run
+
 SKIPPED = 77
-failures = []
-
-
-def check(condition, message):
-    if not condition:
-        failures.append(message)
-
-
-def run(*command, expect=0):
-    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode != expect:
-        print(" ".join(map(str, command)), "ended with", done.returncode, "not", expect)
-        print(done.stdout[-2000:], done.stderr[-2000:])
-        sys.exit(1)
-    return done
 
 
 class Case:
@@ -102,6 +87,9 @@ def check_quality(name, report, min_angle_deg=30.0, unless_warned=False):
     warned = {w["where"] for w in report["warnings"] if w["code"] == "angle_not_reached"}
     for piece in report["slices"]:
         excused = piece["triangles_below_min_angle_at_small_input_angle"]
+        check(piece["triangles_below_min_angle_unexplained"] == 0,
+              f"{name}: slice {piece['index']}: {piece['triangles_below_min_angle_unexplained']} triangles "
+              f"below {min_angle_deg} degrees where the input has no smaller angle")
         if unless_warned and f"slice {piece['index']}" in warned:
             continue
         check(piece["triangles_below_min_angle"] == excused,

@@ -12,25 +12,9 @@ import csv
 import json
 import pathlib
 import shutil
-import subprocess
 import sys
 
-failures = []
-
-
-def check(condition, message):
-    if not condition:
-        failures.append(message)
-
-
-def run(*command, expect=0):
-    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode != expect:
-        print(" ".join(map(str, command)), "ended with", done.returncode, "not", expect)
-        print(done.stdout[-2000:], done.stderr[-2000:])
-        sys.exit(1)
-    return done
+from e2e import check, failures, run
 
 
 def read_recording(path):

@@ -5,8 +5,11 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "formats/file_io.h"
+#include "pipeline/image_file.h"
 #include "pipeline/slice_stack.h"
 #include "sample_ct/sample_folder.h"
 
@@ -182,6 +185,103 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   OpenOptions options;
   options.series_uid = "1.2.3";
   expect_error(open_stack({folder_ / "shuffled"}, options), ExitCode::kUsage, "there are:");
+}
+
+// Every kind of image in the corpus (written by Pillow), against OpenCV's own decoders.
+TEST_F(Readers, ImagesAreWhatOpenCvReads) {
+  int compared = 0;
+  for (const fs::directory_entry& entry :
+       fs::directory_iterator(fs::path(TROCAR_CORPUS) / "image")) {
+    const fs::path& file = entry.path();
+    if (file.filename().string().starts_with("found_")) continue;
+    cv::Mat want = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
+    const auto got = read_image_file(file);
+    if (want.empty() || (want.channels() != 1 && want.channels() != 3 && want.channels() != 4) ||
+        want.depth() > CV_16U)
+      continue;
+    ASSERT_TRUE(got || file.string().find("bits.bmp") != std::string::npos) << got.error().message;
+    if (!got) continue;
+    if (want.channels() > 1)
+      cv::cvtColor(want, want, want.channels() == 4 ? cv::COLOR_BGRA2GRAY : cv::COLOR_BGR2GRAY);
+    want.convertTo(want, CV_32F, want.depth() == CV_16U ? 1.0 / 257.0 : 1.0);
+    ASSERT_EQ(got->width, want.cols) << file;
+    ASSERT_EQ(got->height, want.rows) << file;
+    double worst = 0;
+    for (int y = 0; y < want.rows; ++y) {
+      for (int x = 0; x < want.cols; ++x)
+        worst =
+            std::max(worst, std::abs(static_cast<double>(got->at(x, y)) - want.at<float>(y, x)));
+    }
+    EXPECT_EQ(worst, 0) << file;
+    ++compared;
+  }
+  EXPECT_GT(compared, 25);
+}
+
+// A few bytes that promise much: refused by the size, before anything is allocated or decoded.
+TEST_F(Readers, HugePromisesAreRefused) {
+  const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";
+  const auto patched = [&](const char* seed, std::size_t at, const std::string& bytes,
+                           const char* name) {
+    auto whole = *read_file(corpus / seed);
+    std::copy(bytes.begin(), bytes.end(), whole.begin() + static_cast<std::ptrdiff_t>(at));
+    return write(name, {whole.begin(), whole.end()});
+  };
+  OpenOptions options;
+  options.spacing_mm = {1, 1, 1};
+  expect_error(open_stack({patched("colour.bmp", 18,
+                                   std::string("\xff\xff\x00\x00\xff\xff\x00\x00", 8), "huge.bmp")},
+                          options),
+               ExitCode::kRefused, "65535 x 65535");
+  std::string jpeg;
+  const auto seed = *read_file(corpus / "grey.jpg");
+  jpeg.assign(seed.begin(), seed.end());
+  const std::size_t frame = jpeg.find("\xff\xc0");
+  ASSERT_NE(frame, std::string::npos);
+  jpeg.replace(frame + 5, 4, std::string("\xff\x00\xff\x00", 4));
+  expect_error(open_stack({write("huge.jpg", jpeg)}, options), ExitCode::kRefused, "65280 x 65280");
+  // NIfTI: more voxels than the file, or than gzip could hold in it.
+  const fs::path nifti = fs::path(TROCAR_CORPUS) / "nifti";
+  auto volume = *read_file(nifti / "one_i2.nii");
+  volume[42] = volume[44] = volume[46] = 0;
+  volume[43] = volume[45] = volume[47] = 0x10;  // 4096 voxels a side
+  expect_error(open_stack({write("huge.nii", {volume.begin(), volume.end()})}, options),
+               ExitCode::kRefused, "truncated");
+}
+
+TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
+  const sample::Scan scan = make_scan();  // 32 x 24 x 4, axes along LPS
+  for (const SliceAxis axis : {SliceAxis::kCoronal, SliceAxis::kSagittal}) {
+    OpenOptions options;
+    options.axis = axis;
+    const auto stack = open_stack({folder_ / "scan" / "sample.nii.gz"}, options);
+    ASSERT_TRUE(stack) << stack.error().message;
+    const bool coronal = axis == SliceAxis::kCoronal;
+    ASSERT_EQ((*stack)->size(), coronal ? 24 : 32);
+    ASSERT_EQ((*stack)->width(), coronal ? 32 : 24);
+    ASSERT_EQ((*stack)->height(), 4);
+    for (int k = 0; k < (*stack)->size(); ++k) {
+      const auto image = (*stack)->read(k);
+      ASSERT_TRUE(image);
+      const SlicePlane& plane = (*stack)->plane(k);
+      EXPECT_NEAR(plane.T_lps_plane.linear().determinant(), 1, 1e-9);
+      for (int v = 0; v < 4; ++v) {
+        for (int u = 0; u < image->width; ++u) {
+          // Where the value is says which voxel it must be.
+          const Eigen::Vector3d at = plane.T_lps_plane * Eigen::Vector3d(u * plane.spacing_u_mm,
+                                                                         v * plane.spacing_v_mm, 0);
+          const int x = coronal ? u : 31 - k, y = coronal ? k : u, z = 3 - v;
+          const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, x, y, z);
+          ASSERT_NEAR((at - Eigen::Vector3d(want.x, want.y, want.z)).norm(), 0, 1e-4);
+          ASSERT_EQ(image->at(u, v), scan.slice(z)[y * 32 + x]);
+        }
+      }
+    }
+  }
+  OpenOptions options;
+  options.axis = SliceAxis::kSagittal;
+  expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage,
+               "NIfTI volume only");
 }
 
 }  // namespace

@@ -24,6 +24,10 @@ if(NOT TROCAR_SANITIZE)
   set_tests_properties(e2e_scan PROPERTIES LABELS e2e TIMEOUT 600 FIXTURES_SETUP scan)
   trocar_script_test(nifti_orientation_test e2e nifti_orientation_test.py
     ${programs} ${e2e}/orientation)
+  trocar_script_test(dicom_variants_test e2e dicom_variants_test.py
+    ${programs} ${CMAKE_BINARY_DIR}/e2e/dicom_variants)
+  trocar_script_test(program_mutants_test fuzz program_mutants_test.py
+    ${programs} ${CMAKE_SOURCE_DIR}/tests/corpus ${CMAKE_BINARY_DIR}/e2e/program_mutants 200)
   foreach(case sample l3 head)
     trocar_script_test(assets_e2e_${case} e2e assets_e2e_test.py
       ${case} ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/${case})

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What a DICOM file says about its images: one entry a frame, whether the file is a single CT
+// slice or an enhanced (multi-frame) CT with its functional groups. Knows nothing of DCMTK.
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace trocar::pipeline {
+
+/// One slice, wherever it is stored.
+struct DicomFrame {
+  std::filesystem::path file;
+  int frame = 0, frames = 1;  ///< this one, and how many the file has
+  std::string sop_uid, frame_of_reference;
+  Eigen::Vector3d position, u, v;  ///< LPS mm; u, v unit vectors at right angles
+  double spacing_u_mm = 0, spacing_v_mm = 0;
+  double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
+  int rows = 0, columns = 0;
+  int bits_allocated = 16, bits_stored = 16, high_bit = 15;
+  bool is_signed = false;
+
+  std::string name() const;  ///< the file, and the frame if there are several
+};
+
+struct DicomFile {
+  enum class Kind {
+    kNotImage,   ///< not DICOM, or DICOM without pixels
+    kLocaliser,  ///< a scout view
+    kImages,
+    kUnusable,  ///< `problem` says why
+  };
+  std::filesystem::path file;
+  Kind kind = Kind::kNotImage;
+  std::string series_uid;  ///< empty if missing
+  std::string problem;     ///< one line, with the file's name
+  std::vector<DicomFrame> frames;
+};
+
+/// Never fails: what is wrong is in the result.
+DicomFile read_dicom_headers(const std::filesystem::path& file);
+
+}  // namespace trocar::pipeline

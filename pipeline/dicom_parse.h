@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// DICOM files into DCMTK's objects, with the limits that hostile files need.
+#pragma once
+
+#include <dcmtk/config/osconfig.h>
+#include <dcmtk/dcmdata/dctk.h>
+
+#include <array>
+#include <filesystem>
+#include <string>
+
+namespace trocar::pipeline {
+
+/// Registers DCMTK's codecs (RLE, JPEG, JPEG-LS) and silences its log. Once, from any thread.
+void set_up_dcmtk();
+
+/// Loads `file`; values longer than some kilobytes stay in the file until asked for (but in a
+/// deflated file). What could be read is in `format` even if the result is bad. Bad (too deep)
+/// before sequences nested in sequences use up the stack, for which DCMTK itself has no limit.
+OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
+
+/// The element's text, empty if there is none. `item` may be null in all three.
+std::string dicom_text(DcmItem* item, const DcmTagKey& tag);
+/// `count` finite numbers; false if they are not there.
+bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count);
+int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);
+
+/// The pixel data element, null if there is none.
+DcmPixelData* dicom_pixel_data(DcmFileFormat& format);
+
+}  // namespace trocar::pipeline

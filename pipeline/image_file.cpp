@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/image_file.h"
+
+#include <spng.h>
+#include <tiffio.h>
+#include <turbojpeg.h>
+
+#include <cstdarg>
+#include <cstring>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "formats/file_io.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+Result<void> check_size(std::int64_t width, std::int64_t height, const std::string& name) {
+  if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide ||
+      width * height > kMaxSlicePixels) {
+    return refused(name + ": " + std::to_string(width) + " x " + std::to_string(height) +
+                   " pixels");
+  }
+  return {};
+}
+
+// Grey levels 0..255 of 1, 3 or 4 channels, the latter in the order of `to_grey`.
+Image to_image(const cv::Mat& pixels, int to_grey) {
+  cv::Mat grey = pixels, levels;
+  if (pixels.channels() > 1) cv::cvtColor(pixels, grey, to_grey);
+  grey.convertTo(levels, CV_32F, grey.depth() == CV_16U ? 1.0 / 257.0 : 1.0);
+  Image image{levels.cols, levels.rows, {}};
+  image.values.reserve(levels.total());
+  for (int y = 0; y < levels.rows; ++y) {
+    const auto* row = levels.ptr<float>(y);
+    image.values.insert(image.values.end(), row, row + levels.cols);
+  }
+  return image;
+}
+
+Result<Image> read_png(const Bytes& bytes, const std::string& name) {
+  struct Free {
+    void operator()(spng_ctx* c) const { spng_ctx_free(c); }
+  };
+  const std::unique_ptr<spng_ctx, Free> png(spng_ctx_new(0));
+  if (!png) return refused(name + ": not enough memory");
+  const auto broken = [&name](int error) {
+    return refused(name + ": broken PNG (" + spng_strerror(error) + ")");
+  };
+  spng_set_chunk_limits(png.get(), 1 << 20, 1 << 22);
+  spng_ihdr header;
+  if (int e = spng_set_png_buffer(png.get(), bytes.data(), bytes.size()); e != 0) return broken(e);
+  if (int e = spng_get_ihdr(png.get(), &header); e != 0) return broken(e);
+  if (auto ok = check_size(header.width, header.height, name); !ok) return ok.error();
+  int format = SPNG_FMT_RGB8, type = CV_8UC3;
+  if (header.color_type == SPNG_COLOR_TYPE_GRAYSCALE) {
+    format =
+        header.bit_depth == 16 ? SPNG_FMT_PNG : SPNG_FMT_G8;  // _PNG: as it is, host's byte order
+    type = header.bit_depth == 16 ? CV_16UC1 : CV_8UC1;
+  } else if (header.bit_depth == 16) {  // what is transparent makes no difference
+    format = SPNG_FMT_RGBA16;
+    type = CV_16UC4;
+  }
+  std::size_t size = 0;
+  if (int e = spng_decoded_image_size(png.get(), format, &size); e != 0) return broken(e);
+  cv::Mat pixels(static_cast<int>(header.height), static_cast<int>(header.width), type);
+  if (size != pixels.total() * pixels.elemSize())
+    return bug(name + ": a PNG of another size than its header's");
+  if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);
+  return to_image(pixels, type == CV_16UC4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
+}
+
+Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
+  struct Destroy {
+    void operator()(void* handle) const { tjDestroy(handle); }
+  };
+  const std::unique_ptr<void, Destroy> jpeg(tjInitDecompress());
+  if (!jpeg) return refused(name + ": not enough memory");
+  const auto broken = [&] {
+    std::string why = tjGetErrorStr2(jpeg.get());
+    for (char& c : why)
+      c = c == '\n' ? ' ' : c;
+    return refused(name + ": broken JPEG (" + why + ")");
+  };
+  int width = 0, height = 0, subsampling = 0, colours = 0;
+  if (tjDecompressHeader3(jpeg.get(), bytes.data(), bytes.size(), &width, &height, &subsampling,
+                          &colours) != 0)
+    return broken();
+  if (auto ok = check_size(width, height, name); !ok) return ok.error();
+  const bool grey = colours == TJCS_GRAY;
+  cv::Mat pixels(height, width, grey ? CV_8UC1 : CV_8UC3);
+  // A warning (what is missing was made up) is as bad as an error; scans are bounded in number.
+  if (tjDecompress2(jpeg.get(), bytes.data(), bytes.size(), pixels.data, width,
+                    static_cast<int>(pixels.step[0]), height, grey ? TJPF_GRAY : TJPF_BGR,
+                    TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
+    return broken();
+  }
+  return to_image(pixels, cv::COLOR_BGR2GRAY);
+}
+
+struct TiffClose {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+
+// 16 bits a channel, row by row; libtiff's own conversion would make 8 of them.
+Result<Image> read_deep_tiff(TIFF* tiff, int width, int height, int channels,
+                             const std::string& name) {
+  std::uint16_t planar = PLANARCONFIG_CONTIG;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
+  if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
+      (channels != 1 && channels != 3 && channels != 4)) {
+    return refused(name + ": a 16-bit TIFF in tiles, planes or " + std::to_string(channels) +
+                   " channels");
+  }
+  cv::Mat pixels(height, width, CV_MAKETYPE(CV_16U, channels));
+  if (TIFFScanlineSize64(tiff) != pixels.step[0])
+    return refused(name + ": broken TIFF (rows of another length)");
+  for (int y = 0; y < height; ++y) {
+    if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
+      return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
+  }
+  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
+}
+
+Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name) {
+  const auto silent = [](TIFF*, void*, const char*, const char*, va_list) { return 1; };
+  std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)> options(TIFFOpenOptionsAlloc(),
+                                                                       TIFFOpenOptionsFree);
+  if (!options) return refused(name + ": not enough memory");
+  TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), tmsize_t{1} << 29);
+  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), silent, nullptr);
+  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), silent, nullptr);
+  const std::unique_ptr<TIFF, TiffClose> tiff(TIFFOpenExt(file.c_str(), "rm", options.get()));
+  std::uint32_t width = 0, height = 0;
+  if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) != 1 ||
+      TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {
+    return refused(name + ": broken TIFF");
+  }
+  if (auto ok = check_size(width, height, name); !ok) return ok.error();
+  std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
+                photometric = PHOTOMETRIC_MINISBLACK;
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, &channels);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &sample);
+  TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
+  if ((bits != 1 && bits != 8 && bits != 16) || sample != SAMPLEFORMAT_UINT)
+    return refused(name + ": neither 8 nor 16 bits a channel");
+  const int w = static_cast<int>(width), h = static_cast<int>(height);
+  if (bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB)) {
+    return read_deep_tiff(tiff.get(), w, h, channels, name);
+  }
+  cv::Mat pixels(h, w, CV_8UC4);
+  if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
+                                reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,
+                                1) != 1) {
+    return refused(name + ": broken TIFF");
+  }
+  return to_image(pixels, cv::COLOR_RGBA2GRAY);
+}
+
+// Width and height stand at fixed places behind the size of the header that tells their width.
+Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
+                       const std::string& name) {
+  if (bytes.size() < 30) return refused(name + ": broken BMP");
+  const auto i32 = [&bytes](std::size_t at) {
+    std::int32_t value;
+    std::memcpy(&value, bytes.data() + at, 4);
+    return static_cast<std::int64_t>(value);
+  };
+  const bool old = i32(14) == 12;
+  const std::int64_t columns = old ? bytes[18] | bytes[19] << 8 : i32(18);
+  const std::int64_t rows = old ? bytes[20] | bytes[21] << 8 : std::abs(i32(22));
+  if (auto ok = check_size(columns, rows, name); !ok) return ok.error();
+  int width = 0, height = 0, format = TJPF_BGR;
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> loaded(
+      tjLoadImage(file.c_str(), &width, 1, &height, &format, 0), tjFree);
+  if (!loaded || width != columns || height != rows) {
+    return refused(name + ": broken BMP, or one of neither 8, 24 nor 32 bits a pixel");
+  }
+  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY);
+}
+
+}  // namespace
+
+Result<Image> read_image_file(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  const auto read = read_file(file);
+  if (!read) return refused(name + ": cannot be read");
+  const Bytes& bytes = *read;
+  const auto starts = [&bytes](std::string_view magic) {
+    return bytes.size() > magic.size() &&
+           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
+  };
+  try {
+    using namespace std::string_view_literals;
+    if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name);
+    if (starts("\xff\xd8\xff"sv)) return read_jpeg(bytes, name);
+    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name);
+    if (starts("BM"sv)) return read_bmp(file, bytes, name);
+    return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
+  } catch (const cv::Exception& e) {
+    return refused(name + ": " + e.err);
+  } catch (const std::bad_alloc&) {
+    return refused(name + ": not enough memory to decode it");
+  }
+}
+
+}  // namespace trocar::pipeline

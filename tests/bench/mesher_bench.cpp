@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// mesher_bench SCAN... [Google Benchmark's options]: our triangulation and refinement against
+// CGAL's on the same outlines, in the same run, on one thread. Ends with a table of ratios.
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+#include <string>
+
+#include "formats/mesh_validity.h"
+#include "pipeline/contour.h"
+#include "pipeline/mesh_quality.h"
+#include "pipeline/refinement.h"
+#include "pipeline/simplification.h"
+#include "pipeline/slice_stack.h"
+#include "pipeline/triangulation.h"
+#include "tests/bench/cgal_mesher.h"
+
+namespace trocar::bench {
+namespace {
+
+using namespace trocar::pipeline;
+
+constexpr Lattice kLattice{8};
+constexpr double kBone_HU = 226;
+constexpr double kMinAngle_deg = 30;
+constexpr double kMinRegion_mm2 = 1;
+
+// All slices of a scan, at one resolution and tolerance.
+struct Outlines {
+  std::string name;
+  double pixel_mm2 = 1;
+  double tolerance_mm = 0;
+  std::vector<Pslg> full, simple;
+  std::vector<CgalInput> for_cgal;
+};
+
+struct Case {
+  const Outlines* outlines;
+  std::string area;
+  double max_area_mm2;  // 0: none
+
+  std::string name() const { return outlines->name + "/" + area; }
+  RefinementOptions options() const {
+    RefinementOptions out;
+    out.min_angle_deg = kMinAngle_deg;
+    out.max_area_mm2 = max_area_mm2 > 0 ? max_area_mm2 : 1e12;
+    return out;
+  }
+  std::optional<double> area_steps2() const {
+    if (max_area_mm2 <= 0) return std::nullopt;
+    return max_area_mm2 / (kLattice.step_mm() * kLattice.step_mm());
+  }
+};
+
+Image upsampled(const Image& image, int factor) {
+  if (factor == 1) return image;
+  cv::Mat from(image.height, image.width, CV_32F), to;
+  std::copy(image.values.begin(), image.values.end(), from.begin<float>());
+  cv::resize(from, to, {}, factor, factor, cv::INTER_CUBIC);
+  return {to.cols, to.rows, {to.begin<float>(), to.end<float>()}};
+}
+
+std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack& stack, int factor,
+                                      double tolerance_mm) {
+  auto out = std::make_unique<Outlines>();
+  out->name = name;
+  out->tolerance_mm = tolerance_mm;
+  for (int k = 0; k < stack.size(); ++k) {
+    const SlicePlane& plane = stack.plane(k);
+    auto image = stack.read(k);
+    if (!image) {
+      std::fprintf(stderr, "mesher_bench: %s\n", image.error().message.c_str());
+      std::exit(3);
+    }
+    const PixelGrid grid{plane.spacing_u_mm / factor, plane.spacing_v_mm / factor, 0, 0, kLattice};
+    out->pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
+    const Field field =
+        segment(upsampled(*image, factor), stack.calibration(), Threshold{kBone_HU});
+    out->full.push_back(
+        drop_small_rings(contours(field, grid, ContourKind::kSubpixel), kMinRegion_mm2, kLattice));
+    out->simple.push_back(simplify(out->full.back(), kLattice, {tolerance_mm}));
+  }
+  for (const Pslg& pslg : out->simple)
+    out->for_cgal.push_back(prepare(pslg));
+  return out;
+}
+
+Refined our_mesh(const Pslg& pslg, const RefinementOptions& options) {
+  auto cdt = triangulate(pslg);
+  if (!cdt) {
+    std::fprintf(stderr, "mesher_bench: %s\n", cdt.error().message.c_str());
+    std::exit(4);
+  }
+  return refine(*cdt, kLattice, options);
+}
+
+// Google Benchmark's console output, and the medians of repetitions kept.
+class Medians : public benchmark::ConsoleReporter {
+ public:
+  void ReportRuns(const std::vector<Run>& runs) override {
+    for (const Run& run : runs) {
+      if (run.run_type == Run::RT_Iteration && run.iterations > 0) {
+        times_[run.run_name.function_name].push_back(run.cpu_accumulated_time /
+                                                     static_cast<double>(run.iterations) * 1e3);
+      }
+    }
+    ConsoleReporter::ReportRuns(runs);
+  }
+  // NaN if it was not run.
+  double ms(const std::string& name) const {
+    const auto it = times_.find(name);
+    if (it == times_.end()) return std::nan("");
+    std::vector<double> sorted = it->second;
+    std::sort(sorted.begin(), sorted.end());
+    return sorted[sorted.size() / 2];
+  }
+
+ private:
+  std::map<std::string, std::vector<double>> times_;
+};
+
+struct Counts {
+  std::size_t triangles = 0, below = 0, at_small_angle = 0;
+  std::size_t free = 0, corners = 0, splits = 0;
+  double max_area_mm2 = 0;
+  bool out_of_vertices = false;
+};
+
+Counts count_ours(const Case& c) {
+  Counts out;
+  for (std::size_t k = 0; k < c.outlines->simple.size(); ++k) {
+    const Refined refined = our_mesh(c.outlines->simple[k], c.options());
+    const MeshQuality quality = measure_quality(refined, kLattice, kMinAngle_deg);
+    out.triangles += refined.mesh.triangles.size();
+    for (const VertexOrigin o : refined.origins)
+      (o.segment == VertexOrigin::kFree     ? out.free
+       : o.segment == VertexOrigin::kCorner ? out.corners
+                                            : out.splits) += 1;
+    out.below += quality.below_min_angle;
+    out.at_small_angle += quality.below_at_small_input_angle;
+    out.max_area_mm2 = std::max(out.max_area_mm2, quality.max_area_mm2);
+    out.out_of_vertices = out.out_of_vertices || refined.out_of_vertices;
+  }
+  return out;
+}
+
+}  // namespace
+}  // namespace trocar::bench
+
+int main(int argc, char** argv) {
+  using namespace trocar::bench;
+  benchmark::Initialize(&argc, argv);
+  std::vector<std::unique_ptr<Outlines>> outlines;
+  for (int i = 1; i < argc; ++i) {
+    const auto stack = open_stack({argv[i]}, {});
+    if (!stack) {
+      std::fprintf(stderr, "mesher_bench: %s\n", stack.error().message.c_str());
+      return 3;
+    }
+    const std::string scan = std::filesystem::path(argv[i]).filename().string().substr(0, 4);
+    const double pixel = (*stack)->plane(0).spacing_u_mm;
+    outlines.push_back(outlines_of(scan + "/x1/0.25mm", **stack, 1, 0.25));
+    outlines.push_back(outlines_of(scan + "/x4/0.25mm", **stack, 4, 0.25));
+    outlines.push_back(outlines_of(scan + "/x4/0.25px", **stack, 4, 0.25 * pixel / 4));
+  }
+  std::vector<Case> cases;
+  for (const auto& o : outlines) {
+    cases.push_back({o.get(), "50mm2", 50});
+    cases.push_back({o.get(), "200px2", 200 * o->pixel_mm2});
+    cases.push_back({o.get(), "none", 0});
+  }
+  for (const auto& o : outlines) {
+    benchmark::RegisterBenchmark(("simplify/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& full : o.full)
+          benchmark::DoNotOptimize(trocar::pipeline::simplify(full, kLattice, {o.tolerance_mm}));
+      }
+    })->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("cdt_ours/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& pslg : o.simple)
+          benchmark::DoNotOptimize(trocar::pipeline::triangulate(pslg));
+      }
+    })->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("cdt_cgal/" + o->name).c_str(), [&o = *o](
+                                                                      benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& input : o.for_cgal)
+          benchmark::DoNotOptimize(cgal_triangulate(input));
+      }
+    })->Unit(benchmark::kMillisecond);
+  }
+  for (const Case& c : cases) {
+    benchmark::RegisterBenchmark(("ours/" + c.name()).c_str(), [&c](benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& pslg : c.outlines->simple)
+          benchmark::DoNotOptimize(our_mesh(pslg, c.options()));
+      }
+    })->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("cgal/" + c.name()).c_str(), [&c](benchmark::State& state) {
+      for (auto _ : state) {
+        for (const auto& input : c.outlines->for_cgal)
+          benchmark::DoNotOptimize(cgal_mesh(input, kMinAngle_deg, c.area_steps2(), false));
+      }
+    })->Unit(benchmark::kMillisecond);
+  }
+  Medians medians;
+  benchmark::RunSpecifiedBenchmarks(&medians);
+
+  std::printf("\n%-26s %8s %8s %6s | %8s %8s %6s | %s\n", "outlines/area bound", "ours ms",
+              "CGAL ms", "ratio", "ours tri", "CGAL tri", "share",
+              "ours < 30 deg (at input < 60), CGAL < 30 deg");
+  for (const Case& c : cases) {
+    const double ours = medians.ms("ours/" + c.name()), cgal = medians.ms("cgal/" + c.name());
+    if (std::isnan(ours)) continue;
+    const Counts counts = count_ours(c);
+    CgalCounts theirs;
+    for (const auto& input : c.outlines->for_cgal) {
+      const CgalCounts one = cgal_mesh(input, kMinAngle_deg, c.area_steps2(), true);
+      theirs.triangles += one.triangles;
+      theirs.below_angle += one.below_angle;
+    }
+    std::printf("%-26s %8.1f %8.1f %6.2f | %8zu %8zu %6.3f | %zu (%zu), %zu%s\n", c.name().c_str(),
+                ours, cgal, cgal / ours, counts.triangles, theirs.triangles,
+                static_cast<double>(counts.triangles) / static_cast<double>(theirs.triangles),
+                counts.below, counts.at_small_angle, theirs.below_angle,
+                counts.out_of_vertices ? " OUT OF VERTICES" : "");
+    std::printf("    corners %zu splits %zu free %zu\n", counts.corners, counts.splits,
+                counts.free);
+  }
+  for (const auto& o : outlines) {
+    std::size_t vertices = 0;
+    for (const auto& pslg : o->simple) {
+      for (const auto& ring : pslg.rings)
+        vertices += ring.size();
+    }
+    std::printf(
+        "%-16s %zu slices, %zu vertices: simplify %.3f ms a slice; CDT ours %.1f ms, CGAL %.1f "
+        "ms\n",
+        o->name.c_str(), o->full.size(), vertices,
+        medians.ms("simplify/" + o->name) / static_cast<double>(o->full.size()),
+        medians.ms("cdt_ours/" + o->name), medians.ms("cdt_cgal/" + o->name));
+  }
+  return 0;
+}

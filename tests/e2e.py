@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the end-to-end tests share: running a program, and collecting what did not hold."""
+import subprocess
+import sys
+
+failures = []
+
+
+def check(condition, message):
+    if not condition:
+        failures.append(message)
+
+
+def run(*command, expect=0):
+    """The finished process; ends the test if its exit code is not the expected one."""
+    done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode != expect:
+        print(" ".join(map(str, command)), "ended with", done.returncode, "not", expect)
+        print(done.stdout[-2000:], done.stderr[-2000:])
+        sys.exit(1)
+    return done

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""make_corpus.py BIN CORPUS: the seeds in tests/corpus, small files of every kind that is read,
+written by DCMTK, GDCM, nibabel and Pillow (and trocar-mesh for .glb). Only needed to add kinds:
+the corpus is kept in the repository, with findings (found_*) beside the seeds."""
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+import nibabel
+import numpy as np
+from PIL import Image
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
+import dicom_variants_test as dicom  # noqa: E402
+
+dicom.COLUMNS, dicom.ROWS, dicom.SLICES = 17, 12, 3
+
+
+def write_dicom(folder):
+    tools = {**dicom.LOSSLESS, "jpeg_baseline": ("dcmcjpeg", "+eb"), "jpeg_extended": ("dcmcjpeg", "+ee"),
+             "jpeg_progressive": ("dcmcjpeg", "+ep"), "jpeg_ls_near": ("dcmcjpls", "+en"), "j2k_lossy": ("gdcmconv", "--j2k", "--lossy")}
+    for name, tool in tools.items():
+        bits, allocated = (8, 8) if name in ("jpeg_baseline", "jpeg_progressive") else (12, 16)
+        for kind, ds in (("slice", dicom.make_slice(0, bits, False, allocated)), ("enhanced", dicom.make_enhanced(bits, False, allocated, order=(2, 0, 1)))):
+            with tempfile.TemporaryDirectory() as work:
+                original = pathlib.Path(work) / "original"
+                ds.save_as(original, write_like_original=False)
+                done = subprocess.run([*tool, original, folder / f"{kind}_{name}.dcm"], check=False, capture_output=True)
+                if done.returncode:
+                    print(kind, name, done.stdout[-200:], done.stderr[-200:])
+
+
+def write_nifti(folder):
+    z, y, x = np.mgrid[0:4, 0:9, 0:11]
+    volume = (500 * np.sin(x / 2) * np.cos(y / 3) + 100 * z).T
+    affine = np.array([[0, -0.5, 0, 3], [0.7, 0, 0, -2], [0, 0, 1.5, 9], [0, 0, 0, 1.0]])
+    for dtype in ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"):
+        data = (volume % 100 if dtype in ("u1", "i1") else abs(volume) if dtype[0] == "u" else volume).astype(dtype)
+        nibabel.save(nibabel.Nifti1Image(data, affine, dtype=data.dtype), folder / f"one_{dtype}.nii")
+    for order in ("<", ">"):
+        for kind, cls, header in (("one", nibabel.Nifti1Image, nibabel.Nifti1Header), ("two", nibabel.Nifti2Image, nibabel.Nifti2Header)):
+            image = cls(volume.astype("i2"), affine, header(endianness=order))
+            image.header.set_slope_inter(0.5, -3)
+            image.set_qform(affine, 1)
+            image.set_sform(None, 0)
+            image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", b"seed"))
+            nibabel.save(image, folder / f"{kind}_{'big' if order == '>' else 'little'}.nii")
+            nibabel.save(image, folder / f"{kind}_{'big' if order == '>' else 'little'}.nii.gz")
+    nibabel.save(nibabel.Nifti1Image(volume.astype("i2"), None), folder / "no_orientation.nii")
+
+
+def write_images(folder):
+    y, x = np.mgrid[0:14, 0:19]
+    grey = ((np.sin(x / 3) * np.cos(y / 4) + 1) * 127).astype("u1")
+    colour = np.stack([grey, 255 - grey, grey // 2], -1)
+    images = {"grey": Image.fromarray(grey), "colour": Image.fromarray(colour), "alpha": Image.fromarray(np.dstack([colour, grey])),
+              "bits": Image.fromarray(grey > 90), "deep": Image.fromarray(grey.astype("u2") * 257), "palette": Image.fromarray(colour).quantize(16),
+              "grey_alpha": Image.fromarray(np.dstack([grey, grey]), "LA")}
+    for name, image in images.items():
+        image.save(folder / f"{name}.png")
+        if name not in ("grey_alpha",):
+            for compression in ("raw", "tiff_lzw", "tiff_deflate", "packbits") + (("jpeg",) if name in ("grey", "colour") else ()):
+                image.save(folder / f"{name}_{compression}.tif", compression=compression)
+        if name not in ("deep", "grey_alpha"):
+            image.save(folder / f"{name}.bmp")
+    for name in ("grey", "colour"):
+        images[name].save(folder / f"{name}.jpg")
+        images[name].save(folder / f"{name}_progressive.jpg", progressive=True)
+
+
+def write_assets(folder, mesh):
+    with tempfile.TemporaryDirectory() as work:
+        scan = pathlib.Path(work) / "scan.nii"
+        z, y, x = np.mgrid[0:3, 0:24, 0:20]
+        volume = 100 - 15 * np.hypot(x - 10, y - 12) + 40 * (np.hypot(x - 10, y - 12) < 2) * -5 + 0 * z
+        nibabel.save(nibabel.Nifti1Image(volume.T.astype("i2"), np.eye(4)), scan)
+        for name, options in (("coarse", ["--min-angle", "0", "--tolerance", "1"]), ("fine", ["--tolerance", "0.1"]), ("empty", ["--threshold", "5000"])):
+            options = options if "--threshold" in options else options + ["--threshold", "0"]
+            subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", *options], check=True)
+
+
+def main():
+    programs, corpus = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+    folders = {}
+    for kind in ("dicom", "nifti", "image", "glb"):
+        folders[kind] = corpus / kind
+        folders[kind].mkdir(parents=True, exist_ok=True)
+    write_dicom(folders["dicom"])
+    write_nifti(folders["nifti"])
+    write_images(folders["image"])
+    write_assets(folders["glb"], programs / "trocar-mesh")
+
+
+main()

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""program_mutants_test.py BIN CORPUS WORK [N]: trocar-mesh itself on N mutants of the corpus: it
+ends with 0 or 3 within 10 s, in 2 GB of address space, with one line on stderr when it refuses
+and none of its own when it does not, and never leaves an output of a refused input."""
+import pathlib
+import random
+import resource
+import shutil
+import subprocess
+import sys
+
+MEMORY = 2 << 30
+SECONDS = 10
+
+
+def limit():
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def mutate(data, rng):
+    data = bytearray(data)
+    for _ in range(rng.randint(1, 4)):
+        if not data:
+            break
+        at = rng.randrange(min(len(data), 1024)) if rng.random() < 0.75 else rng.randrange(len(data))
+        kind = rng.randrange(6)
+        if kind == 0:
+            data[at] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            data[at] = rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))
+        elif kind == 2:
+            value = rng.choice((0, 1, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFE, 0xFFFFFFFF))
+            data[at:at + 4] = value.to_bytes(4, rng.choice(("little", "big")))[:len(data) - at]
+        elif kind == 3:
+            del data[rng.randrange(len(data)):]
+        elif kind == 4:
+            del data[at:at + rng.randrange(1, 64)]
+        else:
+            data[at:at] = data[at:at + rng.randrange(1, 64)]
+    return bytes(data)
+
+
+def main():
+    mesh, corpus, work = pathlib.Path(sys.argv[1]) / "trocar-mesh", pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
+    count = int(sys.argv[4]) if len(sys.argv) > 4 else 200
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    rng = random.Random(20)
+    seeds = sorted(f for f in corpus.rglob("*") if f.is_file())
+    failures, ends = 0, {}
+    for n in range(count):
+        seed = rng.choice(seeds)
+        kind = seed.parent.name
+        suffix = ".nii.gz" if seed.name.endswith(".nii.gz") else seed.suffix
+        source, asset = work / f"mutant{suffix}", work / "out.glb"
+        source.write_bytes(mutate(seed.read_bytes(), rng))
+        if kind == "glb":
+            order = [mesh, rng.choice(("verify", "info")), source]
+        else:
+            order = [mesh, source, "-o", asset, "--quiet", "--jobs", "1", "--threshold", "60"]
+            if kind == "image":
+                order += ["--spacing", "1,1,1"]
+        try:
+            done = subprocess.run(order, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False, timeout=SECONDS, preexec_fn=limit)
+            code, said = done.returncode, done.stderr.decode(errors="replace")
+        except subprocess.TimeoutExpired:
+            code, said = "no end", ""
+        ends[code] = ends.get(code, 0) + 1
+        lines = len(said.splitlines())
+        if code not in (0, 3) or lines != (1 if code == 3 else 0) or (code == 3 and asset.exists()):
+            failures += 1
+            kept = work / f"found_{n}{suffix}"
+            shutil.copy(source, kept)
+            print(f"{kept} from {seed.name}: {code}, {said[:300]!r}")
+        asset.unlink(missing_ok=True)
+    print(f"{count} mutants, ends {ends}, {failures} failures")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
