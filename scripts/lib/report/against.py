@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What moved between two reports."""
+
+NOISE_OF_TIMES = 0.10  # relative; times that moved less are not shown
+NOISE_OF_REST = 1e-6
+
+
+def figures(value, path=()):
+    """Every number by its path; rows of lists go by their id."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from figures(part, (*path, key))
+    elif isinstance(value, list):
+        for k, part in enumerate(value):
+            yield from figures(part, (*path, str(part.get("id", k)) if isinstance(part, dict) else str(k)))
+    elif isinstance(value, (int, float)):
+        yield "/".join(path), float(value)
+
+
+def is_time(path):
+    """Times, and what is made of them: ratios, rates."""
+    return not {"ms", "us", "s", "ratio", "Hz"}.isdisjoint(path.rsplit("/", 1)[-1].split("_"))
+
+
+def moved(old, new):
+    """(rows, paths only in old, paths only in new); a row: path, old, new, new / old. Largest ratio first."""
+    before, after = dict(figures(old["sections"])), dict(figures(new["sections"]))
+    rows = []
+    for path in before.keys() & after.keys():
+        a, b = before[path], after[path]
+        change = abs(b - a) / max(abs(a), abs(b), 1e-300)
+        if change > (NOISE_OF_TIMES if is_time(path) else NOISE_OF_REST):
+            rows.append((change, path, a, b))
+    rows.sort(key=lambda row: (-row[0], row[1]))
+    return ([(path, a, b, b / a if a else None) for _, path, a, b in rows],
+            sorted(before.keys() - after.keys()), sorted(after.keys() - before.keys()))
+
+
+def show(name, old, new, page):
+    rows, gone, fresh = moved(old, new)
+    page.section(f"What moved since {name}")
+    if old["form"] != new["form"] or old["machine"]["processor"] != new["machine"]["processor"]:
+        page.text_block(f"Not like for like: {name} is a {old['form']} report from {old['machine']['processor']}.", verdict=True)
+    times = [row for row in rows if is_time(row[0])]
+    rest = [row for row in rows if not is_time(row[0])]
+    for title, part in (("Errors, counts, bytes", rest), (f"Times, by more than {100 * NOISE_OF_TIMES:.0f} %", times)):
+        page.heading(f"{title}: {len(part)} moved")
+        page.table(("figure", "before", "now", "ratio"), part[:40])
+        if len(part) > 40:
+            page.table(("figure", "before", "now", "ratio"), part[40:], folded=f"{len(part) - 40} more")
+    if gone or fresh:
+        page.table(("figure", "where"), [(p, "only before") for p in gone] + [(p, "only now") for p in fresh],
+                   folded=f"{len(gone)} figures are no more, {len(fresh)} are new")
+    print(f"since {name}: {len(rest)} errors, counts or bytes and {len(times)} times moved")
+    for path, a, b, _ in (rest + times)[:20]:
+        print(f"  {path}: {a:g} -> {b:g}")

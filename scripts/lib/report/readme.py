@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+"""README.md's figures: what stands between its two marks is written by scripts/report --readme."""
+import os
+
+BEGIN, END = "<!-- report: begin -->", "<!-- report: end -->"
+
+
+def update(path, sentence, lines):
+    text = path.read_text(encoding="utf-8")
+    head, begin, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise SystemExit(f"{path}: has no {BEGIN} ... {END}")
+    body = "\n".join([*lines, "", f"(From `scripts/report`: {sentence}.)"])
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(f"{head}{begin}\n{body}\n{end}{tail}", encoding="utf-8")
+    os.replace(temporary, path)
+    print(path)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""report_test.py SOURCE: the parts of scripts/report that judge: what moved, what is recommended, what
+README.md gets, numbers as they are shown."""
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+SOURCE = pathlib.Path(sys.argv[1])
+LIBRARY = SOURCE / "scripts" / "lib" / "report"
+sys.path[:0] = [str(LIBRARY), str(LIBRARY / "sections"), str(SOURCE / "scripts" / "plots")]
+
+import against  # noqa: E402
+import page as html  # noqa: E402
+import pipeline  # noqa: E402
+import readme  # noqa: E402
+
+
+def report(**changed):
+    row = {"id": "a", "error_mm": 0.5, "total_ms": 10.0, "total_ms_per_slice": 1.0, "triangles": 7, "speedup_ratio": 2.0, **changed}
+    return {"form": "quick", "machine": {"processor": "x"}, "sections": {"s": {"rows": [{"id": "b", "error_mm": 1}, row]}}}
+
+
+def check_against():
+    assert against.moved(report(), report()) == ([], [], [])
+    # Times may waver; nothing else may. Rows go by their id, not by their place.
+    assert against.moved(report(), report(total_ms=10.5, total_ms_per_slice=0.95, speedup_ratio=1.9))[0] == []
+    swapped = report()
+    swapped["sections"]["s"]["rows"].reverse()
+    assert against.moved(report(), swapped) == ([], [], [])
+    moved = against.moved(report(), report(triangles=8, total_ms=20.0, error_mm=0.501))[0]
+    assert [path for path, *_ in moved] == ["s/rows/a/total_ms", "s/rows/a/triangles", "s/rows/a/error_mm"], moved
+    assert moved[0][1:] == (10.0, 20.0, 2.0)
+    _, gone, fresh = against.moved(report(), report(new_mm=1))
+    assert gone == [] and fresh == ["s/rows/a/new_mm"]
+    for path, time in (("a/total_ms", True), ("a/encode_ms_per_slice", True), ("a/area_mm2", False), ("ms/slices", False)):
+        assert against.is_time(path) == time, path
+    page = html.Page("t")
+    against.show("old.json", report(), report(triangles=8), page)
+    assert "s/rows/a/triangles" in page.text() and "s/rows/a/total_ms" not in page.text()
+
+
+def check_recommendation():
+    # Error falls in step with triangles down to 0.1 mm, and stays where it is from there on.
+    def row(tolerance):
+        wanted = pipeline.point(tolerance_mm=tolerance)
+        return {**wanted, "point": wanted["id"], "scan": "phantom 12 HU", "slices": 1, "triangles": round(1000 / max(tolerance, 0.001)),
+                "mean_distance_mm": max(tolerance, 0.1)}
+    data = {"rows": [row(t) for t in pipeline.TOLERANCES_MM]}
+    assert pipeline.recommend(data)["tolerance_mm"] == 0.1
+    assert len({p["id"] for p in (pipeline.point(), pipeline.point(lattice_bits=7), pipeline.point(contour="pixel"))}) == 3
+
+
+def check_readme(folder):
+    file = folder / "README.md"
+    file.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n")
+    for _ in range(2):
+        readme.update(file, "a report", ["| x |"])
+        assert file.read_text() == f"before\n{readme.BEGIN}\n| x |\n\n(From `scripts/report`: a report.)\n{readme.END}\nafter\n"
+    assert readme.BEGIN in (SOURCE / "README.md").read_text() and readme.END in (SOURCE / "README.md").read_text()
+
+
+def check_arguments(folder):
+    def code(*words):
+        return subprocess.run([sys.executable, "-B", LIBRARY / "main.py", "--check", *words], stderr=subprocess.DEVNULL, check=False).returncode
+    assert code() == code("--full") == code("--quick", "--only", "pipeline") == 0
+    (folder / "no.json").write_text("{}")
+    assert code("--ful") == code("--quick", "--full") == code("--only", "nothing") == code("--against", folder / "no.json") == 2
+
+
+def main():
+    for value, shown in ((0, "0"), (0.0, "0"), (1234567, "1\u202f234\u202f567"), (0.12345, "0.123"), (1234.5, "1\u202f234"), (None, "-"), (2e-6, "2.0e-06"), (True, "yes")):
+        assert html.number(value) == shown, (value, html.number(value))
+    page = html.Page("<t>")
+    page.table(("a<b",), [("<script>",)])
+    assert "<script>" not in page.text() and "&lt;script&gt;" in page.text()
+    check_against()
+    check_recommendation()
+    with tempfile.TemporaryDirectory() as folder:
+        check_readme(pathlib.Path(folder))
+        check_arguments(pathlib.Path(folder))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
