@@ -20,8 +20,8 @@ LATTICE_BITS = (4, 5, 6, 7, 8, 9, 10, 12, 14)
 PIXEL_MM = 0.3125  # of the phantom
 
 # The recommendation is read off the noisy phantom, where the scan itself bounds what can be had. Mean
-# distance times triangles is least where a per cent of error costs a per cent of triangles; the finest
-# tolerance that stays this near to the least is recommended: beyond it, error falls slower than meshes grow.
+# distance times triangles is least where a per cent of error costs a per cent of triangles: any finer, and
+# error falls slower than meshes grow. The bottom is flat; what is this near to the least is drawn as a band.
 NEAR_LEAST = 1.10
 
 
@@ -88,7 +88,7 @@ def recommend(data):
     least = min(cost["mean_distance_times_triangles_mm"] for cost in costs)
     for cost in costs:
         cost["over_least"] = cost["mean_distance_times_triangles_mm"] / least
-    chosen = next(cost["tolerance_mm"] for cost in costs if cost["over_least"] <= NEAR_LEAST)
+    chosen = next(cost["tolerance_mm"] for cost in costs if cost["over_least"] == 1)
     return {"tolerance_mm": chosen, "tolerance_px_of_phantom": chosen / PIXEL_MM, "costs": costs,
             "point": point(tolerance_mm=chosen)["id"]}
 
@@ -127,8 +127,8 @@ def show_recommendation(data, page):
         f"{t:g} mm ({recommended['tolerance_px_of_phantom']:.2f} of the phantom's pixels); the program's default is {default:g} mm. "
         "On the phantom with 12 HU of noise the scan itself bounds what can be had: the unsimplified contour is "
         f"{floor['mean_distance_mm']:.3f} mm off on average, with {per_slice(floor, 'triangles'):.0f} triangles a slice. Mean distance times "
-        f"triangles has a wide flat bottom; {t:g} mm is its fine end ({100 * (cost[t] - 1):.0f} % above the least, {default:g} mm is "
-        f"{100 * (cost[default] - 1):.0f} % above): any finer, and error falls slower than the mesh grows. At {t:g} mm: "
+        f"triangles is least at {t:g} mm, with a flat bottom ({default:g} mm is {100 * (cost[default] - 1):.0f} % above): "
+        f"any finer, and error falls slower than the mesh grows. At {t:g} mm: "
         f"{noisy['mean_distance_mm']:.3f} mm ({clean['mean_distance_mm']:.3f} mm without noise), area error {noisy['area_error_percent']:+.2f} %, "
         f"{per_slice(noisy, 'triangles'):.0f} triangles a slice; at {default:g} mm: {coarse['mean_distance_mm']:.3f} mm, {coarse['area_error_percent']:+.2f} %, "
         f"{per_slice(coarse, 'triangles'):.0f}. What is worth having goes with the pixel, about a third of one; on the real scans the reference is the "
