@@ -32,7 +32,7 @@ TEST(SubpixelContour, AreaOfDiscs) {
     const double exact = std::numbers::pi * c.radius * c.radius;
     double sum = 0, worst = 0;
     for (int k = 0; k < 64; ++k) {
-      const Field field = disc_field(64, 31 + 0.125 * (k % 8), 31 + 0.125 * (k / 8), c.radius);
+      const Field field = disc_field(64, 31 + 0.125 * (k % 8), 31 + 0.125 * (k >> 3), c.radius);
       const Pslg rings = contours(field, kUnit, ContourKind::kSubpixel);
       ASSERT_EQ(rings.rings.size(), 1U);
       const double error = std::abs(area_px(rings) / exact - 1);
