@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // trocar-mesh: from a scan to an asset; and verify, info, export for assets.
 #include <oneapi/tbb/version.h>
-#include <signal.h>
 #include <unistd.h>
+#include <csignal>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
