@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <opencv2/core/version.hpp>
@@ -42,8 +43,7 @@ struct Arguments {
   int lattice_bits = 8, jobs = 0, dump_slice = -1;
   bool quiet = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
-              *contour_given = nullptr, *tolerance_given = nullptr, *area_given = nullptr,
-              *angle_given = nullptr;
+              *contour_given = nullptr, *area_given = nullptr;
 };
 
 // The numbers of "A:B", "X,Y,Z", "X0:X1,Y0:Y1", all of them and nothing else.
@@ -71,6 +71,11 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
 }
 
 Result<BatchOptions> batch_options(const Arguments& a) {
+  // CLI11 2.1 takes nan for a number in every range.
+  for (const double v : {a.threshold, a.equalize, a.tolerance_mm, a.min_angle_deg, a.max_area_mm2,
+                         a.min_region_mm2}) {
+    if (!std::isfinite(v)) return usage("an option's value is not a finite number");
+  }
   BatchOptions out;
   const bool paper = a.preset == "paper";
   if (a.labels_given->count() > 0) {
@@ -284,12 +289,12 @@ int run(int argc, char** argv) {
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));
-  a.tolerance_given = app.add_option("--tolerance", a.tolerance_mm, "Douglas-Peucker tolerance, mm")
-                          ->capture_default_str()
-                          ->check(CLI::Range(0.0, 1e4));
-  a.angle_given = app.add_option("--min-angle", a.min_angle_deg, "smallest angle, degrees")
-                      ->capture_default_str()
-                      ->check(CLI::Range(0.0, 60.0));
+  app.add_option("--tolerance", a.tolerance_mm, "Douglas-Peucker tolerance, mm")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e4));
+  app.add_option("--min-angle", a.min_angle_deg, "smallest angle, degrees")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 60.0));
   a.area_given = app.add_option("--max-area", a.max_area_mm2, "largest triangle, mm^2")
                      ->capture_default_str()
                      ->check(CLI::Range(1e-6, 1e12));
