@@ -104,7 +104,8 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   if (pixels == nullptr) return "its pixel data is not pixel data";
   const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
   if (DcmXfer(syntax).isEncapsulated()) return {};
-  const double want = static_cast<double>(h.rows) * h.columns * (h.bits_allocated / 8) * h.frames;
+  const int bytes_each = h.bits_allocated / 8;
+  const double want = static_cast<double>(h.rows) * h.columns * bytes_each * h.frames;
   const double have = pixels->getLength(syntax);
   if (have < want) {
     return "truncated: " + std::to_string(static_cast<long>(have)) +

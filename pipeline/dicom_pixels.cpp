@@ -138,12 +138,12 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
     return refused(h.name() + ": its compressed pixels cannot be read");
   }
   const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
-  if (syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000) {
+  if (sequence != nullptr && (syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000)) {
     const auto codestream = join_fragments(h, *sequence);
     if (!codestream) return codestream.error();
     return decode_jpeg2000_words(h, *codestream);
   }
-  if (syntax == EXS_RLELossless) {
+  if (sequence != nullptr && syntax == EXS_RLELossless) {
     const auto bytes = join_fragments(h, *sequence);
     if (!bytes) return bytes.error();
     return decode_rle(h, *bytes);

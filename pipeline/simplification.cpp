@@ -183,6 +183,7 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
   // latest this ends with the contours themselves, which are valid.
   while (true) {
     std::vector<std::vector<char>> marks;
+    marks.reserve(rings.size());
     for (const Simplified& s : rings)
       marks.emplace_back(s.kept.size(), char{0});
     bool any = false;

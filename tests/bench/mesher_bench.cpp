@@ -79,7 +79,7 @@ std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack&
     auto image = stack.read(k);
     if (!image) {
       std::fprintf(stderr, "mesher_bench: %s\n", image.error().message.c_str());
-      std::exit(3);
+      std::exit(3);  // NOLINT(concurrency-mt-unsafe)
     }
     const PixelGrid grid{plane.spacing_u_mm / factor, plane.spacing_v_mm / factor, 0, 0, kLattice};
     out->pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
@@ -98,7 +98,7 @@ Refined our_mesh(const Pslg& pslg, const RefinementOptions& options) {
   auto cdt = triangulate(pslg);
   if (!cdt) {
     std::fprintf(stderr, "mesher_bench: %s\n", cdt.error().message.c_str());
-    std::exit(4);
+    std::exit(4);  // NOLINT(concurrency-mt-unsafe)
   }
   return refine(*cdt, kLattice, options);
 }

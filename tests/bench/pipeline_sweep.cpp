@@ -60,6 +60,7 @@ json stage_times(const std::vector<std::vector<StageTimes>>& by_slice, double en
     double sum = 0;
     for (const auto& repetitions : by_slice) {
       std::vector<double> times;
+      times.reserve(repetitions.size());
       for (const StageTimes& t : repetitions)
         times.push_back(t.*stage.ms);
       std::nth_element(times.begin(), times.begin() + times.size() / 2, times.end());
