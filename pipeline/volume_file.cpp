@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstring>
 #include <memory>
+#include <system_error>
 #include <utility>
 
 namespace trocar::pipeline {
@@ -48,7 +49,7 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
   }
   if (descriptor < 0)
     return refused(for_file.string() + ": no temporary file in " + folder.string() +
-                   " to unpack it to (" + std::strerror(errno) + "); set TMPDIR");
+                   " to unpack it to (" + std::generic_category().message(errno) + "); set TMPDIR");
   return descriptor;
 }
 
@@ -101,8 +102,8 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
     if (n == 0) return truncated(done);
     if (done >= start &&
         !write_all(unpacked.descriptor_, block.data(), static_cast<std::size_t>(n))) {
-      return refused(name + ": no room for temporary files to unpack it (" + std::strerror(errno) +
-                     "); set TMPDIR");
+      return refused(name + ": no room for temporary files to unpack it (" +
+                     std::generic_category().message(errno) + "); set TMPDIR");
     }
     done += n;
   }

@@ -37,7 +37,7 @@ class AngleAndArea {
     }
   };
 
-  class Is_bad {
+  class Is_bad {  // NOLINT(readability-identifier-naming): the concept's name
    public:
     Is_bad(double min_sine2, double max_doubled_area)
         : min_sine2_(min_sine2), max_doubled_area_(max_doubled_area) {}
