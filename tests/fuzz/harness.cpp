@@ -37,7 +37,7 @@ struct Folder {
 
 std::filesystem::path as_file(const std::uint8_t* data, std::size_t size, const char* ending) {
   static const Folder folder;
-  const std::filesystem::path file = folder.path / (std::string("input") + ending);
+  std::filesystem::path file = folder.path / (std::string("input") + ending);
   const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
   if (descriptor < 0 || ::write(descriptor, data, size) != static_cast<ssize_t>(size))
     fail("cannot write " + file.string());
