@@ -72,6 +72,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
   auto stack = std::make_unique<DicomStack>();
   const std::string where = (files[0].parent_path() / "").string();
   std::vector<DicomFile> headers;
+  headers.reserve(files.size());
   for (const std::filesystem::path& file : files)
     headers.push_back(read_dicom_headers(file));
   auto chosen = choose_series(headers, options.series_uid, where, stack->warnings);

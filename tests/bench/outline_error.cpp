@@ -22,10 +22,11 @@ void directed(const CrossSection& from, const SectionDistance& to, double step_m
       const Vec2 a = ring[i], ab = ring[(i + 1) % ring.size()] - a;
       const double length = std::sqrt(dot(ab, ab));
       max_mm = std::max(max_mm, std::abs(to(a)));
-      for (; next < length; next += step_mm) {
+      while (next < length) {
         const double d = std::abs(to(a + (next / length) * ab));
         samples.push_back(static_cast<float>(d));
         max_mm = std::max(max_mm, d);
+        next += step_mm;
       }
       next -= length;
     }
