@@ -11,11 +11,13 @@ std::vector<DirectedEdge> sorted_edges(const SliceMesh& mesh) {
   const auto for_each = [&mesh](auto f) {
     for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
       const Triangle& v = mesh.triangles[t];
-      for (int i = 0; i < 3; ++i) f(DirectedEdge{v[i], v[(i + 1) % 3], t});
+      for (int i = 0; i < 3; ++i)
+        f(DirectedEdge{v[i], v[(i + 1) % 3], t});
     }
   };
   for_each([&first](const DirectedEdge& e) { ++first[e.key().first + 1]; });
-  for (std::size_t v = 1; v < first.size(); ++v) first[v] += first[v - 1];
+  for (std::size_t v = 1; v < first.size(); ++v)
+    first[v] += first[v - 1];
   std::vector<DirectedEdge> edges(mesh.triangles.size() * 3);
   std::vector<std::uint32_t> next = first;
   for_each([&](const DirectedEdge& e) { edges[next[e.key().first]++] = e; });
