@@ -196,12 +196,7 @@ Error RecordingWriter::failure(int error) const {
 }
 
 Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file) {
-  // The rename would put a file in the place of a device or a pipe.
-  std::error_code ignored;
-  const std::filesystem::file_status status = std::filesystem::status(file, ignored);
-  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
-    return unwritable(file.string() + ": is there and is not a regular file");
-  }
+  if (const Result<void> ok = check_writable(file); !ok) return ok.error();
   std::string temporary = file.string() + ".XXXXXX";
   const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
   RecordingWriter writer(file, fd < 0 ? std::string() : temporary, fd);
