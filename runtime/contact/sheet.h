@@ -12,7 +12,7 @@
 #include "formats/asset.h"
 #include "formats/scene.h"
 #include "runtime/contact/tool.h"
-#include "runtime/contact/triangle_grid.h"
+#include "runtime/remesh/triangle_grid.h"
 
 namespace trocar::runtime {
 

@@ -11,10 +11,9 @@
 
 #include "formats/result.h"
 #include "formats/slice_mesh.h"
+#include "runtime/remesh/sheet_mesh.h"
 
 namespace trocar::runtime {
-
-inline constexpr std::uint32_t kNone = 0xffffffff;
 
 /// neighbours[t][i] is the triangle across the edge from corner i to corner
 /// i + 1 (mod 3) of triangle t, kNone on the sheet's boundary.

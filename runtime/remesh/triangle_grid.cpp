@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/contact/triangle_grid.h"
+#include "runtime/remesh/triangle_grid.h"
 
 #include <cmath>
 

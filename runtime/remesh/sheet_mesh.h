@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// The mesh of a sheet that can be edited in place: slots of fixed capacity with the triangles'
+// neighbours beside them, so that an edit costs what it touches and never allocates.
+//
+// A structure of our own rather than OpenMesh: OpenMesh's kernel grows its property arrays as it
+// adds, marks deleted elements until a garbage collection that touches the whole mesh, and cannot
+// be copied slot by slot into a second mesh that a reader uses meanwhile.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "formats/result.h"
+#include "formats/slice_mesh.h"
+
+namespace trocar::runtime {
+
+inline constexpr std::uint32_t kNone = 0xffffffff;
+inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
+
+/// Laws (check_sheet_mesh proves them):
+///  1. A triangle in use is strictly counter-clockwise and has three vertices in use; a free one
+///     is kFreeSlot, and `free_triangles` names each of these exactly once.
+///  2. across[t][i] is the triangle beyond the side from corner i to corner i + 1 (mod 3) of t,
+///  with
+///     the same two vertices in the other direction; kNone on the sheet's boundary.
+///  3. A vertex in use belongs to a triangle, and its triangles form one fan (a pinch is two
+///     vertices at one point); `free_vertices` names every other slot exactly once.
+///  4. The three first arrays never change their capacity; nor do the two stacks.
+struct SheetMesh {
+  std::vector<LatticePoint> vertices;
+  std::vector<Triangle> triangles;
+  std::vector<std::array<std::uint32_t, 3>> across;
+  std::vector<std::uint32_t> free_vertices;   ///< the last is the next to be used
+  std::vector<std::uint32_t> free_triangles;  ///< likewise
+
+  bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
+  std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
+  std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
+};
+
+inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t t) noexcept {
+  const Triangle& v = mesh.triangles[t];
+  return {mesh.vertices[v[0]], mesh.vertices[v[1]], mesh.vertices[v[2]]};
+}
+
+/// `mesh` (valid, check_mesh) in its own order in the first slots, and room for `spare_vertices`
+/// and `spare_triangles` more; the free slots are handed out in ascending order. O(n). Refused: an
+/// index out of range, a directed edge used twice.
+Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_vertices,
+                                  std::size_t spare_triangles);
+
+/// The triangles in use, in the order of their slots, and their vertices, likewise. O(n).
+SliceMesh to_slice_mesh(const SheetMesh& mesh);
+
+/// Proves the laws, or names the first that fails and where. O(n log n): for tests.
+Result<void> check_sheet_mesh(const SheetMesh& mesh);
+
+}  // namespace trocar::runtime
