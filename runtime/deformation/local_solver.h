@@ -37,7 +37,7 @@ struct RingBounds {
 /// A region's equilibrium for the depth 1.
 struct LocalSolution {
   SparseFactor factor;
-  std::vector<double> w;        ///< of each node: 1 under the tool's rim, 0 on the ring
+  std::vector<double> w;         ///< of each node: 1 under the tool's rim, 0 on the ring
   double stiffness_N_per_m = 0;  ///< sum of the tool nodes' reactions
   RingBounds bounds;             ///< all 0 without ring nodes
 };

@@ -37,15 +37,15 @@ struct PropagationOptions {
 
 /// What stays: the order of activation. Immutable once made.
 struct PropagationPlan {
-  std::vector<std::uint32_t> tool;    ///< depth 0
-  std::vector<std::uint32_t> active;  ///< depth 1 .. options.depth, breadth first
+  std::vector<std::uint32_t> tool;                ///< depth 0
+  std::vector<std::uint32_t> active;              ///< depth 1 .. options.depth, breadth first
   std::vector<double> inverse_stiffness_m_per_N;  ///< of each active node
   PropagationOptions options;
 };
 
 /// What moves; sized by make_propagation_state.
 struct PropagationState {
-  std::vector<double> w_m;                    ///< of every node
+  std::vector<double> w_m;                   ///< of every node
   std::vector<double> velocity_m_per_sweep;  ///< of every active node
 };
 

@@ -54,20 +54,31 @@ struct RegionMesh {
   Borne borne;
 };
 
+/// Kept from one region to the next, so that only the first ones allocate much. One thread at a
+/// time.
+struct RegionWorkspace {
+  std::vector<std::uint32_t> queue;
+};
+
 /// `sheet` is valid; `seeds` are slots in use that include every triangle with a point of the
 /// tool in it (triangle_grid.h finds them); `tool` as for cut() (remesh/cut.h). A tool beside all
 /// material gives an empty mesh and nothing borne. Errors: as cut().
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,
-                               const RegionOptions& options);
+                               const RegionOptions& options, RegionWorkspace& workspace);
 
 /// Every slot whose bounding box meets the tool's, by looking at all: for tests and tools without
 /// a grid. O(n).
 std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool);
 
-/// The kinds of the nodes of a region mesh as seen with a smaller radius, on the same triangles:
-/// those outside of law 1's set become kRing. What they are compared with is then the same mesh.
-std::vector<NodeKind> with_radius(const RegionMesh& region, const Ring& tool,
-                                  const Lattice& lattice, double radius_m);
+/// The part of a region mesh that law 1 gives for a smaller radius, on the same triangles; what
+/// differs between their answers then is the ring alone. `parent[i]`: vertex i of the part in the
+/// whole. O(n).
+struct RegionPart {
+  RegionMesh region;
+  std::vector<std::uint32_t> parent;
+};
+RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice& lattice,
+                       double radius_m);
 
 }  // namespace trocar::runtime
