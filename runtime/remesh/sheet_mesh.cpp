@@ -17,7 +17,7 @@ Error invalid(const std::string& what) {
 // The stack of the free slots `first` .. `size` - 1: the lowest comes first.
 std::vector<std::uint32_t> free_stack(std::size_t first, std::size_t size) {
   std::vector<std::uint32_t> out;
-  out.reserve(size);
+  out.reserve(size - first);
   for (std::size_t slot = size; slot > first; --slot)
     out.push_back(static_cast<std::uint32_t>(slot - 1));
   return out;
@@ -62,6 +62,7 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   out.vertices.resize(vertices);
   out.triangles.resize(triangles, kFreeSlot);
   out.across.resize(triangles, {kNone, kNone, kNone});
+  out.reserve_stacks();
   return out;
 }
 

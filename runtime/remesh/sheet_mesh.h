@@ -28,7 +28,8 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     the same two vertices in the other direction; kNone on the sheet's boundary.
 ///  3. A vertex in use belongs to a triangle, and its triangles form one fan (a pinch is two
 ///     vertices at one point); `free_vertices` names every other slot exactly once.
-///  4. The three first arrays never change their capacity; nor do the two stacks.
+///  4. The three first arrays never change their size; the two stacks have room for every slot, in
+///     a copy too.
 struct SheetMesh {
   std::vector<LatticePoint> vertices;
   std::vector<Triangle> triangles;
@@ -36,6 +37,24 @@ struct SheetMesh {
   std::vector<std::uint32_t> free_vertices;   ///< the last is the next to be used
   std::vector<std::uint32_t> free_triangles;  ///< likewise
 
+  SheetMesh() = default;
+  ~SheetMesh() = default;
+  SheetMesh(SheetMesh&&) = default;
+  SheetMesh& operator=(SheetMesh&&) = default;
+  SheetMesh(const SheetMesh& other)
+      : vertices(other.vertices),
+        triangles(other.triangles),
+        across(other.across),
+        free_vertices(other.free_vertices),
+        free_triangles(other.free_triangles) {
+    reserve_stacks();
+  }
+  SheetMesh& operator=(const SheetMesh& other) { return *this = SheetMesh(other); }
+
+  void reserve_stacks() {
+    free_vertices.reserve(vertices.size());
+    free_triangles.reserve(triangles.size());
+  }
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }

@@ -9,12 +9,10 @@
 #include <vector>
 
 #include "formats/slice_mesh.h"
+#include "runtime/remesh/lattice_box.h"
 
 namespace trocar::runtime {
 
-struct LatticeBox {
-  LatticePoint lowest, highest;  ///< both inclusive
-};
 LatticeBox bounding_box(const SliceMesh& mesh, const Triangle& triangle) noexcept;
 
 /// Holds indices only; the mesh must not change meanwhile. O(n) to build: at most
