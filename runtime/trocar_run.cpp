@@ -37,7 +37,7 @@ void request_stop(int) {
 }
 
 struct Arguments {
-  std::string scene, asset, device = "inproc", description, clock = "real";
+  std::string scene, asset, device = "inproc", description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
   bool check = false, quiet = false;
@@ -78,6 +78,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) in the place of the scene's");
+  app.add_option("--force-law", arguments.force_law,
+                 "hooke or network, in the place of the scene's");
   app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
   app.set_help_flag("-h,--help", "print this");
@@ -96,6 +98,9 @@ Result<void> check_arguments(const Arguments& a) {
   }
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
+  }
+  if (!a.force_law.empty() && a.force_law != "hooke" && a.force_law != "network") {
+    return usage("--force-law " + a.force_law + ": must be hooke or network");
   }
   // Written so that nan is refused too.
   if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
@@ -124,6 +129,8 @@ Result<Loaded> load(const Arguments& arguments) {
   if (!scene) return scene.error();
   loaded.scene = std::move(*scene);
   if (!arguments.asset.empty()) loaded.scene.asset = arguments.asset;
+  if (arguments.force_law == "hooke") loaded.scene.force_law = ForceLaw{};
+  if (arguments.force_law == "network") loaded.scene.force_law.kind = ForceLawKind::kNetwork;
   if (!arguments.description.empty()) loaded.scene.device = arguments.description;
 
   loaded.description = default_device_description();
