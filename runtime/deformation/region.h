@@ -16,12 +16,15 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "formats/result.h"
 #include "formats/slice_mesh.h"
 #include "runtime/deformation/network.h"
+#include "runtime/remesh/local_refinement.h"
+#include "runtime/remesh/sheet_edit.h"
 #include "runtime/remesh/sheet_mesh.h"
 
 namespace trocar::runtime {
@@ -58,6 +61,9 @@ struct RegionMesh {
 /// time.
 struct RegionWorkspace {
   std::vector<std::uint32_t> queue;
+  std::size_t slots = 0;  ///< of vertices that the two below have room for, and twice the triangles
+  SheetEdit edit;
+  std::optional<LocalRefinementWorkspace> refinement;
 };
 
 /// `sheet` is valid; `seeds` are slots in use that include every triangle with a point of the
