@@ -71,20 +71,42 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ri
   options.error_bound = 0;
   options.region.grading = grading;
   RegionWorkspace workspace;
-  std::array<double, kPlaces> excess{};
+  std::array<Region, kPlaces> regions;
+  std::array<double, kPlaces> stiffness{};
   for (int k = 0; k < kPlaces; ++k) {
-    const Ring there = placed(tool, circle.centre, k, scatter);
-    const auto region = prepare_region(*sheet, std::array<std::uint32_t, 2>{0, 1}, there, lattice,
-                                       *exact, options, workspace);
+    auto region = prepare_region(*sheet, std::array<std::uint32_t, 2>{0, 1},
+                                 placed(tool, circle.centre, k, scatter), lattice, *exact, options,
+                                 workspace);
     if (!region) return region.error();
-    excess[static_cast<std::size_t>(k)] =
-        region->response.stiffness_N_per_m / stiffness_N_per_m - 1;
-    out.excess += excess[static_cast<std::size_t>(k)] / kPlaces;
+    regions[k] = std::move(*region);
+    out.excess += regions[k].response.stiffness_N_per_m / stiffness_N_per_m / kPlaces;
   }
-  for (double e : excess)
-    out.spread = std::max(out.spread, std::abs(e - out.excess));
-  out.membrane.tension_N_per_m /= 1 + out.excess;
-  out.membrane.bed_N_per_m3 /= 1 + out.excess;
+  out.excess -= 1;
+
+  // The tension at which the mean is K: by Newton's method, as the energy of the springs for
+  // T = 1 is the stiffness's derivative.
+  for (int round = 0; round < 6; ++round) {
+    double mean = 0, slope = 0;
+    for (int k = 0; k < kPlaces; ++k) {
+      Region& region = regions[k];
+      region.network = make_network(region.mesh.mesh, lattice, out.membrane);
+      if (!solve_local(region.network, region.mesh.kind, region.solution))
+        return bug("the network's matrix is not positive definite");
+      const std::vector<double>& w = region.solution.w;
+      double beds = 0;
+      for (std::size_t i = 0; i < w.size(); ++i)
+        beds += region.network.bed_N_per_m[i] * w[i] * w[i];
+      stiffness[k] = region.solution.stiffness_N_per_m + out.membrane.bed_N_per_m3 *
+                                                             region.mesh.borne.area_steps2 *
+                                                             lattice.step_m() * lattice.step_m();
+      mean += stiffness[k] / kPlaces;
+      slope += (region.solution.stiffness_N_per_m - beds) / out.membrane.tension_N_per_m / kPlaces;
+    }
+    out.spread = 0;
+    for (double each : stiffness)
+      out.spread = std::max(out.spread, std::abs(each / mean - 1));
+    out.membrane.tension_N_per_m -= (mean - stiffness_N_per_m) / slope;
+  }
   return out;
 }
 

@@ -41,7 +41,7 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
     out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
   }
   out.nodes = static_cast<std::uint32_t>(region.network.size());
-  out.negative_springs = region.network.signs.negative();
+  out.negative_springs = negative_at_free_nodes(region.network, region.mesh.kind);
   return {};
 }
 
