@@ -34,7 +34,8 @@ TEST(Remesher, ServesAndPublishesFromItsThread) {
     pose.p_m = {-0.015 + 0.003 * (request.cut - 1), 0.001 * (i % 7),
                 0.1};  // they overlap one another
     const Sheet* before = remesher.current(request.sheet);
-    request.outline = outline_on_lattice(make_tool(scene.tool), pose, before->transform);
+    request.outline =
+        outline_on_lattice(make_tool(scene.tool), pose, before->transform, before->z_m);
     ASSERT_TRUE(remesher.request(request));
     // As the haptic thread does: look until the new one is there, use the old one meanwhile.
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);

@@ -6,7 +6,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <span>
 #include <vector>
 
 #include "formats/asset.h"
@@ -19,6 +18,7 @@ namespace trocar::runtime {
 struct Sheet {
   int slice_index = 0;  ///< AssetSlice::index
   double z_m = 0;       ///< height in {B}
+  Tissue tissue;
   PlanarTransform transform;
   SliceMesh mesh;
   TriangleGrid grid;       ///< over `mesh`
@@ -28,7 +28,7 @@ struct Sheet {
 /// The scene's slices, the topmost first. Proves every mesh (formats/mesh_validity.h), since
 /// all that follows relies on it. Refused, with `name` (the asset's) in the message: a slice the
 /// asset does not have, one without material, an invalid mesh, a tool that is too small for
-/// the lattice.
+/// the lattice or has more than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
@@ -38,12 +38,5 @@ std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, SliceMesh mesh);
 
 /// Holes that one sheet may have waiting for their mesh.
 inline constexpr int kMaxPendingHoles = 4;
-
-/// Area of (tool intersected with the sheet's material, less the holes) over the tool's area, in
-/// [0, 1]; 0 for an empty outline. Within 1e-9 of 0 or 1 it is exactly that. Every piece of every
-/// triangle is clipped in a buffer of fixed capacity; nothing is allocated. Time proportional to
-/// the triangles near the tool. `holes` has at most kMaxPendingHoles elements.
-double overlap_fraction(const Sheet& sheet, const LatticeOutline& tool,
-                        std::span<const LatticeOutline> holes) noexcept;
 
 }  // namespace trocar::runtime

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <ctime>
 #include <deque>
+#include <numbers>
 
 #include "runtime/loop/allocation_counter.h"
 
@@ -40,8 +41,9 @@ class Session {
  public:
   Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
           Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
-          Recorder* recorder)
+          Recorder* recorder, Responder* responder)
       : remesher_(remesher),
+        responder_(responder),
         device_(device),
         advance_(advance),
         options_(options),
@@ -49,9 +51,9 @@ class Session {
         ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
                                       : options.replay.size()) {
     model_.device = description;
-    model_.contact.tissue = scene.tissue;
     model_.contact.tool = make_tool(scene.tool);
     model_.contact.dt_s = 1 / options.rate_Hz;
+    model_.contact.law = scene.force_law.kind;
     model_.limits = options.limits;
     model_.rate_Hz = options.rate_Hz;
     sheets_.resize(remesher.size());
@@ -68,10 +70,12 @@ class Session {
       sheets_[i] = remesher_.current(i);
       cuts_published_ += sheets_[i]->cuts;
     }
-    haptic_tick(model_, sheets_, gap_s, device_, state_, result_);
+    if (responder_ != nullptr && is_real()) responder_->latest(response_);
+    haptic_tick(model_, {sheets_, response_, gap_s}, device_, state_, result_);
     if (result_.end_of_data) return false;
     result_.row.cuts_published = cuts_published_;
     if (result_.contact.gave_way) give_way();
+    if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
     if (recorder_ != nullptr) recorder_->push(result_.row);
     if (options_.live != nullptr) options_.live->write(result_.row);
     keep_count(result_.row);
@@ -81,7 +85,11 @@ class Session {
   }
 
   void run_real() {
-    remesher_.start();
+    remesher_.start([this] {
+      if (responder_ == nullptr) return;
+      responder_->serve(
+          [this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
+    });
     if (recorder_ != nullptr) recorder_->start();
     const RealtimeOptions realtime{options_.rate_Hz, RealtimeOptions{}.priority, options_.stop};
     report_.realtime = run_realtime(realtime, [this](double gap_s) { return tick(gap_s); });
@@ -97,6 +105,7 @@ class Session {
       if (!tick(0)) break;
       if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
+      if (responder_ != nullptr && options_.replay.empty()) respond();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
     while (remesher_.publish_next()) {
@@ -163,17 +172,40 @@ class Session {
     }
   }
 
-  /// Virtual clock, before a tick: new meshes that are due, or that the recording has here.
+  bool is_real() const noexcept {
+    return options_.clock == Clock::kReal && options_.replay.empty();
+  }
+
+  /// Virtual clock, after a tick.
+  void respond() {
+    const auto period = static_cast<std::uint64_t>(
+        std::max(1.0, std::round(options_.response_period_s * options_.rate_Hz)));
+    const ResponseRequest& request = result_.contact.ahead;
+    if (state_.tick % period != 0 || request.sheet < 0) return;
+    const Sheet& sheet = remesher_.last_version(static_cast<std::size_t>(request.sheet));
+    if (const auto found = responder_->answer(request, sheet)) {
+      responses_due_.emplace_back(state_.tick - 1 + options_.handover_ticks, *found);
+    }
+  }
+
+  /// Virtual clock, before a tick: new meshes and responses that are due, or that the recording has
+  /// here.
   void hand_over(std::deque<std::uint64_t>& due) {
     if (options_.replay.empty()) {
       while (!due.empty() && due.front() <= state_.tick) {
         due.pop_front();
         remesher_.publish_next();
       }
+      while (!responses_due_.empty() && responses_due_.front().first <= state_.tick) {
+        response_ = responses_due_.front().second;
+        responses_due_.pop_front();
+      }
       return;
     }
     if (state_.tick >= options_.replay.size()) return;
-    std::int64_t missing = options_.replay[state_.tick].cuts_published - cuts_published_;
+    const RecordingRow& row = options_.replay[state_.tick];
+    response_ = {row.response_sheet, row.response_stiffness_N_per_m, row.response_offset_m};
+    std::int64_t missing = row.cuts_published - cuts_published_;
     while (missing-- > 0 && remesher_.publish_next()) {
     }
   }
@@ -182,6 +214,7 @@ class Session {
   LoopState state_;
   TickResult result_;
   Remesher& remesher_;
+  Responder* responder_;
   Device& device_;
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;
@@ -189,6 +222,8 @@ class Session {
   std::uint64_t ticks_;
   std::vector<const Sheet*> sheets_;
   std::int64_t cuts_published_ = 0;
+  SheetResponse response_;
+  std::deque<std::pair<std::uint64_t, SheetResponse>> responses_due_;  ///< virtual clock: at a tick
   double last_force_N_ = 0;
   std::int32_t last_active_sheet_ = -1;
   SessionReport report_;
@@ -203,6 +238,8 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
     HandKeyframe frame;
     frame.t_s = keyframe.t_s;
     frame.T_device_tool.p_m = Eigen::Vector3d(keyframe.tip_m.data());
+    frame.T_device_tool.q = from_rotation_vector(Eigen::Vector3d(keyframe.rotation_deg.data()) *
+                                                 (std::numbers::pi / 180));
     trajectory.keyframes.push_back(frame);
   }
   const SceneHand& hand = scene.hand;
@@ -228,8 +265,17 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
     if (!writer) return writer.error();
     recorder = std::make_unique<Recorder>(std::move(*writer));
   }
+  std::unique_ptr<Responder> responder;
+  if (scene.force_law.kind == ForceLawKind::kNetwork) {
+    std::vector<Tissue> tissues;
+    for (std::size_t i = 0; i < remesher.size(); ++i)
+      tissues.push_back(remesher.first_version(i).tissue);
+    auto made = Responder::make(scene, tissues);
+    if (!made) return made.error();
+    responder = std::move(*made);
+  }
   auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           recorder.get());
+                                           recorder.get(), responder.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();
@@ -240,6 +286,7 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
   if (allocations_are_counted()) {
     report.allocations_in_loop = allocations_in_scopes() - allocations_before;
   }
+  if (responder) report.responder = responder->report();
   if (recorder) {
     if (Result<void> written = recorder->finish(); !written) return written.error();
   }

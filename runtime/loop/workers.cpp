@@ -82,15 +82,16 @@ bool Remesher::publish_next() {
   return true;
 }
 
-void Remesher::start() {
+void Remesher::start(std::function<void()> between) {
   stopping_.store(false);
-  thread_ = std::thread([this] {
+  thread_ = std::thread([this, between = std::move(between)] {
     for (;;) {
       const bool last = stopping_.load(std::memory_order_acquire);
       serve();
       while (publish_next()) {
       }
       if (last) return;
+      if (between) between();
       std::this_thread::sleep_for(kPollInterval);
     }
   });

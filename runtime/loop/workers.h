@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -56,7 +57,8 @@ class Remesher {
   // One other thread: either the one that start() makes, or the caller's.
 
   /// Serves requests as they come and publishes at once, until stop(), which serves what is left.
-  void start();
+  /// `between` is called on the same thread whenever none waits.
+  void start(std::function<void()> between = {});
   void stop();
   /// Serves all waiting requests without publishing (virtual clock: the caller says when).
   void serve();
