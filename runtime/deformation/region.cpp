@@ -30,18 +30,6 @@ Vector2d moment(const SliceMesh& mesh, LatticePoint origin) {
   return sum;
 }
 
-/// The triangles that really have an area in common with the tool.
-std::vector<std::uint32_t> under_tool(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
-                                      const Ring& tool) {
-  std::vector<std::uint32_t> out;
-  for (std::uint32_t t : seeds) {
-    if (t < sheet.triangles.size() && sheet.in_use(t) &&
-        contact(corners(sheet, t), tool) == Contact::kOverlaps)
-      out.push_back(t);
-  }
-  return out;
-}
-
 /// From a place to the tool's outline, in steps.
 double distance_to(const Ring& tool, double x, double y) {
   const Vector2d p(x, y);
@@ -123,6 +111,24 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& 
   return kind;
 }
 
+/// Where the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
+/// is thinner than any mesh of good triangles. It goes with the tool, to which it clings on one
+/// side: nodes of the outline that are this near to the tool, in circumradii, are held by it.
+constexpr double kClings = 0.02;
+
+void hold_wedges(const SheetMesh& mesh, const Ring& tool, const Circle& circle,
+                 std::vector<NodeKind>& kind) {
+  const double near = std::max(kOnTool, kClings * circle.radius);
+  const BoundarySides sides = boundary_sides(mesh);
+  for (std::size_t v = 0; v < kind.size(); ++v) {
+    if (kind[v] != NodeKind::kFree || sides.next[v] == kNone) continue;
+    const Vector2d p(mesh.vertices[v].x, mesh.vertices[v].y);
+    if ((p - circle.centre).norm() <= circle.radius + near &&
+        distance_to(tool, p.x(), p.y()) <= near)
+      kind[v] = NodeKind::kTool;
+  }
+}
+
 /// The tool cut out of the part: the one place that knows how. Errors: as cut().
 Result<CutResult> cut_tool(const SliceMesh& part, const Ring& tool) {
   return cut(part, tool);
@@ -136,9 +142,10 @@ void make_room(const SheetMesh& mesh, RegionWorkspace& workspace) {
   workspace.refinement.emplace(workspace.slots, 2 * workspace.slots);
 }
 
-/// Triangles small where the sheet is steep, and no spring negative.
-void refine(SheetMesh& mesh, const Circle& circle, const Ring& tool, const Grading& grading,
-            RegionWorkspace& workspace) {
+/// Triangles small where the sheet is steep, and no spring negative. The ring's sides stay as they
+/// are: the region still fits into the rest of its sheet.
+void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, double circumradius,
+            const Grading& grading, RegionWorkspace& workspace) {
   make_room(mesh, workspace);
   workspace.edit.begin(mesh);
   std::vector<std::uint32_t>& seeds = workspace.queue;
@@ -146,7 +153,7 @@ void refine(SheetMesh& mesh, const Circle& circle, const Ring& tool, const Gradi
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     if (mesh.in_use(t)) seeds.push_back(t);
   }
-  const double at_tool = grading.at_tool * circle.radius;
+  const double at_tool = grading.at_tool * circumradius;
   const auto size = [&](double x, double y) {
     return at_tool + grading.grade * distance_to(tool, x, y);
   };
@@ -154,6 +161,10 @@ void refine(SheetMesh& mesh, const Circle& circle, const Ring& tool, const Gradi
   options.size = size;
   options.max_new_vertices = grading.max_new_vertices;
   options.split_outline = true;
+  const auto is_ring = [&](std::uint32_t from, std::uint32_t to) {
+    return sides.kind[from] == NodeKind::kRing && sides.next[from] == to;
+  };
+  options.keep_side = is_ring;
   refine_locally(mesh, workspace.edit, seeds, options, *workspace.refinement);
 }
 
@@ -169,7 +180,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   region.origin = {static_cast<std::int32_t>(std::lround(circle.centre.x())),
                    static_cast<std::int32_t>(std::lround(circle.centre.y()))};
 
-  const std::vector<std::uint32_t> under = under_tool(sheet, seeds, tool);
+  const std::vector<std::uint32_t> under = seeds_under_tool(sheet, seeds, tool);
   if (under.empty()) return region;
   const SheetPart part =
       part_around(sheet, under, circle, options.radius_m / lattice.step_m(), workspace.queue);
@@ -183,10 +194,11 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   auto mesh = make_sheet_mesh(without_tool->mesh, spare, 2 * spare);
   if (!mesh) return mesh.error();
   const BoundarySides sides = classified_sides(*mesh, part.outer, tool, circle);
-  if (options.grading.graded) refine(*mesh, circle, tool, options.grading, workspace);
+  if (options.grading.graded) refine(*mesh, sides, tool, circle.radius, options.grading, workspace);
   region.mesh = to_slice_mesh(*mesh);
   // Vertices keep their order, so the kinds only have to close up.
-  const std::vector<NodeKind> by_slot = node_kinds(*mesh, sides);
+  std::vector<NodeKind> by_slot = node_kinds(*mesh, sides);
+  hold_wedges(*mesh, tool, circle, by_slot);
   region.kind.reserve(region.mesh.vertices.size());
   std::vector<std::uint8_t> used(mesh->vertices.size(), 1);
   for (std::uint32_t v : mesh->free_vertices)
@@ -195,6 +207,18 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
     if (used[v] != 0) region.kind.push_back(by_slot[v]);
   }
   return region;
+}
+
+std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
+                                            std::span<const std::uint32_t> seeds,
+                                            const Ring& tool) {
+  std::vector<std::uint32_t> out;
+  for (std::uint32_t t : seeds) {
+    if (t < sheet.triangles.size() && sheet.in_use(t) &&
+        contact(corners(sheet, t), tool) == Contact::kOverlaps)
+      out.push_back(t);
+  }
+  return out;
 }
 
 std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool) {
