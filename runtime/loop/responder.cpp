@@ -55,6 +55,20 @@ void find_seeds_in_grid(const Sheet& sheet, const LatticeOutline& outline,
   std::sort(seeds.begin(), seeds.end());
 }
 
+SheetShape shape_of(const Sheet& sheet, Region region) {
+  SheetShape shape;
+  shape.slice_index = sheet.slice_index;
+  shape.cuts = sheet.cuts;
+  shape.z_m = sheet.z_m;
+  for (const LatticePoint p : region.mesh.mesh.vertices) {
+    const Eigen::Vector2d xy_m = sheet.transform.to_scene({p.x, p.y});
+    shape.vertices_m.push_back({xy_m.x(), xy_m.y()});
+  }
+  shape.triangles = std::move(region.mesh.mesh.triangles);
+  shape.w = std::move(region.solution.w);
+  return shape;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Responder>> Responder::make(const Scene& scene,
@@ -111,11 +125,7 @@ std::optional<SheetResponse> Responder::answer(const ResponseRequest& request, c
   report_.displacement_bound_max =
       std::max(report_.displacement_bound_max, found.bounds.displacement);
   report_.negative_springs_max = std::max(report_.negative_springs_max, found.negative_springs);
-  auto shape = std::make_shared<SheetShape>();
-  shape->sheet = request.sheet;
-  shape->cuts = sheet.cuts;
-  shape->mesh = std::move(region->mesh.mesh);
-  shape->w = std::move(region->solution.w);
+  auto shape = std::make_shared<SheetShape>(shape_of(sheet, std::move(*region)));
   const std::lock_guard lock(shape_mutex_);
   shape_ = std::move(shape);
   return out;

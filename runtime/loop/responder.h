@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -24,12 +25,15 @@
 
 namespace trocar::runtime {
 
-/// The sheet around the tool as it is when the tool stands 1 m deep; for pictures.
+/// The sheet around the tool, with the tool's outline cut out. With the tool d deep a vertex stands
+/// at z_m - d w.
 struct SheetShape {
-  std::int32_t sheet = -1;
-  std::uint32_t cuts = 0;  ///< holes the sheet had
-  SliceMesh mesh;          ///< with the tool's outline cut out
-  std::vector<double> w;   ///< displacement of each vertex, per depth
+  int slice_index = 0;                            ///< AssetSlice::index
+  std::uint32_t cuts = 0;                         ///< holes the sheet had
+  double z_m = 0;                                 ///< of the sheet at rest
+  std::vector<std::array<double, 2>> vertices_m;  ///< x, y in {B}
+  std::vector<Triangle> triangles;
+  std::vector<double> w;  ///< of each vertex: 1 under the tool's rim, towards 0 far from it
 };
 
 struct ResponderReport {

@@ -2,11 +2,14 @@
 #include "runtime/loop/session.h"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <deque>
 #include <numbers>
+#include <thread>
 
 #include "runtime/loop/allocation_counter.h"
 
@@ -78,6 +81,7 @@ class Session {
     if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
     if (recorder_ != nullptr) recorder_->push(result_.row);
     if (options_.live != nullptr) options_.live->write(result_.row);
+    if (options_.on_frame && is_real()) for_frames_.write(result_.row);
     keep_count(result_.row);
     report_.tick.add(now_ns() - start_ns);
     advance_(model_.contact.dt_s);
@@ -91,8 +95,12 @@ class Session {
           [this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
     });
     if (recorder_ != nullptr) recorder_->start();
+    std::atomic<bool> done{false};
+    std::thread display([this, &done] { show_frames(done); });
     const RealtimeOptions realtime{options_.rate_Hz, RealtimeOptions{}.priority, options_.stop};
     report_.realtime = run_realtime(realtime, [this](double gap_s) { return tick(gap_s); });
+    done.store(true);
+    display.join();
     remesher_.stop();
   }
 
@@ -106,6 +114,7 @@ class Session {
       if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
       if (responder_ != nullptr && options_.replay.empty()) respond();
+      if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
     while (remesher_.publish_next()) {
@@ -176,6 +185,28 @@ class Session {
     return options_.clock == Clock::kReal && options_.replay.empty();
   }
 
+  std::shared_ptr<const SheetShape> shape() const {
+    return responder_ == nullptr ? nullptr : responder_->shape();
+  }
+
+  /// Real clock, on a thread of its own.
+  void show_frames(const std::atomic<bool>& done) {
+    if (!options_.on_frame) return;
+    RecordingRow row;
+    while (!done.load()) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(1 / options_.frame_rate_Hz));
+      if (for_frames_.read(row)) options_.on_frame(row, shape());
+    }
+  }
+
+  /// Virtual clock, after a tick.
+  void show_frame() {
+    const double now_s = static_cast<double>(state_.tick - 1) / options_.rate_Hz;
+    if (now_s * options_.frame_rate_Hz < static_cast<double>(frames_)) return;
+    ++frames_;
+    options_.on_frame(result_.row, shape());
+  }
+
   /// Virtual clock, after a tick.
   void respond() {
     const auto period = static_cast<std::uint64_t>(
@@ -222,6 +253,8 @@ class Session {
   std::uint64_t ticks_;
   std::vector<const Sheet*> sheets_;
   std::int64_t cuts_published_ = 0;
+  TripleBuffer<RecordingRow> for_frames_;
+  std::uint64_t frames_ = 0;
   SheetResponse response_;
   std::deque<std::pair<std::uint64_t, SheetResponse>> responses_due_;  ///< virtual clock: at a tick
   double last_force_N_ = 0;
