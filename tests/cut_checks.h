@@ -49,13 +49,13 @@ inline std::string broken_law(const SliceMesh& before, const CutResult& cut) {
 
   // The books balance, exactly.
   const std::int64_t lost = doubled_area(before) - doubled_area(after);
-  if (lost != cut.report.doubled_area_removed) return "doubled_area_removed is not the area lost";
+  if (lost != cut.doubled_area_removed) return "doubled_area_removed is not the area lost";
   std::int64_t of_hole = 0;
   for (const Ring& ring : cut.hole)
     of_hole += doubled_area(ring);
   if (of_hole != lost) return "the hole's area is not the area lost";
-  if (before.triangles.size() + cut.report.triangles_created !=
-      after.triangles.size() + cut.report.triangles_removed) {
+  if (before.triangles.size() + cut.triangles_created !=
+      after.triangles.size() + cut.triangles_removed) {
     return "triangle counts do not add up";
   }
 
@@ -63,7 +63,7 @@ inline std::string broken_law(const SliceMesh& before, const CutResult& cut) {
   const std::vector<Corners> was = triangles_of(before), is = triangles_of(after);
   std::vector<Corners> gone;
   std::set_difference(was.begin(), was.end(), is.begin(), is.end(), std::back_inserter(gone));
-  if (gone.size() > cut.report.triangles_removed + 2 * cut.report.flips)
+  if (gone.size() > cut.triangles_removed + 2 * cut.flips)
     return "triangles have changed that the tool did not meet";
 
   if (is_constrained_delaunay(before) && !is_constrained_delaunay(after))
@@ -75,7 +75,7 @@ inline std::string broken_law(const SliceMesh& before, const CutResult& cut) {
 /// bends of the sheet's boundary cross, see overlay.h.
 inline std::string broken_outline(const CutResult& cut) {
   if (auto ok = check_pslg({cut.hole}); !ok) return "hole: " + ok.error().message;
-  if (cut.report.doubled_area_removed < 0) return "material was added";
+  if (cut.doubled_area_removed < 0) return "material was added";
   return {};
 }
 

@@ -153,7 +153,7 @@ void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count
 
   // The area, by clipping.
   const Real common = common_area(sheet, tool), bound = rounding_bound(old_rings, tool);
-  ASSERT_NEAR(static_cast<double>(r->report.doubled_area_removed), static_cast<double>(common),
+  ASSERT_NEAR(static_cast<double>(r->doubled_area_removed), static_cast<double>(common),
               static_cast<double>(bound) + 1e-6);
   if (common < 1e-6L) {
     ++n.empty;
@@ -186,7 +186,7 @@ void small_cut(SliceMesh& sheet, const Ring& tool, int size, Random& random, Cou
   ASSERT_EQ(broken_law(sheet, *r), "");
   if (!broken_outline(*r).empty()) ++n.outline_broken;
   ++n.cuts;
-  if (r->report.triangles_removed == 0) {
+  if (r->triangles_removed == 0) {
     ++n.empty;
   } else if (r->hole == std::vector<Ring>{from_smallest(tool)}) {
     ++n.inside;

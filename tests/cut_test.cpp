@@ -79,28 +79,28 @@ CutResult good_cut(const SliceMesh& sheet, const Ring& tool) {
 CutResult whole_cut(const SliceMesh& sheet, const Ring& tool) {
   CutResult result = good_cut(sheet, tool);
   EXPECT_EQ(result.hole, rings({tool}));
-  EXPECT_EQ(result.report.doubled_area_removed, doubled_area(tool));
+  EXPECT_EQ(result.doubled_area_removed, doubled_area(tool));
   return result;
 }
 
 TEST(Cut, InsideOneTriangle) {
   const CutResult r = whole_cut(one_triangle(), hexagon(30, 30, 10));
-  EXPECT_EQ(r.report.triangles_removed, 1U);
-  EXPECT_EQ(r.report.triangles_created, 9U);  // 3 + 6 vertices around one hole
+  EXPECT_EQ(r.triangles_removed, 1U);
+  EXPECT_EQ(r.triangles_created, 9U);  // 3 + 6 vertices around one hole
   EXPECT_EQ(boundary_rings(r.mesh).rings.size(), 2U);
 }
 
 TEST(Cut, OverManyTriangles) {
   const CutResult r = whole_cut(grid(10, 10, 10), hexagon(51, 47, 23));
-  EXPECT_GT(r.report.triangles_removed, 20U);
-  EXPECT_LT(r.report.triangles_removed, 100U);
+  EXPECT_GT(r.triangles_removed, 20U);
+  EXPECT_LT(r.triangles_removed, 100U);
 }
 
 TEST(Cut, VerticesInsideTheCavityButNotUnderTheToolStay) {
   // A U around the middle vertex meets all of its triangles and does not cover it.
   const Ring u = {{30, 30}, {70, 30}, {70, 70}, {60, 70}, {60, 40}, {40, 40}, {40, 70}, {30, 70}};
   const CutResult r = whole_cut(grid(2, 2, 50), u);
-  EXPECT_EQ(r.report.triangles_removed, 6U);  // all of its triangles, not the two that it lacks
+  EXPECT_EQ(r.triangles_removed, 6U);  // all of its triangles, not the two that it lacks
   EXPECT_EQ(fans_at(r.mesh, {50, 50}), 1U);
 }
 
@@ -130,7 +130,7 @@ TEST(Cut, VertexOnAVertexAndOnAnEdge) {
 
 TEST(Cut, ThinnestTool) {
   const CutResult r = whole_cut(grid(4, 4, 10), {{13, 13}, {14, 13}, {13, 14}});
-  EXPECT_EQ(r.report.doubled_area_removed, 1);
+  EXPECT_EQ(r.doubled_area_removed, 1);
 }
 
 TEST(Cut, MeetsNothing) {
@@ -140,7 +140,7 @@ TEST(Cut, MeetsNothing) {
     EXPECT_EQ(r.mesh.vertices, sheet.vertices);
     EXPECT_EQ(r.mesh.triangles, sheet.triangles);
     EXPECT_TRUE(r.hole.empty());
-    EXPECT_EQ(r.report.triangles_removed + r.report.triangles_created, 0U);
+    EXPECT_EQ(r.triangles_removed + r.triangles_created, 0U);
   }
 }
 
@@ -164,7 +164,7 @@ TEST(Cut, CoversEverything) {
     const CutResult r = good_cut(grid(3, 3, 10), tool);
     EXPECT_TRUE(r.mesh.triangles.empty());
     EXPECT_TRUE(r.mesh.vertices.empty());
-    EXPECT_EQ(r.report.doubled_area_removed, 1800);
+    EXPECT_EQ(r.doubled_area_removed, 1800);
     // The outline is the sheet's, with the vertices that the sheet's has.
     ASSERT_EQ(r.hole.size(), 1U);
     EXPECT_EQ(r.hole[0], boundary_rings(grid(3, 3, 10)).rings[0]);
@@ -180,14 +180,14 @@ TEST(Cut, EmptySheet) {
 TEST(Cut, OverTheEdgeOnTheLattice) {
   // The crossings lie on lattice points: nothing bends.
   const CutResult r = good_cut(grid(4, 4, 10), box(-5, 13, 15, 27));
-  EXPECT_EQ(r.report.doubled_area_removed, 2 * 15 * 14);
+  EXPECT_EQ(r.doubled_area_removed, 2 * 15 * 14);
   EXPECT_EQ(r.hole, rings({{{0, 13}, {15, 13}, {15, 27}, {0, 27}, {0, 20}}}));
   EXPECT_EQ(boundary_rings(r.mesh).rings.size(), 1U);
 }
 
 TEST(Cut, OverACorner) {
   const CutResult r = good_cut(grid(4, 4, 10), box(-5, -5, 15, 15));
-  EXPECT_EQ(r.report.doubled_area_removed, 2 * 15 * 15);
+  EXPECT_EQ(r.doubled_area_removed, 2 * 15 * 15);
 }
 
 TEST(Cut, CrossingsThatRound) {
@@ -197,14 +197,14 @@ TEST(Cut, CrossingsThatRound) {
   const Ring tool = {{20, 53}, {60, 93}, {20, 93}};
   const CutResult r = good_cut(sheet, tool);
   // True area of the triangle (20, 53) (33.5, 66.5) (20, 80): 2 A = 27 * 13.5.
-  EXPECT_NEAR(static_cast<double>(r.report.doubled_area_removed), 27 * 13.5, 100);
+  EXPECT_NEAR(static_cast<double>(r.doubled_area_removed), 27 * 13.5, 100);
   for (LatticePoint p : r.mesh.vertices)
     EXPECT_LE(p.x + p.y, 100);
 }
 
 TEST(Cut, DisconnectsAnIsland) {
   const CutResult r = good_cut(grid(6, 2, 10), box(23, -5, 37, 25));
-  EXPECT_EQ(r.report.doubled_area_removed, 2 * 14 * 20);
+  EXPECT_EQ(r.doubled_area_removed, 2 * 14 * 20);
   EXPECT_EQ(boundary_rings(r.mesh).rings.size(), 2U);
 }
 
@@ -212,7 +212,7 @@ TEST(Cut, AroundAHoleOfTheSheet) {
   const auto frame = [](int i, int j) { return i != 2 || j != 2; };
   const SliceMesh sheet = grid(5, 5, 10, frame);
   const CutResult r = good_cut(sheet, box(15, 15, 35, 35));
-  EXPECT_EQ(r.report.doubled_area_removed, 2 * (20 * 20 - 10 * 10));
+  EXPECT_EQ(r.doubled_area_removed, 2 * (20 * 20 - 10 * 10));
   EXPECT_EQ(r.hole, rings({box(15, 15, 35, 35), {{20, 20}, {20, 30}, {30, 30}, {30, 20}}}));
   EXPECT_EQ(boundary_rings(r.mesh).rings.size(), 2U);
 }
@@ -224,25 +224,25 @@ TEST(Cut, AroundAnIslandInAHole) {
   };
   const SliceMesh sheet = grid(7, 7, 10, island);
   CutResult r = good_cut(sheet, box(25, 25, 45, 45));
-  EXPECT_EQ(r.report.doubled_area_removed, 200);
-  EXPECT_EQ(r.report.triangles_removed, 2U);
-  EXPECT_EQ(r.report.triangles_created, 0U);
+  EXPECT_EQ(r.doubled_area_removed, 200);
+  EXPECT_EQ(r.triangles_removed, 2U);
+  EXPECT_EQ(r.triangles_created, 0U);
   r = good_cut(sheet, box(5, 5, 45, 45));  // and the frame's corner with it
-  EXPECT_EQ(r.report.doubled_area_removed, 200 + 2 * (40 * 40 - 35 * 35));
+  EXPECT_EQ(r.doubled_area_removed, 200 + 2 * (40 * 40 - 35 * 35));
 }
 
 TEST(Cut, AcrossAnOlderHole) {
   const CutResult first = whole_cut(grid(10, 10, 10), hexagon(40, 50, 15));
   const CutResult second = good_cut(first.mesh, hexagon(55, 50, 15));
-  EXPECT_GT(second.report.doubled_area_removed, 0);
-  EXPECT_LT(second.report.doubled_area_removed, doubled_area(hexagon(55, 50, 15)));
+  EXPECT_GT(second.doubled_area_removed, 0);
+  EXPECT_LT(second.doubled_area_removed, doubled_area(hexagon(55, 50, 15)));
   EXPECT_EQ(boundary_rings(second.mesh).rings.size(), 2U);
 }
 
 TEST(Cut, TheSameHexagonTwice) {
   const CutResult first = whole_cut(grid(10, 10, 10), hexagon(41, 52, 15));
   const CutResult second = good_cut(first.mesh, hexagon(41, 52, 15));
-  EXPECT_EQ(second.report.doubled_area_removed, 0);
+  EXPECT_EQ(second.doubled_area_removed, 0);
   EXPECT_EQ(second.mesh.triangles, first.mesh.triangles);
   EXPECT_TRUE(second.hole.empty());
 }
@@ -253,8 +253,8 @@ TEST(Cut, ShiftedByOneStep) {
     for (int dy = -1; dy <= 1; ++dy) {
       const CutResult r = good_cut(first.mesh, hexagon(41 + dx, 52 + dy, 15));
       // A strip of one step along a hexagon of 90 steps' circumference.
-      EXPECT_LE(r.report.doubled_area_removed, 2 * 90);
-      EXPECT_EQ(r.report.doubled_area_removed > 0, dx != 0 || dy != 0);
+      EXPECT_LE(r.doubled_area_removed, 2 * 90);
+      EXPECT_EQ(r.doubled_area_removed > 0, dx != 0 || dy != 0);
     }
   }
 }
@@ -262,10 +262,10 @@ TEST(Cut, ShiftedByOneStep) {
 TEST(Cut, BesideAnOlderHole) {
   const CutResult first = whole_cut(grid(4, 4, 10), box(8, 8, 20, 20));
   // Sharing a whole edge, a part of one, and a corner only.
-  EXPECT_EQ(good_cut(first.mesh, box(20, 8, 30, 20)).report.doubled_area_removed, 240);
-  EXPECT_EQ(good_cut(first.mesh, box(20, 11, 30, 17)).report.doubled_area_removed, 120);
+  EXPECT_EQ(good_cut(first.mesh, box(20, 8, 30, 20)).doubled_area_removed, 240);
+  EXPECT_EQ(good_cut(first.mesh, box(20, 11, 30, 17)).doubled_area_removed, 120);
   const CutResult corner = good_cut(first.mesh, box(20, 20, 30, 30));
-  EXPECT_EQ(corner.report.doubled_area_removed, 200);
+  EXPECT_EQ(corner.doubled_area_removed, 200);
   EXPECT_EQ(fans_at(corner.mesh, {20, 20}), 2U);  // a pinch: two vertices
 }
 
@@ -276,7 +276,7 @@ TEST(Cut, PinchesAtTheSheetsEdge) {
   // The tool's edge touches a corner of the sheet's hole.
   const SliceMesh frame = grid(5, 5, 10, [](int i, int j) { return i != 2 || j != 2; });
   const CutResult t = good_cut(frame, {{15, 25}, {25, 35}, {15, 35}});
-  EXPECT_EQ(t.report.doubled_area_removed, 100);
+  EXPECT_EQ(t.doubled_area_removed, 100);
   EXPECT_EQ(fans_at(t.mesh, {20, 30}), 2U);
 }
 

@@ -52,20 +52,6 @@ Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
   return stage;
 }
 
-std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
-  std::uint32_t count = 0;
-  for (const SheetEdit::OldTriangle& written : edit.triangles()) {
-    if (!mesh.in_use(written.slot)) continue;
-    const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
-    for (std::size_t i = 0; i < 3; ++i) {
-      if (mesh.across[written.slot][i] == kNone &&
-          diametral_dot(p[i], p[(i + 1) % 3], p[(i + 2) % 3]) < 0)
-        ++count;
-    }
-  }
-  return count;
-}
-
 // `bug`: what a stage that ends in kBug has run into.
 CutReport failure(Stage stage, const char* bug) noexcept {
   CutReport report;
@@ -90,6 +76,20 @@ std::string_view to_word(CutOutcome outcome) noexcept {
       break;
   }
   return "bug";
+}
+
+std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
+  std::uint32_t count = 0;
+  for (const SheetEdit::OldTriangle& written : edit.triangles()) {
+    if (!mesh.in_use(written.slot)) continue;
+    const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (mesh.across[written.slot][i] == kNone &&
+          diametral_dot(p[i], p[(i + 1) % 3], p[(i + 2) % 3]) < 0)
+        ++count;
+    }
+  }
+  return count;
 }
 
 CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, CutWorkspace& work,
@@ -147,8 +147,8 @@ Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
     CutWorkspace work({slots, mesh->vertices.size() + spare, 3 * slots + spare});
     SheetEdit edit(*mesh);
     CutResult result;
-    result.report = cut_in_place(*mesh, TriangleGrid(*mesh), tool, work, edit);
-    switch (result.report.outcome) {
+    static_cast<CutReport&>(result) = cut_in_place(*mesh, TriangleGrid(*mesh), tool, work, edit);
+    switch (result.outcome) {
       case CutOutcome::kNothingMet:
         result.mesh = sheet;
         return result;
@@ -160,7 +160,7 @@ Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
         return refused("tool polygon: not simple, counter-clockwise and on the lattice, of 3 to " +
                        std::to_string(kMaxToolCorners) + " corners");
       case CutOutcome::kBug:
-        return bug(std::string("cut: ") + result.report.bug);
+        return bug(std::string("cut: ") + result.bug);
       case CutOutcome::kCapacity:
         if (spare > 1'000'000) return bug("cut: no capacity suffices");
     }

@@ -66,9 +66,11 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
                        std::span<const LatticePoint> tool, CutWorkspace& work,
                        SheetEdit& edit) noexcept;
 
-struct CutResult {
+/// Of the triangles that `edit` lists, see CutReport.
+std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
+
+struct CutResult : CutReport {
   SliceMesh mesh;  ///< valid (formats/mesh_validity.h); empty if nothing is left
-  CutReport report;
   /// Rings around the removed material, that on their left (so clockwise around
   /// what was void or stays inside it), each from its smallest vertex on, in
   /// ascending order. Their doubled areas add up to doubled_area_removed, exactly.

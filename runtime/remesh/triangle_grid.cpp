@@ -50,7 +50,7 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size())
 
 void TriangleGrid::update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
   for (const SheetEdit::OldTriangle& old : edit.triangles()) {
-    if (mesh.triangles[old.slot] == old.corners) continue;  // its neighbours alone changed
+    // Even with the same corners: their slots may hold other points now.
     if (old.corners != kFreeSlot) remove(old.slot);
     if (mesh.in_use(old.slot)) insert(mesh, old.slot);
   }

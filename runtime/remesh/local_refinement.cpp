@@ -1,0 +1,378 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/remesh/local_refinement.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "runtime/remesh/outline_split.h"
+
+namespace trocar::runtime {
+
+double GradedSize::operator()(double x, double y) const noexcept {
+  const double dx = x - centre.x, dy = y - centre.y;
+  const double beyond = std::sqrt(dx * dx + dy * dy) - radius;
+  return std::min(at_radius + growth * std::max(beyond, 0.0), largest);
+}
+
+LocalRefinementWorkspace::LocalRefinementWorkspace(std::size_t vertex_slots,
+                                                   std::size_t triangle_slots)
+    : insertion_(vertex_slots, triangle_slots), queue_(triangle_slots), marks_(triangle_slots, 0) {}
+
+namespace {
+
+// A shorter side is not improved upon, nor a side split into such: rounding to the lattice would
+// decide the angles.
+constexpr double kShortestSide = 4;
+// By how many steps an off-centre is drawn nearer to its side, for rounding not to make its angle
+// too small.
+constexpr double kRounding = 1.5;
+// New sides for the sake of size are no longer than this times the side that they start from.
+constexpr double kLargestStep = 2;
+// A boundary side longer than this times the wanted length is split.
+constexpr double kLongSide = 1.5;
+// Two boundary sides of a triangle whose lengths differ by no more than this are on one shell: the
+// angle between one of them and the third side is above 90 degrees by rounding alone.
+constexpr double kSameShell = 2;
+
+// What is known of a triangle, by bits.
+constexpr std::uint8_t kLookedAt = 1, kSidesLeft = 2, kAtOutline = 4, kAtLattice = 8,
+                       kSizeLeft = 16;
+constexpr std::uint8_t kLeft = kAtOutline | kAtLattice | kSizeLeft;
+
+struct Shape {
+  std::uint32_t shortest;  // side
+  std::int64_t shortest2, longest2;
+  bool is_sharp;
+};
+
+// The smallest angle lies opposite the shortest side s, between l and m: l.m = (l^2 + m^2 - s^2)
+// / 2.
+Shape shape_of(const std::array<LatticePoint, 3>& v, double cos2) noexcept {
+  const std::array<std::int64_t, 3> d{distance2(v[0], v[1]), distance2(v[1], v[2]),
+                                      distance2(v[2], v[0])};
+  const std::uint32_t shortest = d[0] <= d[1] && d[0] <= d[2] ? 0 : d[1] <= d[2] ? 1 : 2;
+  const std::int64_t s = d[shortest], l = d[(shortest + 1) % 3], m = d[(shortest + 2) % 3];
+  const double dot = 0.5 * static_cast<double>(l + m - s);
+  return {shortest, s, std::max(l, m),
+          dot * dot > cos2 * (static_cast<double>(l) * static_cast<double>(m))};
+}
+
+double circumradius2(const std::array<LatticePoint, 3>& v) noexcept {
+  const auto area = static_cast<double>(orient2d(v[0], v[1], v[2]));
+  return static_cast<double>(distance2(v[0], v[1])) * static_cast<double>(distance2(v[1], v[2])) *
+         static_cast<double>(distance2(v[2], v[0])) / (4 * area * area);
+}
+
+double length(LatticePoint a, LatticePoint b) noexcept {
+  return std::sqrt(static_cast<double>(distance2(a, b)));
+}
+
+}  // namespace
+
+class LocalRefiner {
+ public:
+  LocalRefiner(SheetMesh& mesh, SheetEdit& edit, const LocalRefinementOptions& options,
+               LocalRefinementWorkspace& workspace) noexcept
+      : mesh_(mesh),
+        edit_(edit),
+        options_(options),
+        insertion_(workspace.insertion_),
+        queue_(workspace.queue_),
+        marks_(workspace.marks_) {
+    const bool wants_angle = options.min_angle_deg > 0;  // a NaN wants none
+    const double angle =
+        wants_angle ? std::min(options.min_angle_deg, 30.0) * std::numbers::pi / 180 : 0;
+    cos2_ =
+        wants_angle ? std::cos(angle) * std::cos(angle) : std::numeric_limits<double>::infinity();
+    off_centre_ = wants_angle ? 0.5 / std::tan(0.5 * angle) : 0;
+  }
+
+  RefinementResult run(std::span<const std::uint32_t> seeds) noexcept {
+    if (mesh_.triangles.size() > marks_.size()) {
+      result_.outcome = RefinementOutcome::kNoRoom;
+      return result_;
+    }
+    for (const std::uint32_t t : seeds) {
+      if (t < mesh_.triangles.size() && mesh_.in_use(t)) look_at(t);
+    }
+    while (!queue_.empty()) {
+      if (result_.vertices_added >= options_.max_new_vertices) {
+        result_.outcome = RefinementOutcome::kBudget;
+        break;
+      }
+      const std::uint32_t t = queue_.top();
+      const Step step = queue_.top_key() < 0 ? split_worst_side(t) : improve(t);
+      if (step == Step::kNoRoom) {
+        result_.outcome = RefinementOutcome::kNoRoom;
+        break;
+      }
+      if (step != Step::kDone) give_up(t, step);
+    }
+    queue_.clear();
+    count(seeds);
+    return result_;
+  }
+
+ private:
+  enum class Step { kDone, kOutline, kLattice, kLargeEnough, kNoRoom };
+
+  struct Side {
+    std::uint32_t triangle, side;
+  };
+
+  LatticePoint start_of(Side s) const noexcept {
+    return mesh_.vertices[mesh_.triangles[s.triangle][s.side]];
+  }
+  LatticePoint end_of(Side s) const noexcept {
+    return mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 1) % 3]];
+  }
+  bool is_boundary(Side s) const noexcept { return mesh_.across[s.triangle][s.side] == kNone; }
+  bool is_kept(Side s) const noexcept {
+    return options_.keep_side && options_.keep_side(mesh_.triangles[s.triangle][s.side],
+                                                    mesh_.triangles[s.triangle][(s.side + 1) % 3]);
+  }
+  double wanted_length(double x, double y) const noexcept {
+    return options_.size ? options_.size(x, y) : std::numeric_limits<double>::infinity();
+  }
+
+  // ---- what is wrong with a triangle ----
+
+  bool is_obtuse(Side s) const noexcept {
+    const LatticePoint apex = mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 2) % 3]];
+    return diametral_dot(start_of(s), end_of(s), apex) < 0;
+  }
+
+  // Not counting what the lattice does to two sides on one shell around their corner.
+  bool is_encroached(Side s) const noexcept {
+    if (!is_obtuse(s)) return false;
+    const double own = length(start_of(s), end_of(s));
+    for (const std::uint32_t other : {(s.side + 1) % 3, (s.side + 2) % 3}) {
+      const Side o{s.triangle, other};
+      if (is_boundary(o) && own - length(start_of(o), end_of(o)) <= kSameShell) return false;
+    }
+    return true;
+  }
+
+  // Into how many sides of the wanted length a side should be split.
+  int pieces(Side s) const noexcept {
+    if (!options_.size) return 1;
+    const LatticePoint a = start_of(s), b = end_of(s);
+    const double wanted = wanted_length(0.5 * (static_cast<double>(a.x) + b.x),
+                                        0.5 * (static_cast<double>(a.y) + b.y));
+    const double ratio = length(a, b) / wanted;
+    return ratio >= kLongSide ? static_cast<int>(std::lrint(std::min(ratio, 1e6))) : 1;
+  }
+
+  // The longest boundary side that is to be split for its own sake, if any.
+  std::optional<std::uint32_t> worst_side(std::uint32_t t) const noexcept {
+    std::optional<std::uint32_t> worst;
+    std::int64_t longest2 = 0;
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const Side s{t, i};
+      if (!is_boundary(s)) continue;
+      const std::int64_t length2 = distance2(start_of(s), end_of(s));
+      if (length2 > longest2 && (pieces(s) > 1 || is_encroached(s)) && !is_kept(s))
+        worst = i, longest2 = length2;
+    }
+    return worst;
+  }
+
+  bool is_too_large(const std::array<LatticePoint, 3>& v) const noexcept {
+    if (!options_.size) return false;
+    const double x = (static_cast<double>(v[0].x) + v[1].x + v[2].x) / 3,
+                 y = (static_cast<double>(v[0].y) + v[1].y + v[2].y) / 3;
+    const double largest = kLargestRadius * wanted_length(x, y);
+    return circumradius2(v) > largest * largest;
+  }
+
+  // Queues the triangle if something is wrong with it and worth a try. Sides come first, the
+  // longest before others; then triangles, the finest first: so size grows outwards from what is
+  // fine.
+  void look_at(std::uint32_t t) noexcept {
+    marks_[t] |= kLookedAt;
+    if (options_.split_outline && (marks_[t] & kSidesLeft) == 0) {
+      if (const std::optional<std::uint32_t> i = worst_side(t)) {
+        queue_.put(t, -distance2(start_of({t, *i}), end_of({t, *i})));
+        return;
+      }
+    }
+    if ((marks_[t] & kLeft) == 0) {
+      const std::array<LatticePoint, 3> v = corners(mesh_, t);
+      const Shape shape = shape_of(v, cos2_);
+      if (shape.is_sharp || is_too_large(v)) {
+        queue_.put(t, shape.shortest2);
+        return;
+      }
+    }
+    queue_.remove(t);
+  }
+
+  void give_up(std::uint32_t t, Step why) noexcept {
+    marks_[t] |= queue_.top_key() < 0        ? kSidesLeft
+                 : why == Step::kOutline     ? kAtOutline
+                 : why == Step::kLargeEnough ? kSizeLeft
+                                             : kAtLattice;
+    look_at(t);
+  }
+
+  // ---- what is done about it ----
+
+  Step insert(LatticePoint p, std::uint32_t split) noexcept {
+    switch (insertion_.insert(mesh_, edit_, p, split)) {
+      case Insertion::kNotInSight:
+        return Step::kLattice;
+      case Insertion::kNoRoom:
+        return Step::kNoRoom;
+      case Insertion::kDone:
+        break;
+    }
+    ++result_.vertices_added;
+    for (const std::uint32_t t : insertion_.star()) {
+      marks_[t] = 0;
+      look_at(t);
+    }
+    return Step::kDone;
+  }
+
+  Step split_worst_side(std::uint32_t t) noexcept {
+    const std::optional<std::uint32_t> i = worst_side(t);
+    return i ? split({t, *i}, std::max(pieces({t, *i}), 2), kShortestSide) : Step::kLattice;
+  }
+
+  // Splits a boundary side, unless a piece would be shorter than `shortest`.
+  Step split(Side s, int into, double shortest) noexcept {
+    if (is_kept(s)) return Step::kOutline;
+    const LatticePoint a = start_of(s), b = end_of(s);
+    const double fraction = split_fraction(mesh_, s.triangle, s.side, into);
+    std::optional<LatticePoint> p = point_on_side(a, b, fraction);
+    if (options_.split_outline) {
+      const double full = length(a, b);
+      if (!p || std::abs(length(a, *p) - fraction * full) > 0.02 * full) {
+        const LatticePoint apex = mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 2) % 3]];
+        p = point_beside_side(a, b, apex, fraction);
+      }
+    }
+    if (!p) return Step::kOutline;
+    if (std::min(length(a, *p), length(*p, b)) < shortest) return Step::kOutline;
+    if (!insertion_.find(mesh_, s.triangle, *p)) return Step::kLattice;
+    std::uint32_t number = kNone;
+    const std::span<const RimSide> rim = insertion_.rim();
+    for (std::uint32_t k = 0; k < rim.size(); ++k) {
+      if (rim[k].inside == s.triangle && rim[k].side == s.side) {
+        number = k;
+      } else if (!options_.split_outline && encroaches(rim[k], *p)) {
+        return Step::kOutline;
+      }
+    }
+    const Step step = insert(*p, number);
+    if (step == Step::kDone) {
+      ++result_.sides_split;
+      result_.doubled_area_lost += orient2d(a, b, *p);
+    }
+    return step;
+  }
+
+  // Would p lie in the diametral circle of a boundary side, or on its other side?
+  bool encroaches(const RimSide& r, LatticePoint p) const noexcept {
+    if (r.beyond != kNone) return false;
+    const LatticePoint a = mesh_.vertices[r.from], b = mesh_.vertices[r.to];
+    return diametral_dot(a, b, p) < 0 || orient2d(a, b, p) <= 0;
+  }
+
+  // A new point on the bisector of the shortest side: as far out as angle and size allow, but no
+  // farther than the circumcentre. If a boundary side is in its way, that is split instead.
+  Step improve(std::uint32_t t) noexcept {
+    const std::array<LatticePoint, 3> v = corners(mesh_, t);
+    const Shape shape = shape_of(v, cos2_);
+    const double shortest = std::sqrt(static_cast<double>(shape.shortest2));
+    if (shortest < kShortestSide) return Step::kLattice;
+
+    const LatticePoint p = v[shape.shortest], q = v[(shape.shortest + 1) % 3],
+                       r = v[(shape.shortest + 2) % 3];
+    // From the side's middle, in units of the side: along it and out from it.
+    const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
+    const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
+    const double along = (qx * rx + qy * ry) / (shortest * shortest) - 0.5;
+    const double out = (qx * ry - qy * rx) / (shortest * shortest);
+    const double circumcentre = (along * along + out * out - 0.25) / (2 * out);
+    double height = circumcentre;
+    if (shape.is_sharp)
+      height = std::min(height, off_centre_ * (1 - std::min(0.4, kRounding / shortest)));
+    const double mx = p.x + 0.5 * qx, my = p.y + 0.5 * qy;
+    if (is_too_large(v)) {
+      const double guess = std::min(height, 1.0);
+      const double wanted = wanted_length(mx - guess * qy, my + guess * qx) / shortest;
+      if (wanted * kLongSide >= 1) {
+        const double legs = std::clamp(wanted, std::numbers::sqrt2 / 2, kLargestStep);
+        height = std::min(height, std::sqrt(legs * legs - 0.25));
+      }
+    }
+    const double x = mx - height * qy, y = my + height * qx;
+    if (!(std::abs(x) < kMaxCoordinate && std::abs(y) < kMaxCoordinate)) return Step::kOutline;
+    const LatticePoint place{static_cast<std::int32_t>(std::lrint(x)),
+                             static_cast<std::int32_t>(std::lrint(y))};
+    if (!insertion_.find(mesh_, t, place)) return Step::kLattice;
+
+    std::optional<Side> in_the_way;
+    std::int64_t longest2 = 0;
+    for (const RimSide& side : insertion_.rim()) {
+      if (!encroaches(side, place)) continue;
+      const std::int64_t length2 = distance2(mesh_.vertices[side.from], mesh_.vertices[side.to]);
+      if (length2 > longest2) in_the_way = Side{side.inside, side.side}, longest2 = length2;
+    }
+    if (!in_the_way) return insert(place, kNone);
+    // For size alone no side is split that is not too long itself.
+    if (!shape.is_sharp) return Step::kLargeEnough;
+    // Nor one into sides shorter than the triangle has: at sharp corners that would go on and on.
+    return split(*in_the_way, 2, shortest);
+  }
+
+  // ---- the end ----
+
+  void count(std::span<const std::uint32_t> seeds) noexcept {
+    for (const std::uint32_t t : seeds) {
+      if (t < mesh_.triangles.size()) count(t);
+    }
+    for (const SheetEdit::OldTriangle& old : edit_.triangles())
+      count(old.slot);
+    if (result_.outcome == RefinementOutcome::kDone && result_.sharp + result_.obtuse_sides > 0)
+      result_.outcome = RefinementOutcome::kOutlineInTheWay;
+  }
+
+  void count(std::uint32_t t) noexcept {
+    const std::uint8_t marks = marks_[t];
+    marks_[t] = 0;
+    if ((marks & kLookedAt) == 0) return;
+    ++result_.looked_at;
+    const std::array<LatticePoint, 3> v = corners(mesh_, t);
+    if (shape_of(v, cos2_).is_sharp) {
+      ++result_.sharp;
+      result_.sharp_at_outline += (marks & kAtOutline) != 0 ? 1 : 0;
+      result_.sharp_at_lattice += (marks & kAtLattice) != 0 ? 1 : 0;
+    }
+    result_.too_large += is_too_large(v) ? 1 : 0;
+    for (std::uint32_t i = 0; i < 3; ++i)
+      result_.obtuse_sides += is_boundary({t, i}) && is_obtuse({t, i}) ? 1 : 0;
+  }
+
+  SheetMesh& mesh_;
+  SheetEdit& edit_;
+  const LocalRefinementOptions& options_;
+  PointInsertion& insertion_;
+  TriangleQueue& queue_;
+  std::vector<std::uint8_t>& marks_;
+  double cos2_ = 0, off_centre_ = 0;
+  RefinementResult result_;
+};
+
+RefinementResult refine_locally(SheetMesh& mesh, SheetEdit& edit,
+                                std::span<const std::uint32_t> seeds,
+                                const LocalRefinementOptions& options,
+                                LocalRefinementWorkspace& workspace) noexcept {
+  return LocalRefiner(mesh, edit, options, workspace).run(seeds);
+}
+
+}  // namespace trocar::runtime
