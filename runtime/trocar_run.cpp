@@ -19,6 +19,7 @@
 #include "formats/nearest_name.h"
 #include "formats/scene.h"
 #include "runtime/contact/overlap.h"
+#include "runtime/loop/display.h"
 #include "runtime/loop/replay_device.h"
 #include "runtime/loop/session.h"
 #include "runtime/loop/summary.h"
@@ -38,7 +39,7 @@ void request_stop(int) {
 struct Arguments {
   std::string scene, asset, device = "inproc", description, clock = "real";
   std::optional<double> rate_Hz, duration_s;
-  std::string record, summary, replay, meshes;
+  std::string record, summary, replay, meshes, frames;
   bool check = false, quiet = false;
 };
 
@@ -70,6 +71,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--summary", arguments.summary, "write what happened: JSON");
   app.add_option("--meshes", arguments.meshes,
                  "write the sheets before and after the punctures: JSON");
+  app.add_option("--frames", arguments.frames,
+                 "write the sheet around the tool 30 times a second: JSON lines");
   app.add_option("--replay", arguments.replay,
                  "run on a recording's encoders (virtual clock), compare the torques");
   app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
@@ -284,7 +287,8 @@ Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
 }
 
 int session(const Arguments& arguments) {
-  for (const std::string& file : {arguments.record, arguments.summary, arguments.meshes}) {
+  for (const std::string& file :
+       {arguments.record, arguments.summary, arguments.meshes, arguments.frames}) {
     if (const Result<void> writable = check_writable(file); !writable) {
       return fail(writable.error());
     }
@@ -310,6 +314,12 @@ int session(const Arguments& arguments) {
     return 0;
   }
 
+  FrameWriter frames(arguments.frames);
+  if (!arguments.frames.empty()) {
+    options.on_frame = [&frames](const RecordingRow& row, const auto& shape) {
+      frames.add(row, shape);
+    };
+  }
   Remesher remesher(std::move(loaded->sheets));
   const Result<SessionReport> report = run(arguments, *loaded, remesher, options);
   if (!report) return fail(report.error());
@@ -322,6 +332,9 @@ int session(const Arguments& arguments) {
   if (const Result<void> written = write_outputs(arguments, *loaded, options, *report, remesher);
       !written) {
     return fail(written.error());
+  }
+  if (!arguments.frames.empty()) {
+    if (const Result<void> written = frames.finish(); !written) return fail(written.error());
   }
   for (const CutRecord& record : remesher.records()) {
     if (record.error) return fail(bug("a hole could not be cut: " + record.error->message));
