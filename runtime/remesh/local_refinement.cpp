@@ -19,13 +19,17 @@ double GradedSize::operator()(double x, double y) const noexcept {
 
 LocalRefinementWorkspace::LocalRefinementWorkspace(std::size_t vertex_slots,
                                                    std::size_t triangle_slots)
-    : insertion_(vertex_slots, triangle_slots), queue_(triangle_slots), marks_(triangle_slots, 0) {}
+    : insertion_(vertex_slots, triangle_slots),
+      queue_(triangle_slots),
+      marks_(triangle_slots, 0),
+      is_new_(vertex_slots, 0) {}
 
 namespace {
 
-// A shorter side is not improved upon, nor a side split into such: rounding to the lattice would
-// decide the angles.
+// A shorter side is not improved upon: rounding to the lattice would decide the angles.
 constexpr double kShortestSide = 4;
+// Boundary sides are not split into shorter ones.
+constexpr double kShortestPiece = 2;
 // By how many steps an off-centre is drawn nearer to its side, for rounding not to make its angle
 // too small.
 constexpr double kRounding = 1.5;
@@ -33,13 +37,16 @@ constexpr double kRounding = 1.5;
 constexpr double kLargestStep = 2;
 // A boundary side longer than this times the wanted length is split.
 constexpr double kLongSide = 1.5;
+// A lattice point exactly on a side is taken if it is off the place aimed at by no more than this
+// part of the side; else one beside the side, if that is allowed.
+constexpr double kNearEnough = 0.02;
 // Two boundary sides of a triangle whose lengths differ by no more than this are on one shell: the
 // angle between one of them and the third side is above 90 degrees by rounding alone.
 constexpr double kSameShell = 2;
 
 // What is known of a triangle, by bits.
 constexpr std::uint8_t kLookedAt = 1, kSidesLeft = 2, kAtOutline = 4, kAtLattice = 8,
-                       kSizeLeft = 16;
+                       kSizeLeft = 16, kApexStays = 32;
 constexpr std::uint8_t kLeft = kAtOutline | kAtLattice | kSizeLeft;
 
 struct Shape {
@@ -80,14 +87,25 @@ class LocalRefiner {
         edit_(edit),
         options_(options),
         insertion_(workspace.insertion_),
+        removal_(workspace.removal_),
         queue_(workspace.queue_),
-        marks_(workspace.marks_) {
+        marks_(workspace.marks_),
+        is_new_(workspace.is_new_) {
     const bool wants_angle = options.min_angle_deg > 0;  // a NaN wants none
     const double angle =
         wants_angle ? std::min(options.min_angle_deg, 30.0) * std::numbers::pi / 180 : 0;
     cos2_ =
         wants_angle ? std::cos(angle) * std::cos(angle) : std::numeric_limits<double>::infinity();
     off_centre_ = wants_angle ? 0.5 / std::tan(0.5 * angle) : 0;
+    const double radius = 0.5 / std::sin(angle), centre = 0.5 / std::tan(angle);
+    int n = 0;
+    for (int ring = 0; ring < 3; ++ring)
+      for (int k = 0; k < 5; ++k) {
+        double turn = (k - 2) * 30 * std::numbers::pi / 180, f = ring == 0   ? 0.95
+                                                                 : ring == 1 ? 0.66
+                                                                             : .4;
+        places_[n++] = {f * radius * std::sin(turn), f * (centre + radius * std::cos(turn))};
+      }
   }
 
   RefinementResult run(std::span<const std::uint32_t> seeds) noexcept {
@@ -104,12 +122,11 @@ class LocalRefiner {
         break;
       }
       const std::uint32_t t = queue_.top();
-      const Step step = queue_.top_key() < 0 ? split_worst_side(t) : improve(t);
-      if (step == Step::kNoRoom) {
+      const bool has_room = queue_.top_key() < 0 ? work_at_sides(t) : work_at_triangle(t);
+      if (!has_room) {
         result_.outcome = RefinementOutcome::kNoRoom;
         break;
       }
-      if (step != Step::kDone) give_up(t, step);
     }
     queue_.clear();
     count(seeds);
@@ -117,6 +134,9 @@ class LocalRefiner {
   }
 
  private:
+  struct Place {
+    double along, out;
+  };
   enum class Step { kDone, kOutline, kLattice, kLargeEnough, kNoRoom };
 
   struct Side {
@@ -166,18 +186,33 @@ class LocalRefiner {
     return ratio >= kLongSide ? static_cast<int>(std::lrint(std::min(ratio, 1e6))) : 1;
   }
 
-  // The longest boundary side that is to be split for its own sake, if any.
-  std::optional<std::uint32_t> worst_side(std::uint32_t t) const noexcept {
-    std::optional<std::uint32_t> worst;
-    std::int64_t longest2 = 0;
+  struct Task {
+    enum What { kSplit, kClear } what;
+    std::uint32_t side;
+    std::int64_t length2;
+  };
+
+  // What is to be done for the sake of a boundary side of the triangle, the longest first: clear it
+  // of the vertex that makes it obtuse, if that is an inner one and not ours; else split it.
+  std::optional<Task> task_at_sides(std::uint32_t t) const noexcept {
+    std::optional<Task> task;
     for (std::uint32_t i = 0; i < 3; ++i) {
       const Side s{t, i};
       if (!is_boundary(s)) continue;
       const std::int64_t length2 = distance2(start_of(s), end_of(s));
-      if (length2 > longest2 && (pieces(s) > 1 || is_encroached(s)) && !is_kept(s))
-        worst = i, longest2 = length2;
+      if (task && task->length2 >= length2) continue;
+      const bool may_split = options_.split_outline && (marks_[t] & kSidesLeft) == 0;
+      const bool is_long = may_split && pieces(s) > 1 && !is_kept(s);
+      if (is_long) {
+        task = {Task::kSplit, i, length2};
+      } else if (is_obtuse(s) && (marks_[t] & kApexStays) == 0 &&
+                 is_new_[mesh_.triangles[t][(i + 2) % 3]] == 0) {
+        task = {Task::kClear, i, length2};
+      } else if (may_split && is_encroached(s) && !is_kept(s)) {
+        task = {Task::kSplit, i, length2};
+      }
     }
-    return worst;
+    return task;
   }
 
   bool is_too_large(const std::array<LatticePoint, 3>& v) const noexcept {
@@ -193,11 +228,9 @@ class LocalRefiner {
   // fine.
   void look_at(std::uint32_t t) noexcept {
     marks_[t] |= kLookedAt;
-    if (options_.split_outline && (marks_[t] & kSidesLeft) == 0) {
-      if (const std::optional<std::uint32_t> i = worst_side(t)) {
-        queue_.put(t, -distance2(start_of({t, *i}), end_of({t, *i})));
-        return;
-      }
+    if (const std::optional<Task> task = task_at_sides(t)) {
+      queue_.put(t, -task->length2);
+      return;
     }
     if ((marks_[t] & kLeft) == 0) {
       const std::array<LatticePoint, 3> v = corners(mesh_, t);
@@ -210,11 +243,13 @@ class LocalRefiner {
     queue_.remove(t);
   }
 
-  void give_up(std::uint32_t t, Step why) noexcept {
-    marks_[t] |= queue_.top_key() < 0        ? kSidesLeft
-                 : why == Step::kOutline     ? kAtOutline
-                 : why == Step::kLargeEnough ? kSizeLeft
-                                             : kAtLattice;
+  void look_at_new(std::uint32_t t) noexcept {
+    marks_[t] = 0;
+    look_at(t);
+  }
+
+  void give_up(std::uint32_t t, std::uint8_t mark) noexcept {
+    marks_[t] |= mark;
     look_at(t);
   }
 
@@ -230,29 +265,59 @@ class LocalRefiner {
         break;
     }
     ++result_.vertices_added;
-    for (const std::uint32_t t : insertion_.star()) {
-      marks_[t] = 0;
-      look_at(t);
-    }
+    is_new_[insertion_.vertex()] = 1;
+    for (const std::uint32_t t : insertion_.star())
+      look_at_new(t);
     return Step::kDone;
   }
 
-  Step split_worst_side(std::uint32_t t) noexcept {
-    const std::optional<std::uint32_t> i = worst_side(t);
-    return i ? split({t, *i}, std::max(pieces({t, *i}), 2), kShortestSide) : Step::kLattice;
+  // False if there is no room.
+  bool work_at_sides(std::uint32_t t) noexcept {
+    const std::optional<Task> task = task_at_sides(t);
+    if (!task || task->what == Task::kClear) {
+      if (task && removal_.plan(mesh_, t, (task->side + 2) % 3)) {
+        remove_vertex();
+      } else {
+        give_up(t, kApexStays);
+      }
+      return true;
+    }
+    const Side s{t, task->side};
+    const Step step = split(s, std::max(pieces(s), 2), kShortestPiece);
+    if (step != Step::kDone && step != Step::kNoRoom) give_up(t, kSidesLeft);
+    return step != Step::kNoRoom;
+  }
+
+  bool work_at_triangle(std::uint32_t t) noexcept {
+    const Step step = improve(t);
+    if (step == Step::kOutline) give_up(t, kAtOutline);
+    if (step == Step::kLattice) give_up(t, kAtLattice);
+    if (step == Step::kLargeEnough) give_up(t, kSizeLeft);
+    return step != Step::kNoRoom;
+  }
+
+  void remove_vertex() noexcept {
+    removal_.remove(mesh_, edit_);
+    ++result_.vertices_removed;
+    for (const std::uint32_t t : removal_.freed()) {
+      marks_[t] = 0;
+      queue_.remove(t);
+    }
+    for (const std::uint32_t t : removal_.filled())
+      look_at_new(t);
   }
 
   // Splits a boundary side, unless a piece would be shorter than `shortest`.
   Step split(Side s, int into, double shortest) noexcept {
     if (is_kept(s)) return Step::kOutline;
     const LatticePoint a = start_of(s), b = end_of(s);
-    const double fraction = split_fraction(mesh_, s.triangle, s.side, into);
-    std::optional<LatticePoint> p = point_on_side(a, b, fraction);
+    const SplitAim aim = aim_split(mesh_, s.triangle, s.side, into);
+    std::optional<LatticePoint> p = point_on_side(a, b, aim);
     if (options_.split_outline) {
       const double full = length(a, b);
-      if (!p || std::abs(length(a, *p) - fraction * full) > 0.02 * full) {
+      if (!p || std::abs(length(a, *p) - aim.fraction * full) > kNearEnough * full) {
         const LatticePoint apex = mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 2) % 3]];
-        p = point_beside_side(a, b, apex, fraction);
+        p = point_beside_side(a, b, apex, aim);
       }
     }
     if (!p) return Step::kOutline;
@@ -327,7 +392,41 @@ class LocalRefiner {
     // For size alone no side is split that is not too long itself.
     if (!shape.is_sharp) return Step::kLargeEnough;
     // Nor one into sides shorter than the triangle has: at sharp corners that would go on and on.
-    return split(*in_the_way, 2, shortest);
+    const Step step = split(*in_the_way, 2, shortest);
+    return step == Step::kOutline ? insert_elsewhere(t, shape.shortest) : step;
+  }
+
+  // Another place that sees the shortest side under the wanted angle or a wider one, is in no
+  // boundary side's way, and leaves fewer sharp triangles; of such the one that leaves the fewest.
+  Step insert_elsewhere(std::uint32_t t, std::uint32_t shortest) noexcept {
+    const std::array<LatticePoint, 3> v = corners(mesh_, t);
+    const LatticePoint p = v[shortest], q = v[(shortest + 1) % 3];
+    const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
+    std::optional<LatticePoint> best;
+    int least = 0;
+    for (const Place& place : places_) {
+      const LatticePoint at{
+          static_cast<std::int32_t>(std::lrint(p.x + (0.5 + place.along) * qx - place.out * qy)),
+          static_cast<std::int32_t>(std::lrint(p.y + (0.5 + place.along) * qy + place.out * qx))};
+      if (!insertion_.find(mesh_, t, at)) continue;
+      if (const std::optional<int> growth = growth_of_sharp(at); growth && *growth < least)
+        best = at, least = *growth;
+    }
+    if (!best) return Step::kOutline;
+    insertion_.find(mesh_, t, *best);
+    return insert(*best, kNone);
+  }
+
+  // How many sharp triangles more there would be with p; none if p is in a boundary side's way.
+  std::optional<int> growth_of_sharp(LatticePoint p) const noexcept {
+    int growth = 0;
+    for (const RimSide& r : insertion_.rim()) {
+      if (encroaches(r, p)) return std::nullopt;
+      growth += shape_of({mesh_.vertices[r.from], mesh_.vertices[r.to], p}, cos2_).is_sharp ? 1 : 0;
+    }
+    for (const std::uint32_t t : insertion_.cavity())
+      growth -= shape_of(corners(mesh_, t), cos2_).is_sharp ? 1 : 0;
+    return growth;
   }
 
   // ---- the end ----
@@ -338,6 +437,8 @@ class LocalRefiner {
     }
     for (const SheetEdit::OldTriangle& old : edit_.triangles())
       count(old.slot);
+    for (const SheetEdit::OldVertex& old : edit_.vertices())
+      is_new_[old.slot] = 0;
     if (result_.outcome == RefinementOutcome::kDone && result_.sharp + result_.obtuse_sides > 0)
       result_.outcome = RefinementOutcome::kOutlineInTheWay;
   }
@@ -362,9 +463,11 @@ class LocalRefiner {
   SheetEdit& edit_;
   const LocalRefinementOptions& options_;
   PointInsertion& insertion_;
+  VertexRemoval& removal_;
   TriangleQueue& queue_;
-  std::vector<std::uint8_t>& marks_;
+  std::vector<std::uint8_t>&marks_, &is_new_;
   double cos2_ = 0, off_centre_ = 0;
+  std::array<Place, 15> places_;
   RefinementResult result_;
 };
 
