@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "runtime/remesh/outline_split.h"
+#include "runtime/remesh/triangle_shape.h"
 
 namespace trocar::runtime {
 
@@ -26,6 +27,8 @@ LocalRefinementWorkspace::LocalRefinementWorkspace(std::size_t vertex_slots,
 
 namespace {
 
+// With larger angles the method might not end before its budget.
+constexpr double kLargestAngle_deg = 30;
 // A shorter side is not improved upon: rounding to the lattice would decide the angles.
 constexpr double kShortestSide = 4;
 // Boundary sides are not split into shorter ones.
@@ -49,32 +52,15 @@ constexpr std::uint8_t kLookedAt = 1, kSidesLeft = 2, kAtOutline = 4, kAtLattice
                        kSizeLeft = 16, kApexStays = 32;
 constexpr std::uint8_t kLeft = kAtOutline | kAtLattice | kSizeLeft;
 
-struct Shape {
-  std::uint32_t shortest;  // side
-  std::int64_t shortest2, longest2;
-  bool is_sharp;
-};
+// Other places for a new point, on the shortest side's bisector and turned away from it about the
+// centre of the circle that sees the side under the wanted angle: in parts of that circle's radius,
+// by the turn's sine and cosine.
+constexpr std::array<double, 3> kReaches{0.95, 0.66, 0.4};
+constexpr std::array<std::array<double, 2>, 5> kTurns{
+    {{0, 1}, {-0.5, 0.8660254}, {0.5, 0.8660254}, {-0.8660254, 0.5}, {0.8660254, 0.5}}};
 
-// The smallest angle lies opposite the shortest side s, between l and m: l.m = (l^2 + m^2 - s^2)
-// / 2.
-Shape shape_of(const std::array<LatticePoint, 3>& v, double cos2) noexcept {
-  const std::array<std::int64_t, 3> d{distance2(v[0], v[1]), distance2(v[1], v[2]),
-                                      distance2(v[2], v[0])};
-  const std::uint32_t shortest = d[0] <= d[1] && d[0] <= d[2] ? 0 : d[1] <= d[2] ? 1 : 2;
-  const std::int64_t s = d[shortest], l = d[(shortest + 1) % 3], m = d[(shortest + 2) % 3];
-  const double dot = 0.5 * static_cast<double>(l + m - s);
-  return {shortest, s, std::max(l, m),
-          dot * dot > cos2 * (static_cast<double>(l) * static_cast<double>(m))};
-}
-
-double circumradius2(const std::array<LatticePoint, 3>& v) noexcept {
-  const auto area = static_cast<double>(orient2d(v[0], v[1], v[2]));
-  return static_cast<double>(distance2(v[0], v[1])) * static_cast<double>(distance2(v[1], v[2])) *
-         static_cast<double>(distance2(v[2], v[0])) / (4 * area * area);
-}
-
-double length(LatticePoint a, LatticePoint b) noexcept {
-  return std::sqrt(static_cast<double>(distance2(a, b)));
+LatticePoint nearest(double x, double y) noexcept {
+  return {static_cast<std::int32_t>(std::lrint(x)), static_cast<std::int32_t>(std::lrint(y))};
 }
 
 }  // namespace
@@ -91,25 +77,16 @@ class LocalRefiner {
         queue_(workspace.queue_),
         marks_(workspace.marks_),
         is_new_(workspace.is_new_) {
-    const bool wants_angle = options.min_angle_deg > 0;  // a NaN wants none
+    if (!(options.min_angle_deg > 0)) return;
     const double angle =
-        wants_angle ? std::min(options.min_angle_deg, 30.0) * std::numbers::pi / 180 : 0;
-    cos2_ =
-        wants_angle ? std::cos(angle) * std::cos(angle) : std::numeric_limits<double>::infinity();
-    off_centre_ = wants_angle ? 0.5 / std::tan(0.5 * angle) : 0;
-    const double radius = 0.5 / std::sin(angle), centre = 0.5 / std::tan(angle);
-    int n = 0;
-    for (int ring = 0; ring < 3; ++ring)
-      for (int k = 0; k < 5; ++k) {
-        double turn = (k - 2) * 30 * std::numbers::pi / 180, f = ring == 0   ? 0.95
-                                                                 : ring == 1 ? 0.66
-                                                                             : .4;
-        places_[n++] = {f * radius * std::sin(turn), f * (centre + radius * std::cos(turn))};
-      }
+        std::min(options.min_angle_deg, kLargestAngle_deg) * std::numbers::pi / 180;
+    cos2_ = std::cos(angle) * std::cos(angle);
+    radius_ = 0.5 / std::sin(angle);
+    centre_ = 0.5 / std::tan(angle);
   }
 
   RefinementResult run(std::span<const std::uint32_t> seeds) noexcept {
-    if (mesh_.triangles.size() > marks_.size()) {
+    if (mesh_.triangles.size() > marks_.size() || mesh_.vertices.size() > is_new_.size()) {
       result_.outcome = RefinementOutcome::kNoRoom;
       return result_;
     }
@@ -134,9 +111,6 @@ class LocalRefiner {
   }
 
  private:
-  struct Place {
-    double along, out;
-  };
   enum class Step { kDone, kOutline, kLattice, kLargeEnough, kNoRoom };
 
   struct Side {
@@ -165,9 +139,9 @@ class LocalRefiner {
     return diametral_dot(start_of(s), end_of(s), apex) < 0;
   }
 
-  // Not counting what the lattice does to two sides on one shell around their corner.
+  // Of an obtuse side: by more than what the lattice does to two sides on one shell around their
+  // corner?
   bool is_encroached(Side s) const noexcept {
-    if (!is_obtuse(s)) return false;
     const double own = length(start_of(s), end_of(s));
     for (const std::uint32_t other : {(s.side + 1) % 3, (s.side + 2) % 3}) {
       const Side o{s.triangle, other};
@@ -202,20 +176,19 @@ class LocalRefiner {
       const std::int64_t length2 = distance2(start_of(s), end_of(s));
       if (task && task->length2 >= length2) continue;
       const bool may_split = options_.split_outline && (marks_[t] & kSidesLeft) == 0;
-      const bool is_long = may_split && pieces(s) > 1 && !is_kept(s);
-      if (is_long) {
-        task = {Task::kSplit, i, length2};
-      } else if (is_obtuse(s) && (marks_[t] & kApexStays) == 0 &&
-                 is_new_[mesh_.triangles[t][(i + 2) % 3]] == 0) {
+      const bool is_long = may_split && pieces(s) > 1, is_obtuse = this->is_obtuse(s);
+      if ((!is_long && !is_obtuse) || is_kept(s)) continue;
+      if (!is_long && (marks_[t] & kApexStays) == 0 &&
+          is_new_[mesh_.triangles[t][(i + 2) % 3]] == 0) {
         task = {Task::kClear, i, length2};
-      } else if (may_split && is_encroached(s) && !is_kept(s)) {
+      } else if (is_long || (may_split && is_encroached(s))) {
         task = {Task::kSplit, i, length2};
       }
     }
     return task;
   }
 
-  bool is_too_large(const std::array<LatticePoint, 3>& v) const noexcept {
+  bool is_too_large(const Corners& v) const noexcept {
     if (!options_.size) return false;
     const double x = (static_cast<double>(v[0].x) + v[1].x + v[2].x) / 3,
                  y = (static_cast<double>(v[0].y) + v[1].y + v[2].y) / 3;
@@ -233,10 +206,9 @@ class LocalRefiner {
       return;
     }
     if ((marks_[t] & kLeft) == 0) {
-      const std::array<LatticePoint, 3> v = corners(mesh_, t);
-      const Shape shape = shape_of(v, cos2_);
-      if (shape.is_sharp || is_too_large(v)) {
-        queue_.put(t, shape.shortest2);
+      const Corners v = corners(mesh_, t);
+      if (is_sharp(v, cos2_) || is_too_large(v)) {
+        queue_.put(t, shortest_side(v).length2);
         return;
       }
     }
@@ -350,13 +322,13 @@ class LocalRefiner {
   // A new point on the bisector of the shortest side: as far out as angle and size allow, but no
   // farther than the circumcentre. If a boundary side is in its way, that is split instead.
   Step improve(std::uint32_t t) noexcept {
-    const std::array<LatticePoint, 3> v = corners(mesh_, t);
-    const Shape shape = shape_of(v, cos2_);
-    const double shortest = std::sqrt(static_cast<double>(shape.shortest2));
+    const Corners v = corners(mesh_, t);
+    const auto [side, shortest2] = shortest_side(v);
+    const double shortest = std::sqrt(static_cast<double>(shortest2));
     if (shortest < kShortestSide) return Step::kLattice;
+    const bool is_too_sharp = is_sharp(v, cos2_);
 
-    const LatticePoint p = v[shape.shortest], q = v[(shape.shortest + 1) % 3],
-                       r = v[(shape.shortest + 2) % 3];
+    const LatticePoint p = v[side], q = v[(side + 1) % 3], r = v[(side + 2) % 3];
     // From the side's middle, in units of the side: along it and out from it.
     const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
     const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
@@ -364,8 +336,8 @@ class LocalRefiner {
     const double out = (qx * ry - qy * rx) / (shortest * shortest);
     const double circumcentre = (along * along + out * out - 0.25) / (2 * out);
     double height = circumcentre;
-    if (shape.is_sharp)
-      height = std::min(height, off_centre_ * (1 - std::min(0.4, kRounding / shortest)));
+    if (is_too_sharp)
+      height = std::min(height, (centre_ + radius_) * (1 - std::min(0.4, kRounding / shortest)));
     const double mx = p.x + 0.5 * qx, my = p.y + 0.5 * qy;
     if (is_too_large(v)) {
       const double guess = std::min(height, 1.0);
@@ -377,40 +349,42 @@ class LocalRefiner {
     }
     const double x = mx - height * qy, y = my + height * qx;
     if (!(std::abs(x) < kMaxCoordinate && std::abs(y) < kMaxCoordinate)) return Step::kOutline;
-    const LatticePoint place{static_cast<std::int32_t>(std::lrint(x)),
-                             static_cast<std::int32_t>(std::lrint(y))};
+    const LatticePoint place = nearest(x, y);
     if (!insertion_.find(mesh_, t, place)) return Step::kLattice;
 
     std::optional<Side> in_the_way;
     std::int64_t longest2 = 0;
-    for (const RimSide& side : insertion_.rim()) {
-      if (!encroaches(side, place)) continue;
-      const std::int64_t length2 = distance2(mesh_.vertices[side.from], mesh_.vertices[side.to]);
-      if (length2 > longest2) in_the_way = Side{side.inside, side.side}, longest2 = length2;
+    for (const RimSide& s : insertion_.rim()) {
+      if (!encroaches(s, place)) continue;
+      const std::int64_t length2 = distance2(mesh_.vertices[s.from], mesh_.vertices[s.to]);
+      if (length2 > longest2) in_the_way = Side{s.inside, s.side}, longest2 = length2;
     }
     if (!in_the_way) return insert(place, kNone);
     // For size alone no side is split that is not too long itself.
-    if (!shape.is_sharp) return Step::kLargeEnough;
+    if (!is_too_sharp) return Step::kLargeEnough;
     // Nor one into sides shorter than the triangle has: at sharp corners that would go on and on.
     const Step step = split(*in_the_way, 2, shortest);
-    return step == Step::kOutline ? insert_elsewhere(t, shape.shortest) : step;
+    return step == Step::kOutline ? insert_elsewhere(t) : step;
   }
 
   // Another place that sees the shortest side under the wanted angle or a wider one, is in no
   // boundary side's way, and leaves fewer sharp triangles; of such the one that leaves the fewest.
-  Step insert_elsewhere(std::uint32_t t, std::uint32_t shortest) noexcept {
-    const std::array<LatticePoint, 3> v = corners(mesh_, t);
-    const LatticePoint p = v[shortest], q = v[(shortest + 1) % 3];
+  Step insert_elsewhere(std::uint32_t t) noexcept {
+    const Corners v = corners(mesh_, t);
+    const std::uint32_t side = shortest_side(v).side;
+    const LatticePoint p = v[side], q = v[(side + 1) % 3];
     const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
     std::optional<LatticePoint> best;
     int least = 0;
-    for (const Place& place : places_) {
-      const LatticePoint at{
-          static_cast<std::int32_t>(std::lrint(p.x + (0.5 + place.along) * qx - place.out * qy)),
-          static_cast<std::int32_t>(std::lrint(p.y + (0.5 + place.along) * qy + place.out * qx))};
-      if (!insertion_.find(mesh_, t, at)) continue;
-      if (const std::optional<int> growth = growth_of_sharp(at); growth && *growth < least)
-        best = at, least = *growth;
+    for (const double reach : kReaches) {
+      for (const auto [sine, cosine] : kTurns) {
+        const double along = 0.5 + reach * radius_ * sine;
+        const double out = reach * (centre_ + radius_ * cosine);
+        const LatticePoint at = nearest(p.x + along * qx - out * qy, p.y + along * qy + out * qx);
+        if (!insertion_.find(mesh_, t, at)) continue;
+        if (const std::optional<int> growth = growth_of_sharp(at); growth && *growth < least)
+          best = at, least = *growth;
+      }
     }
     if (!best) return Step::kOutline;
     insertion_.find(mesh_, t, *best);
@@ -422,10 +396,10 @@ class LocalRefiner {
     int growth = 0;
     for (const RimSide& r : insertion_.rim()) {
       if (encroaches(r, p)) return std::nullopt;
-      growth += shape_of({mesh_.vertices[r.from], mesh_.vertices[r.to], p}, cos2_).is_sharp ? 1 : 0;
+      growth += is_sharp({mesh_.vertices[r.from], mesh_.vertices[r.to], p}, cos2_) ? 1 : 0;
     }
     for (const std::uint32_t t : insertion_.cavity())
-      growth -= shape_of(corners(mesh_, t), cos2_).is_sharp ? 1 : 0;
+      growth -= is_sharp(corners(mesh_, t), cos2_) ? 1 : 0;
     return growth;
   }
 
@@ -448,15 +422,15 @@ class LocalRefiner {
     marks_[t] = 0;
     if ((marks & kLookedAt) == 0) return;
     ++result_.looked_at;
-    const std::array<LatticePoint, 3> v = corners(mesh_, t);
-    if (shape_of(v, cos2_).is_sharp) {
+    const Corners v = corners(mesh_, t);
+    if (is_sharp(v, cos2_)) {
       ++result_.sharp;
       result_.sharp_at_outline += (marks & kAtOutline) != 0 ? 1 : 0;
       result_.sharp_at_lattice += (marks & kAtLattice) != 0 ? 1 : 0;
     }
     result_.too_large += is_too_large(v) ? 1 : 0;
     for (std::uint32_t i = 0; i < 3; ++i)
-      result_.obtuse_sides += is_boundary({t, i}) && is_obtuse({t, i}) ? 1 : 0;
+      result_.obtuse_sides += is_boundary({t, i}) && is_obtuse({t, i}) && !is_kept({t, i}) ? 1 : 0;
   }
 
   SheetMesh& mesh_;
@@ -466,8 +440,9 @@ class LocalRefiner {
   VertexRemoval& removal_;
   TriangleQueue& queue_;
   std::vector<std::uint8_t>&marks_, &is_new_;
-  double cos2_ = 0, off_centre_ = 0;
-  std::array<Place, 15> places_;
+  // Of the wanted angle the squared cosine; and of the circle that sees a side of length 1 under it
+  // the radius, and the centre's distance from the side.
+  double cos2_ = std::numeric_limits<double>::infinity(), radius_ = 0, centre_ = 0;
   RefinementResult result_;
 };
 

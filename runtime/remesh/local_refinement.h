@@ -100,7 +100,7 @@ struct RefinementResult {
   std::uint32_t sharp_at_outline = 0;  ///< of these: a boundary side was in the way
   std::uint32_t sharp_at_lattice = 0;  ///< of these: too small for lattice points of any use
   std::uint32_t too_large = 0;         ///< circumradius above kLargestRadius
-  /// Boundary sides of these triangles with an angle above 90 degrees opposite.
+  /// Boundary sides of these triangles with an angle above 90 degrees opposite, but for kept ones.
   std::uint32_t obtuse_sides = 0;
 };
 
