@@ -142,10 +142,10 @@ class LocalRefiner {
   // Of an obtuse side: by more than what the lattice does to two sides on one shell around their
   // corner?
   bool is_encroached(Side s) const noexcept {
-    const double own = length(start_of(s), end_of(s));
+    const double own = side_length(start_of(s), end_of(s));
     for (const std::uint32_t other : {(s.side + 1) % 3, (s.side + 2) % 3}) {
       const Side o{s.triangle, other};
-      if (is_boundary(o) && own - length(start_of(o), end_of(o)) <= kSameShell) return false;
+      if (is_boundary(o) && own - side_length(start_of(o), end_of(o)) <= kSameShell) return false;
     }
     return true;
   }
@@ -156,7 +156,7 @@ class LocalRefiner {
     const LatticePoint a = start_of(s), b = end_of(s);
     const double wanted = wanted_length(0.5 * (static_cast<double>(a.x) + b.x),
                                         0.5 * (static_cast<double>(a.y) + b.y));
-    const double ratio = length(a, b) / wanted;
+    const double ratio = side_length(a, b) / wanted;
     return ratio >= kLongSide ? static_cast<int>(std::lrint(std::min(ratio, 1e6))) : 1;
   }
 
@@ -286,14 +286,14 @@ class LocalRefiner {
     const SplitAim aim = aim_split(mesh_, s.triangle, s.side, into);
     std::optional<LatticePoint> p = point_on_side(a, b, aim);
     if (options_.split_outline) {
-      const double full = length(a, b);
-      if (!p || std::abs(length(a, *p) - aim.fraction * full) > kNearEnough * full) {
+      const double full = side_length(a, b);
+      if (!p || std::abs(side_length(a, *p) - aim.fraction * full) > kNearEnough * full) {
         const LatticePoint apex = mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 2) % 3]];
         p = point_beside_side(a, b, apex, aim);
       }
     }
     if (!p) return Step::kOutline;
-    if (std::min(length(a, *p), length(*p, b)) < shortest) return Step::kOutline;
+    if (std::min(side_length(a, *p), side_length(*p, b)) < shortest) return Step::kOutline;
     if (!insertion_.find(mesh_, s.triangle, *p)) return Step::kLattice;
     std::uint32_t number = kNone;
     const std::span<const RimSide> rim = insertion_.rim();

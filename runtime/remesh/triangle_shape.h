@@ -13,7 +13,7 @@ namespace trocar::runtime {
 
 using Corners = std::array<LatticePoint, 3>;
 
-inline double length(LatticePoint a, LatticePoint b) noexcept {
+inline double side_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
