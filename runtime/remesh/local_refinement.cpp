@@ -268,6 +268,29 @@ class LocalRefiner {
     return step != Step::kNoRoom;
   }
 
+  // Removes an end of a sharp triangle's shortest side, if that is an inner vertex and not ours and
+  // fewer sharp triangles are left so.
+  bool remove_crowding(std::uint32_t t) noexcept {
+    const Corners v = corners(mesh_, t);
+    if (!is_sharp(v, cos2_)) return false;
+    const std::uint32_t side = shortest_side(v).side;
+    for (const std::uint32_t corner : {side, (side + 1) % 3}) {
+      if (is_new_[mesh_.triangles[t][corner]] != 0 || !removal_.plan(mesh_, t, corner)) continue;
+      int growth = 0;
+      for (std::size_t k = 0; k < removal_.ears(); ++k) {
+        const Triangle& ear = removal_.ear(k);
+        const Corners e{mesh_.vertices[ear[0]], mesh_.vertices[ear[1]], mesh_.vertices[ear[2]]};
+        growth += is_sharp(e, cos2_) ? 1 : 0;
+      }
+      for (const std::uint32_t s : removal_.star())
+        growth -= is_sharp(corners(mesh_, s), cos2_) ? 1 : 0;
+      if (growth >= 0) continue;
+      remove_vertex();
+      return true;
+    }
+    return false;
+  }
+
   void remove_vertex() noexcept {
     removal_.remove(mesh_, edit_);
     ++result_.vertices_removed;
@@ -364,7 +387,8 @@ class LocalRefiner {
     if (!is_too_sharp) return Step::kLargeEnough;
     // Nor one into sides shorter than the triangle has: at sharp corners that would go on and on.
     const Step step = split(*in_the_way, 2, shortest);
-    return step == Step::kOutline ? insert_elsewhere(t) : step;
+    if (step != Step::kOutline) return step;
+    return remove_crowding(t) ? Step::kDone : insert_elsewhere(t);
   }
 
   // Another place that sees the shortest side under the wanted angle or a wider one, is in no

@@ -25,6 +25,11 @@ class VertexRemoval {
   /// many triangles, or there are no such ears (where boundary sides block the view). The mesh is
   /// only read.
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
+  /// After plan(): the triangles around it, and what would be in their place.
+  std::span<const std::uint32_t> star() const noexcept { return {star_.data(), degree_}; }
+  std::size_t ears() const noexcept { return degree_ - 2; }
+  const Triangle& ear(std::size_t number) const noexcept { return ears_[number].corners; }
+
   /// Removes it. The two triangles that go are free afterwards, as is the vertex.
   void remove(SheetMesh& mesh, SheetEdit& edit) noexcept;
 
