@@ -31,7 +31,8 @@ constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "singularity",
                                                           "torque_not_finite",
                                                           "deadline_missed",
-                                                          "remesh_backlog"};
+                                                          "remesh_backlog",
+                                                          "tool_tilt"};
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
@@ -55,7 +56,8 @@ std::vector<std::string> make_columns() {
     }
   }
   for (const char* name : {"state", "active_slice", "penetration_m", "wrench_scale",
-                           "pose_residual_m", "cuts_published", "fault"}) {
+                           "pose_residual_m", "cuts_published", "response_sheet",
+                           "response_stiffness_N_per_m", "response_x_m", "response_y_m", "fault"}) {
     columns.emplace_back(name);
   }
   return columns;
@@ -95,6 +97,9 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.wrench_scale);
   put(out, row.pose_residual_m);
   put(out, row.cuts_published);
+  put(out, row.response_sheet);
+  put(out, row.response_stiffness_N_per_m);
+  put(out, row.response_offset_m);
   out.append(to_word(row.fault)).push_back('\n');
 }
 
@@ -270,6 +275,9 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.wrench_scale);
     reader.finite(row.pose_residual_m);
     reader.number(row.cuts_published);
+    reader.number(row.response_sheet);
+    reader.finite(row.response_stiffness_N_per_m);
+    reader.finite(row.response_offset_m);
     reader.word(row.fault, kFaultWords);
     if (!reader.ok()) {
       return refused(where + ": " + columns().at(reader.field() - 1) + " " + reader.why());

@@ -39,8 +39,9 @@ enum class Fault : std::uint8_t {
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
   kDeadlineMissed,    ///< the gap between two ticks was too long
   kRemeshBacklog,     ///< more cuts wait for their mesh than can be kept track of
+  kToolTilt,          ///< the tool's axis is too far from upright
 };
-inline constexpr int kFaults = 12;
+inline constexpr int kFaults = 13;
 
 const char* to_word(ContactPhase phase);
 const char* to_word(Fault fault);
@@ -62,13 +63,19 @@ struct RecordingRow {
   double wrench_scale = 1;          ///< < 1: scaled down, the motors cannot give it
   double pose_residual_m = 0;       ///< of the fit of the pose to the encoders
   std::int64_t cuts_published = 0;  ///< holes whose new mesh is in use, all slices
+  /// The network's latest answer (law `network`), found off the haptic thread: an input of this
+  /// tick like the encoders. Sheet -1: none.
+  std::int32_t response_sheet = -1;  ///< the scene's topmost is 0
+  double response_stiffness_N_per_m = 0;
+  std::array<double, 2> response_offset_m{};  ///< of the force, from the tool's middle
   Fault fault = Fault::kNone;
 };
 
 /// The header line without its end: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
 /// fx_wanted_N,...,tz_wanted_Nm,fx_delivered_N,...,tau_1_1_Nm,tau_1_4_Nm,... (leg, joint),
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
-/// pose_residual_m,cuts_published,fault
+/// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
+/// response_y_m,fault
 const std::string& recording_header();
 
 /// A CSV that grows beside its target and replaces it in commit(); without that it is removed.

@@ -18,6 +18,7 @@
 #include "formats/file_io.h"
 #include "formats/nearest_name.h"
 #include "formats/scene.h"
+#include "runtime/contact/overlap.h"
 #include "runtime/loop/replay_device.h"
 #include "runtime/loop/session.h"
 #include "runtime/loop/summary.h"
@@ -149,7 +150,7 @@ Result<Loaded> load(const Arguments& arguments) {
 
 /// What the motors need to hold the threshold force where a sheet gives way, or why they cannot.
 std::string describe_need(const Loaded& loaded, const Sheet& sheet) {
-  const Tissue& tissue = loaded.scene.tissue;
+  const Tissue& tissue = sheet.tissue;
   const Tool tool = make_tool(loaded.scene.tool);
   Pose T_device_plate;
   T_device_plate.p_m << sheet.transform.at_m,
@@ -159,11 +160,10 @@ std::string describe_need(const Loaded& loaded, const Sheet& sheet) {
   if (!inverse.status) return "out of the device's reach";
   const JacobianResult motion = jacobian(loaded.description, T_device_plate, inverse.joints);
   if (!motion.status) return "at a singularity of the device";
-  ContactOutput contact;
-  contact.tip_device_m = T_device_plate * tool.tip_plate_m;
-  contact.force_N = tissue.threshold_N;
   const AllocationResult allocation = allocate_torques(
-      motion.G, contact_wrench(contact, T_device_plate), loaded.description.motor_peak_torque_Nm);
+      motion.G,
+      wrench_at({0, 0, tissue.threshold_N}, T_device_plate * tool.tip_plate_m, T_device_plate),
+      loaded.description.motor_peak_torque_Nm);
   char text[128];
   std::snprintf(text, sizeof text, "threshold needs %.2f of %.2f Nm%s",
                 allocation.tau_motor_Nm.cwiseAbs().maxCoeff(),
@@ -174,27 +174,27 @@ std::string describe_need(const Loaded& loaded, const Sheet& sheet) {
 
 void print_needs(const Loaded& loaded, double rate_Hz, double duration_s) {
   const Scene& scene = loaded.scene;
+  const Tool tool = make_tool(scene.tool);
   std::printf("scene      %s\nasset      %s\n", scene.name.c_str(), scene.asset.c_str());
   std::printf("device     %s, %.3g Nm peak a motor\n", loaded.description.name.c_str(),
               loaded.description.motor_peak_torque_Nm);
   std::printf("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
               static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
-  std::printf("tissue     %.6g N/m up to %.6g N\n", scene.tissue.stiffness_N_per_m,
-              scene.tissue.threshold_N);
-  std::printf("tool       %d corners on a circle of %.3g mm\n", scene.tool.sides,
-              scene.tool.radius_m * 1e3);
-  Pose T_device_plate;
+  std::printf("tool       %d corners, %.3g mm from the axis\n", tool.sides,
+              (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
   for (const auto& sheet : loaded.sheets) {
-    const Tool tool = make_tool(scene.tool);
+    Pose T_device_plate;
     T_device_plate.p_m = -tool.tip_plate_m;
     T_device_plate.p_m.head<2>() += sheet->transform.at_m;
-    const double overlap =
-        overlap_fraction(*sheet, outline_on_lattice(tool, T_device_plate, sheet->transform), {});
+    T_device_plate.p_m.z() += sheet->z_m;
+    const LatticeOutline outline =
+        outline_on_lattice(tool, T_device_plate, sheet->transform, sheet->z_m);
     std::printf(
-        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.0f %% of the tool over "
-        "material at the anchor; %s\n",
-        sheet->slice_index, sheet->z_m, sheet->mesh.vertices.size(), sheet->mesh.triangles.size(),
-        100 * overlap, describe_need(loaded, *sheet).c_str());
+        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N; %.0f %% of the "
+        "tool over material at the anchor; %s\n",
+        sheet->slice_index, sheet->z_m, sheet->mesh.vertices_in_use(), sheet->mesh.triangles_in_use(),
+        sheet->tissue.stiffness_N_per_m, sheet->tissue.threshold_N,
+        100 * overlap(*sheet, tool, outline, {}).fraction, describe_need(loaded, *sheet).c_str());
   }
 }
 

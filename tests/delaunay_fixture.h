@@ -5,8 +5,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <numbers>
 #include <vector>
 
@@ -74,6 +77,28 @@ inline std::vector<std::uint32_t> all_triangles(const SheetMesh& mesh) {
     if (mesh.in_use(t)) out.push_back(t);
   }
   return out;
+}
+
+/// A triangle by its points, the smallest first, so that slots do not count.
+using Points = std::array<LatticePoint, 3>;
+inline Points points_of(const SheetMesh& mesh, std::uint32_t t) {
+  Points p = corners(mesh, t);
+  std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
+  return p;
+}
+/// All of them, in ascending order.
+inline std::vector<Points> points_of(const SheetMesh& mesh) {
+  std::vector<Points> out;
+  for (const std::uint32_t t : all_triangles(mesh))
+    out.push_back(points_of(mesh, t));
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+/// How many cases a test looks at: `usual`, or the environment's TROCAR_CASES for a long run.
+inline int cases(int usual) {
+  const char* const wanted = std::getenv("TROCAR_CASES");  // NOLINT(concurrency-mt-unsafe)
+  return wanted == nullptr ? usual : std::max(1, std::atoi(wanted));
 }
 
 /// A regular hexagon, rounded to the lattice.

@@ -66,7 +66,9 @@ class Loop : public testing::Test {
     ASSERT_TRUE(inverse.status);
     device_.next.encoder_rad = encoder_angles(inverse.joints);
   }
-  void tick(double gap_s = 1e-3) { haptic_tick(model_, current_, gap_s, device_, state_, result_); }
+  void tick(double gap_s = 1e-3) {
+    haptic_tick(model_, {current_, {}, gap_s}, device_, state_, result_);
+  }
   /// The next tick must have this fault, and laws 1 to 3 must hold from it on.
   void expect_fault(Fault fault, double gap_s = 1e-3) {
     tick(gap_s);
@@ -208,8 +210,10 @@ TEST_F(Loop, Singularity) {
 }
 
 TEST_F(Loop, TorqueNotFinite) {
-  model_.contact.tissue.damping_N_s_per_m = 1e300;
-  model_.contact.tissue.threshold_N = INFINITY;
+  auto broken = std::make_unique<Sheet>(*current_[0]);
+  broken->tissue.damping_N_s_per_m = 1e300;
+  broken->tissue.threshold_N = INFINITY;
+  current_ = {broken.get()};
   model_.contact.dt_s = 1e-300;
   go_to(0.1158);
   expect_fault(Fault::kTorqueNotFinite);
@@ -227,11 +231,27 @@ TEST_F(Loop, RemeshBacklog) {
   track.cuts_requested = kMaxPendingHoles;
   for (LatticeOutline& hole : track.pending) {  // far from the tool
     hole = outline_on_lattice(model_.contact.tool, Pose{{0.015, 0.015, 0.1}, {}},
-                              current_[0]->transform);
+                              current_[0]->transform, 0.12);
   }
   model_.limits.encoder_rate_max_rad_per_s = 1e3;
   go_to(0.112);
   expect_fault(Fault::kRemeshBacklog);
+}
+
+TEST_F(Loop, ToolTilt) {
+  SceneTool shape;
+  shape.tilt_deg = 45;
+  model_.contact.tool = make_tool(shape);
+  tick();
+  ASSERT_EQ(state_.fault, Fault::kNone);
+  good_ = device_.written;
+  Pose pose;
+  pose.p_m = {0, 0, 0.116};
+  pose.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
+  const InverseResult inverse = inverse_kinematics(model_.device, pose);
+  ASSERT_TRUE(inverse.status);
+  device_.next.encoder_rad = encoder_angles(inverse.joints);
+  expect_fault(Fault::kToolTilt);
 }
 
 TEST_F(Loop, TheFirstFaultIsKept) {

@@ -23,14 +23,25 @@ json fullest() {
   scene["placement"] = {{"anchor_mm", {80, 72.5}}, {"at_m", {0.001, -0.002}}, {"rotation_deg", 30}};
   scene["slices"].push_back({{"index", 3}, {"z_m", 0.19}});
   scene["tissue"] = {{"stiffness_N_per_m", 4000}, {"threshold_N", 20}, {"damping_N_s_per_m", 1.5}};
-  scene["force_law"] = {{"kind", "hooke"}};
+  scene["tissue"]["shaft"] = {{"dry_friction_N", 1},
+                              {"viscous_friction_N_s_per_m", 2},
+                              {"presliding_m", 1e-3},
+                              {"rim_stiffness_N_per_m", 3}};
+  scene["tissues"] = {{{"name", "cortical"}, {"labels", {22, 23}}, {"threshold_N", 30}},
+                      {{"name", "cancellous"}, {"hu", {150, 400}}}};
+  scene["slices"][1]["tissue"] = "cancellous";
+  scene["force_law"] = {
+      {"kind", "network"}, {"solver", "local"}, {"reach_m", 0.02}, {"radius_m", 0.05}};
   scene["tool"] = {
       {"sides", 8}, {"radius_m", 0.002}, {"rotation_deg", 15}, {"tip_in_plate_m", {0, 0, 0.03}}};
+  scene["tool"]["tilt_deg"] = 40;
+  scene["tool"]["tilt_azimuth_deg"] = -90;
   scene["hand"]["stiffness_N_per_m"] = 3000;
   scene["hand"]["damping_N_s_per_m"] = 90;
   scene["hand"]["rotation_stiffness_Nm_per_rad"] = 10;
   scene["hand"]["rotation_damping_Nm_s_per_rad"] = 0.2;
-  scene["hand"]["trajectory"].push_back({{"t_s", 1.5}, {"tip_m", {0, 0, 0.1}}});
+  scene["hand"]["trajectory"].push_back(
+      {{"t_s", 1.5}, {"tip_m", {0, 0, 0.1}}, {"rotation_deg", {1, 2, 3}}});
   return scene;
 }
 
@@ -68,6 +79,22 @@ TEST(Scene, EveryFieldIsRead) {
   EXPECT_EQ(scene->tissue.stiffness_N_per_m, 4000);
   EXPECT_EQ(scene->tissue.threshold_N, 20);
   EXPECT_EQ(scene->tissue.damping_N_s_per_m, 1.5);
+  EXPECT_EQ(scene->tissue.shaft, (ShaftTissue{1, 2, 1e-3, 3}));
+  ASSERT_EQ(scene->tissues.size(), 2U);
+  EXPECT_EQ(scene->tissues[0].name, "cortical");
+  EXPECT_EQ(scene->tissues[0].labels, (std::vector<int>{22, 23}));
+  EXPECT_EQ(scene->tissues[0].tissue.threshold_N, 30);
+  EXPECT_EQ(scene->tissues[0].tissue.stiffness_N_per_m, 5000) << "not given: the paper's";
+  EXPECT_EQ(*scene->tissues[1].hu, (std::array<double, 2>{150, 400}));
+  EXPECT_EQ(*scene->slices[1].tissue, "cancellous");
+  EXPECT_FALSE(scene->slices[0].tissue);
+  EXPECT_EQ(scene->force_law.kind, ForceLawKind::kNetwork);
+  EXPECT_EQ(scene->force_law.solver, NetworkSolver::kLocal);
+  EXPECT_EQ(scene->force_law.reach_m, 0.02);
+  EXPECT_EQ(scene->force_law.radius_m, 0.05);
+  EXPECT_EQ(scene->tool.tilt_deg, 40);
+  EXPECT_EQ(scene->tool.tilt_azimuth_deg, -90);
+  EXPECT_EQ(scene->hand.trajectory[1].rotation_deg[2], 3);
   EXPECT_EQ(scene->tool.sides, 8);
   EXPECT_EQ(scene->tool.radius_m, 0.002);
   EXPECT_EQ(scene->tool.rotation_deg, 15);
@@ -79,6 +106,43 @@ TEST(Scene, EveryFieldIsRead) {
   ASSERT_EQ(scene->hand.trajectory.size(), 2U);
   EXPECT_EQ(scene->hand.trajectory[1].t_s, 1.5);
   EXPECT_EQ(scene->hand.trajectory[1].tip_m[2], 0.1);
+}
+
+TEST(Scene, EverySolverHasItsParameter) {
+  json scene = smallest();
+  scene["force_law"] = {{"kind", "network"}};
+  EXPECT_EQ(parse(scene)->force_law.solver, NetworkSolver::kAuto);
+  scene["force_law"]["error_bound"] = 0.1;
+  EXPECT_EQ(parse(scene)->force_law.error_bound, 0.1);
+  scene["force_law"] = {{"kind", "network"}, {"solver", "propagation"}, {"depth", 12}};
+  EXPECT_EQ(parse(scene)->force_law.depth, 12);
+  scene["force_law"] = {{"kind", "network"}, {"solver", "global"}, {"depth", 12}};
+  EXPECT_FALSE(parse(scene)) << "another solver's parameter";
+  scene["force_law"] = {{"kind", "hooke"}, {"reach_m", 0.01}};
+  EXPECT_FALSE(parse(scene));
+}
+
+TEST(Scene, AToolMayBeAnySimplePolygon) {
+  json scene = smallest();
+  const json arrow = {{0.004, 0}, {-0.003, 0.003}, {-0.001, 0}, {-0.003, -0.003}};
+  scene["tool"]["outline_m"] = arrow;
+  const auto forwards = parse(scene);
+  ASSERT_TRUE(forwards) << forwards.error().message;
+  EXPECT_EQ(forwards->tool.sides, 4);
+  scene["tool"]["outline_m"] = json{arrow[3], arrow[2], arrow[1], arrow[0]};
+  EXPECT_EQ(parse(scene)->tool.outline_m, forwards->tool.outline_m) << "turned round";
+  for (const json& broken :
+       {json{{0, 0}, {0.01, 0.01}, {0.01, 0}, {0, 0.01}}, json{{0, 0}, {0.01, 0}, {0.02, 0}},
+        json{{0, 0}, {0.01, 0}, {0, 0}, {0, 0.01}}, json{{0, 0}, {0.01, 0}},
+        json{{0, 0}, {0.1, 0}, {0, 0.1}}, json{{0, 0}, {0.01, 0, 0}, {0, 0.01}},
+        json{{0, 0}, {0.01, "0"}, {0, 0.01}}, json{1, 2, 3}}) {
+    scene["tool"]["outline_m"] = broken;
+    const auto result = parse(scene);
+    ASSERT_FALSE(result) << broken;
+    EXPECT_NE(result.error().message.find("/tool/outline_m"), std::string::npos);
+  }
+  scene["tool"] = {{"outline_m", arrow}, {"sides", 6}};
+  EXPECT_FALSE(parse(scene));
 }
 
 TEST(Scene, AnAnchorMayBeTheCentroid) {
@@ -141,7 +205,20 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"/placement", 3, "/placement"},
         Refusal{"/tissue/stiffness_N_per_m", -5000, "/tissue/stiffness_N_per_m"},
         Refusal{"/tissue/threshold_N", 1e300, "/tissue/threshold_N"},
-        Refusal{"/force_law/kind", "network", "/force_law/kind"},
+        Refusal{"/tissue/shaft/dry_friction_N", -1, "/tissue/shaft/dry_friction_N"},
+        Refusal{"/tissue/shaft/presliding_m", 0, "/tissue/shaft/presliding_m"},
+        Refusal{"/tissues/1/name", "cortical", "/tissues/1/name: is there twice"},
+        Refusal{"/tissues/1/labels", json::array({3}), "both labels and hu"},
+        Refusal{"/tissues/0/labels", json::array({1.5}), "/tissues/0/labels"},
+        Refusal{"/tissues/0/labels", json::array(), "/tissues/0/labels"},
+        Refusal{"/tissues/1/hu", json::array({400, 150}), "/tissues/1/hu"},
+        Refusal{"/slices/0/tissue", "steel", "/slices/0/tissue: is not in /tissues"},
+        Refusal{"/force_law/kind", "magic", "/force_law/kind"},
+        Refusal{"/force_law/solver", "fast", "/force_law/solver"},
+        Refusal{"/force_law/reach_m", 0, "/force_law/reach_m"},
+        Refusal{"/force_law/radius_m", -1, "/force_law/radius_m"},
+        Refusal{"/tool/tilt_deg", 46, "/tool/tilt_deg"},
+        Refusal{"/hand/trajectory/1/rotation_deg", json::array({1, 2}), "rotation_deg"},
         Refusal{"/tool/sides", 2, "/tool/sides"}, Refusal{"/tool/sides", 33, "/tool/sides"},
         Refusal{"/tool/radius_m", 3, "/tool/radius_m"},
         Refusal{"/tool/tip_in_plate_m", 0, "/tool/tip_in_plate_m"},

@@ -93,12 +93,12 @@ inline Scene descent_scene(const std::vector<double>& heights_m, double from_m, 
   scene.name = "descent";
   scene.placement.anchor_mm = {80, 60};
   for (std::size_t i = 0; i < heights_m.size(); ++i) {
-    scene.slices.push_back({static_cast<int>(i), heights_m[i]});
+    scene.slices.push_back({static_cast<int>(i), heights_m[i], {}});
   }
   const double descent_s = std::abs(from_m - to_m) / speed_m_per_s;
   scene.duration_s = descent_s + 0.3;
   scene.hand.trajectory = {
-      {0, {0, 0, from_m}}, {0.1, {0, 0, from_m}}, {0.1 + descent_s, {0, 0, to_m}}};
+      {0, {0, 0, from_m}, {}}, {0.1, {0, 0, from_m}, {}}, {0.1 + descent_s, {0, 0, to_m}, {}}};
   return scene;
 }
 

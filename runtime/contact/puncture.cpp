@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "runtime/contact/overlap.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -22,15 +24,84 @@ void back_above(SheetTrack& track) noexcept {
   track.state = SheetState::kFree;
   track.was_above = true;
   track.has_last = false;
+  track.shaft.in_hole = false;
+}
+
+/// The tool in one sheet's plane.
+struct Place {
+  LatticeOutline outline;
+  Overlap overlap;
+  ShaftPlace shaft;
+};
+
+ShaftPlace shaft_place(const ContactModel& model, const Sheet& sheet, const Pose& T_device_plate,
+                       double penetration_m) noexcept {
+  const Eigen::Vector3d axis = T_device_plate.q * model.tool.axis_plate;
+  return {axis_at(model.tool, T_device_plate, sheet.z_m), axis, penetration_m / axis.z()};
+}
+
+/// Who is met: the state after the tip has come below the sheet or stays there.
+SheetState next_state(const ContactModel& model, const SheetTrack& track, bool borne,
+                      double overlapped) noexcept {
+  switch (track.state) {
+    case SheetState::kFree:
+    case SheetState::kShielded:
+      if (!track.was_above) return SheetState::kBeside;  // the session began below it
+      if (borne) return SheetState::kShielded;
+      return overlapped >= model.least_overlap ? SheetState::kContact : SheetState::kBeside;
+    case SheetState::kContact:
+      return overlapped == 0 ? SheetState::kBeside : SheetState::kContact;  // slid off
+    case SheetState::kPunctured:
+    case SheetState::kBeside:
+      break;
+  }
+  return track.state;
+}
+
+/// Law 2: stiffness and the point where the force acts, relative to the outline's middle.
+SheetResponse respond(const ContactModel& model, const Sheet& sheet, std::int32_t index,
+                      const Place& place, const SheetResponse& latest, bool begins,
+                      SheetTrack& track) noexcept {
+  SheetResponse target;
+  target.sheet = index;
+  target.stiffness_N_per_m = place.overlap.fraction * sheet.tissue.stiffness_N_per_m;
+  target.offset_m =
+      sheet.transform.to_scene(place.overlap.centroid_steps) - place.shaft.at_m.head<2>();
+  if (model.law == ForceLawKind::kHooke) return target;
+  if (latest.sheet == index) target = latest;
+  if (begins) return track.blended = target;
+  const double share = std::min(1.0, model.dt_s / kBlend_s);
+  track.blended.sheet = index;
+  track.blended.stiffness_N_per_m +=
+      share * (target.stiffness_N_per_m - track.blended.stiffness_N_per_m);
+  track.blended.offset_m += share * (target.offset_m - track.blended.offset_m);
+  return track.blended;
+}
+
+/// The sheet whose response will be wanted next: the topmost that still bears, if near.
+void look_ahead(const ContactModel& model, std::span<const Sheet* const> sheets,
+                const Pose& T_device_plate, const ContactState& state,
+                ContactOutput& output) noexcept {
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    const SheetState now = state.tracks[i].state;
+    if (now == SheetState::kPunctured || now == SheetState::kBeside) continue;
+    if (output.tip_device_m.z() - sheets[i]->z_m > model.lookahead_m) return;
+    output.ahead.sheet = static_cast<std::int32_t>(i);
+    output.ahead.outline =
+        outline_on_lattice(model.tool, T_device_plate, sheets[i]->transform, sheets[i]->z_m);
+    return;
+  }
 }
 
 }  // namespace
 
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
-                    const Pose& T_device_plate, ContactState& state,
+                    const SheetResponse& response, const Pose& T_device_plate, ContactState& state,
                     ContactOutput& output) noexcept {
   output = ContactOutput{};
   output.tip_device_m = T_device_plate * model.tool.tip_plate_m;
+  output.not_upright = !is_upright(model.tool, T_device_plate);
+  if (output.not_upright) return;
   bool borne = false;  // a sheet above holds the tool, or gave way in this tick
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];
@@ -41,29 +112,23 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       back_above(track);
       continue;
     }
+    Place place;
+    place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
+    const Eigen::Vector3d hole_force_N =
+        shaft_force(sheet.tissue.shaft, place.shaft, model.dt_s, track.shaft);
+    output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
 
-    // Who is met, and how much of the tool it has under it.
-    LatticeOutline outline;
-    double overlap = 0;
-    const auto look = [&] {
-      outline = outline_on_lattice(model.tool, T_device_plate, sheet.transform);
-      overlap = overlap_fraction(
-          sheet, outline,
-          std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)));
-    };
-    if (track.state == SheetState::kFree || track.state == SheetState::kShielded) {
-      if (!track.was_above) {
-        track.state = SheetState::kBeside;  // the session began below it
-      } else if (borne) {
-        track.state = SheetState::kShielded;
-      } else {
-        look();
-        track.state = overlap >= model.least_overlap ? SheetState::kContact : SheetState::kBeside;
-      }
-    } else if (track.state == SheetState::kContact) {
-      look();
-      if (overlap == 0) track.state = SheetState::kBeside;  // slid off the material
+    const bool begins = track.state != SheetState::kContact;
+    const bool may_bear =
+        !begins || ((track.state == SheetState::kFree || track.state == SheetState::kShielded) &&
+                    track.was_above && !borne);
+    if (may_bear) {
+      place.outline = outline_on_lattice(model.tool, T_device_plate, sheet.transform, sheet.z_m);
+      place.overlap =
+          overlap(sheet, model.tool, place.outline,
+                  std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)));
     }
+    track.state = next_state(model, track, borne, place.overlap.fraction);
     if (track.state != SheetState::kContact) {
       if (!borne && track.state != SheetState::kShielded) {
         output.active_sheet = static_cast<std::int32_t>(i);
@@ -78,14 +143,20 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
         track.has_last ? (penetration_m - track.last_penetration_m) / model.dt_s : 0;
     track.last_penetration_m = penetration_m;
     track.has_last = true;
-    const double force_N = std::max(0.0, overlap * (model.tissue.stiffness_N_per_m * penetration_m +
-                                                    model.tissue.damping_N_s_per_m * rate_m_per_s));
+    const SheetResponse answer =
+        respond(model, sheet, static_cast<std::int32_t>(i), place, response, begins, track);
+    const double force_N =
+        std::max(0.0, answer.stiffness_N_per_m * penetration_m +
+                          place.overlap.fraction * sheet.tissue.damping_N_s_per_m * rate_m_per_s);
     borne = true;
     output.active_sheet = static_cast<std::int32_t>(i);
     output.penetration_m = penetration_m;
-    if (force_N <= model.tissue.threshold_N) {
+    if (force_N <= sheet.tissue.threshold_N) {
       output.phase = ContactPhase::kContact;
       output.force_N = force_N;
+      Eigen::Vector3d point_m = place.shaft.at_m;
+      point_m.head<2>() += answer.offset_m;
+      output.wrench_device += wrench_at({0, 0, force_N}, point_m, T_device_plate);
       continue;
     }
     track.state = SheetState::kPunctured;
@@ -95,17 +166,20 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       output.backlog = true;
       continue;
     }
+    enter_hole(place.shaft, track.shaft);
     output.gave_way = true;
-    track.pending[track.pending_count++] = outline;
-    output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, outline};
+    track.pending[track.pending_count++] = place.outline;
+    output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline};
+  }
+  if (model.law == ForceLawKind::kNetwork) {
+    look_ahead(model, sheets, T_device_plate, state, output);
   }
 }
 
-Wrench contact_wrench(const ContactOutput& contact, const Pose& T_device_plate) noexcept {
-  const Eigen::Vector3d force_N(0, 0, contact.force_N);
-  const Eigen::Vector3d lever_m = contact.tip_device_m - T_device_plate.p_m;
+Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,
+                 const Pose& T_device_plate) noexcept {
   Wrench wrench;
-  wrench << force_N, lever_m.cross(force_N);
+  wrench << force_N, (point_m - T_device_plate.p_m).cross(force_N);
   return wrench;
 }
 

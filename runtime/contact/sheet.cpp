@@ -8,74 +8,20 @@
 #include <utility>
 
 #include "formats/mesh_validity.h"
+#include "runtime/contact/tissue_choice.h"
 
 namespace trocar::runtime {
 namespace {
-
-constexpr double kSnap = 1e-9;
-
-/// A convex polygon, counter-clockwise, relative to a corner of the tool. A half plane adds at
-/// most one vertex: tool, triangle's three sides and every side of every hole fit.
-struct Piece {
-  static constexpr int kCapacity = kMaxToolSides * (1 + kMaxPendingHoles) + 3;
-  int size = 0;
-  std::array<Eigen::Vector2d, kCapacity> points;
-};
-
-double doubled_area(const Piece& piece) noexcept {
-  double sum = 0;
-  for (int i = 2; i < piece.size; ++i) {
-    const Eigen::Vector2d a = piece.points[i - 1] - piece.points[0];
-    const Eigen::Vector2d b = piece.points[i] - piece.points[0];
-    sum += a.x() * b.y() - a.y() * b.x();
-  }
-  return sum;
-}
-
-/// What of the piece lies left of a -> b (Sutherland and Hodgman, one plane).
-void clip(const Piece& piece, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
-          Piece& result) noexcept {
-  result.size = 0;
-  const Eigen::Vector2d d = b - a;
-  const auto side = [&](const Eigen::Vector2d& p) {
-    return d.x() * (p.y() - a.y()) - d.y() * (p.x() - a.x());
-  };
-  for (int i = 0; i < piece.size; ++i) {
-    const Eigen::Vector2d& p = piece.points[i];
-    const Eigen::Vector2d& q = piece.points[i + 1 == piece.size ? 0 : i + 1];
-    const double at_p = side(p), at_q = side(q);
-    // Rounding can make a convex polygon cross a line more than twice by a hair; the
-    // capacity is then the bound, and what is lost is of the size of that hair.
-    if (at_p >= 0 && result.size < Piece::kCapacity) result.points[result.size++] = p;
-    if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Piece::kCapacity) {
-      result.points[result.size++] = p + (at_p / (at_p - at_q)) * (q - p);
-    }
-  }
-  if (result.size < 3) result.size = 0;
-}
 
 Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
   return {static_cast<double>(std::int64_t{p.x} - origin.x),
           static_cast<double>(std::int64_t{p.y} - origin.y)};
 }
 
-/// Doubled area of the piece less the union of the holes: cut off, side by side, what lies outside
-/// of the first hole (disjoint convex pieces), and judge these against the others.
-double doubled_area_outside(const Piece& piece, std::span<const LatticeOutline> holes,
-                            LatticePoint origin) noexcept {
-  if (holes.empty()) return doubled_area(piece);
-  const LatticeOutline& hole = holes.front();
-  double sum = 0;
-  Piece rest = piece, outside, inside;
-  for (int i = 0; i < hole.size && rest.size > 0; ++i) {
-    const Eigen::Vector2d a = relative(hole.points[i], origin);
-    const Eigen::Vector2d b = relative(hole.points[i + 1 == hole.size ? 0 : i + 1], origin);
-    clip(rest, b, a, outside);
-    if (outside.size > 0) sum += doubled_area_outside(outside, holes.subspan(1), origin);
-    clip(rest, a, b, inside);
-    std::swap(rest, inside);
-  }
-  return sum;
+/// The mesh is known to be valid.
+void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
+  sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
+  sheet.grid = TriangleGrid(sheet.mesh);
 }
 
 /// Centroid of the material in mm.
@@ -135,14 +81,15 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   transform.cosine = std::cos(rotation_rad);
   transform.sine = std::sin(rotation_rad);
 
-  // An upright tool over the anchor must survive the rounding with all of its corners.
-  Pose T_device_plate;
-  T_device_plate.p_m.head<2>() = transform.at_m;
+  // Outlines must survive the rounding as simple polygons.
   const Tool tool = make_tool(scene.tool);
-  T_device_plate.p_m -= tool.tip_plate_m;
-  if (outline_on_lattice(tool, T_device_plate, transform).size < scene.tool.sides) {
+  if (smallest_clearance_m(tool) < kLeastClearance * asset.lattice.step_m()) {
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +
                    std::to_string(asset.lattice.step_mm()) + " mm");
+  }
+  if (tool.pieces == 0) {
+    return refused(name + ": the scene's tool has more than " + std::to_string(kMaxToolPieces) +
+                   " convex parts");
   }
 
   std::vector<std::unique_ptr<const Sheet>> sheets;
@@ -150,9 +97,9 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     auto sheet = std::make_unique<Sheet>();
     sheet->slice_index = slices[i]->index;
     sheet->z_m = scene.slices[i].z_m;
+    sheet->tissue = tissue_of(scene, scene.slices[i], asset, *slices[i]);
     sheet->transform = transform;
-    sheet->mesh = slices[i]->mesh;
-    sheet->grid = TriangleGrid(sheet->mesh);
+    put_mesh(slices[i]->mesh, *sheet);
     sheets.push_back(std::move(sheet));
   }
   std::sort(sheets.begin(), sheets.end(),
@@ -160,44 +107,15 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   return sheets;
 }
 
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, SliceMesh mesh) {
+std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh) {
   auto next = std::make_unique<Sheet>();
   next->slice_index = sheet.slice_index;
   next->z_m = sheet.z_m;
+  next->tissue = sheet.tissue;
   next->transform = sheet.transform;
-  next->mesh = std::move(mesh);
-  next->grid = TriangleGrid(next->mesh);
+  put_mesh(mesh, *next);
   next->cuts = sheet.cuts + 1;
   return next;
-}
-
-double overlap_fraction(const Sheet& sheet, const LatticeOutline& tool,
-                        std::span<const LatticeOutline> holes) noexcept {
-  if (tool.size < 3) return 0;
-  const LatticePoint origin = tool.points[0];
-  Piece whole, first, second;
-  LatticeBox box{origin, origin};
-  whole.size = tool.size;
-  for (int i = 0; i < tool.size; ++i) {
-    const LatticePoint p = tool.points[i];
-    whole.points[i] = relative(p, origin);
-    box.lowest = {std::min(box.lowest.x, p.x), std::min(box.lowest.y, p.y)};
-    box.highest = {std::max(box.highest.x, p.x), std::max(box.highest.y, p.y)};
-  }
-  double doubled_overlap = 0;
-  sheet.grid.for_each(sheet.mesh, box, [&](std::uint32_t index) {
-    const Triangle& t = sheet.mesh.triangles[index];
-    const Eigen::Vector2d a = relative(sheet.mesh.vertices[t[0]], origin);
-    const Eigen::Vector2d b = relative(sheet.mesh.vertices[t[1]], origin);
-    const Eigen::Vector2d c = relative(sheet.mesh.vertices[t[2]], origin);
-    clip(whole, a, b, first);
-    clip(first, b, c, second);
-    clip(second, c, a, first);
-    if (first.size > 0) doubled_overlap += doubled_area_outside(first, holes, origin);
-  });
-  const double fraction = doubled_overlap / doubled_area(whole);
-  if (!(fraction > kSnap)) return 0;
-  return fraction > 1 - kSnap ? 1 : fraction;
 }
 
 }  // namespace trocar::runtime

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sheet: one slice of an asset, placed in the device's frame, with the grid that
-// makes looking up what lies under the tool cheap. Immutable once made: a cut makes
-// a new sheet, and the haptic thread changes over to it between two ticks.
+// makes looking up what lies under the tool cheap. The haptic thread only reads it; holes are cut
+// into a replica of it that nobody reads meanwhile (runtime/loop/workers.h).
 #pragma once
 
 #include <cstdint>
 #include <memory>
-#include <span>
 #include <vector>
 
 #include "formats/asset.h"
 #include "formats/scene.h"
 #include "runtime/contact/tool.h"
+#include "runtime/remesh/sheet_mesh.h"
 #include "runtime/remesh/triangle_grid.h"
 
 namespace trocar::runtime {
@@ -19,8 +19,9 @@ namespace trocar::runtime {
 struct Sheet {
   int slice_index = 0;  ///< AssetSlice::index
   double z_m = 0;       ///< height in {B}
+  Tissue tissue;
   PlanarTransform transform;
-  SliceMesh mesh;
+  SheetMesh mesh;
   TriangleGrid grid;       ///< over `mesh`
   std::uint32_t cuts = 0;  ///< holes that `mesh` has more than the asset's slice
 };
@@ -28,22 +29,19 @@ struct Sheet {
 /// The scene's slices, the topmost first. Proves every mesh (formats/mesh_validity.h), since
 /// all that follows relies on it. Refused, with `name` (the asset's) in the message: a slice the
 /// asset does not have, one without material, an invalid mesh, a tool that is too small for
-/// the lattice.
+/// the lattice or has more than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
 
-/// The sheet with another mesh and one more cut.
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, SliceMesh mesh);
+/// Free slots that a placed sheet has for what its cuts add: a hole of six corners takes about six
+/// vertices and twelve triangles.
+inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
+
+/// The sheet with another mesh, which must be valid, and one more cut.
+std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh);
 
 /// Holes that one sheet may have waiting for their mesh.
 inline constexpr int kMaxPendingHoles = 4;
-
-/// Area of (tool intersected with the sheet's material, less the holes) over the tool's area, in
-/// [0, 1]; 0 for an empty outline. Within 1e-9 of 0 or 1 it is exactly that. Every piece of every
-/// triangle is clipped in a buffer of fixed capacity; nothing is allocated. Time proportional to
-/// the triangles near the tool. `holes` has at most kMaxPendingHoles elements.
-double overlap_fraction(const Sheet& sheet, const LatticeOutline& tool,
-                        std::span<const LatticeOutline> holes) noexcept;
 
 }  // namespace trocar::runtime

@@ -2,47 +2,130 @@
 #include "runtime/contact/tool.h"
 
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <vector>
 
 namespace trocar::runtime {
 namespace {
 
-/// Convex hull by A. M. Andrew's monotone chain, collinear points dropped. Exact.
-LatticeOutline convex_hull(std::array<LatticePoint, kMaxToolSides> points, int count) noexcept {
-  std::sort(points.begin(), points.begin() + count);
-  std::array<LatticePoint, std::size_t{2} * kMaxToolSides> hull;
-  int size = 0;
-  for (int i = 0; i < count; ++i) {  // lower chain
-    while (size >= 2 && orient2d(hull[size - 2], hull[size - 1], points[i]) <= 0)
-      --size;
-    hull[size++] = points[i];
+using Polygon = std::vector<Eigen::Vector2d>;
+using Piece = std::vector<std::uint8_t>;
+
+double turn(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
+  return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
+}
+
+bool is_convex(const Polygon& p, const Piece& piece) {
+  const std::size_t n = piece.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    if (turn(p[piece[i]], p[piece[(i + 1) % n]], p[piece[(i + 2) % n]]) < 0) return false;
   }
-  const int lower = size + 1;
-  for (int i = count - 2; i >= 0; --i) {  // upper chain
-    while (size >= lower && orient2d(hull[size - 2], hull[size - 1], points[i]) <= 0)
-      --size;
-    hull[size++] = points[i];
+  return true;
+}
+
+// Of a simple counter-clockwise polygon.
+std::vector<Piece> ears(const Polygon& p) {
+  std::vector<Piece> out;
+  Piece rest;
+  for (std::size_t i = 0; i < p.size(); ++i)
+    rest.push_back(static_cast<std::uint8_t>(i));
+  while (rest.size() > 3) {
+    const std::size_t n = rest.size();
+    std::size_t ear = n;
+    for (std::size_t i = 0; i < n && ear == n; ++i) {
+      const auto &a = p[rest[(i + n - 1) % n]], &b = p[rest[i]], &c = p[rest[(i + 1) % n]];
+      if (turn(a, b, c) <= 0) continue;
+      bool is_free = true;
+      for (std::size_t j = 2; j + 1 < n; ++j) {
+        const Eigen::Vector2d& q = p[rest[(i + j) % n]];
+        is_free = is_free && !(turn(a, b, q) >= 0 && turn(b, c, q) >= 0 && turn(c, a, q) >= 0);
+      }
+      if (is_free) ear = i;
+    }
+    if (ear == n) return {};  // not simple
+    out.push_back({rest[(ear + n - 1) % n], rest[ear], rest[(ear + 1) % n]});
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(ear));
   }
-  --size;  // the first point again
-  LatticeOutline outline;
-  if (size < 3) return outline;
-  outline.size = size;
-  std::copy(hull.begin(), hull.begin() + size, outline.points.begin());
-  return outline;
+  out.push_back(rest);
+  return out;
+}
+
+// The two pieces joined along a side that they share, or nothing.
+Piece joined(const Piece& a, const Piece& b) {
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      if (a[i] != b[(j + 1) % b.size()] || a[(i + 1) % a.size()] != b[j]) continue;
+      Piece out;
+      for (std::size_t k = 1; k <= a.size(); ++k)
+        out.push_back(a[(i + k) % a.size()]);
+      for (std::size_t k = 2; k < b.size(); ++k)
+        out.push_back(b[(j + k) % b.size()]);
+      return out;
+    }
+  }
+  return {};
+}
+
+std::vector<Piece> convex_pieces(const Polygon& p) {
+  Piece all;
+  for (std::size_t i = 0; i < p.size(); ++i)
+    all.push_back(static_cast<std::uint8_t>(i));
+  if (is_convex(p, all)) return {all};
+  std::vector<Piece> pieces = ears(p);
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    for (std::size_t j = i + 1; j < pieces.size();) {
+      const Piece both = joined(pieces[i], pieces[j]);
+      if (both.empty() || !is_convex(p, both)) {
+        ++j;
+        continue;
+      }
+      pieces[i] = both;
+      pieces.erase(pieces.begin() + static_cast<std::ptrdiff_t>(j));
+      j = i + 1;
+    }
+  }
+  return pieces;
+}
+
+Polygon cross_section(const SceneTool& scene_tool) {
+  Polygon out;
+  const double start_rad = scene_tool.rotation_deg * std::numbers::pi / 180;
+  if (scene_tool.outline_m.empty()) {
+    for (int i = 0; i < scene_tool.sides; ++i) {
+      const double angle_rad = start_rad + 2 * std::numbers::pi * i / scene_tool.sides;
+      out.push_back(scene_tool.radius_m *
+                    Eigen::Vector2d(std::cos(angle_rad), std::sin(angle_rad)));
+    }
+  }
+  const double cosine = std::cos(start_rad), sine = std::sin(start_rad);
+  for (const std::array<double, 2>& p : scene_tool.outline_m)
+    out.emplace_back(cosine * p[0] - sine * p[1], sine * p[0] + cosine * p[1]);
+  return out;
 }
 
 }  // namespace
 
 Tool make_tool(const SceneTool& scene_tool) {
+  const double tilt_rad = scene_tool.tilt_deg * std::numbers::pi / 180;
+  const double azimuth_rad = scene_tool.tilt_azimuth_deg * std::numbers::pi / 180;
+  const Eigen::Quaterniond q_plate_tool(Eigen::AngleAxisd(
+      tilt_rad, Eigen::Vector3d(-std::sin(azimuth_rad), std::cos(azimuth_rad), 0)));
+  const Polygon section = cross_section(scene_tool);
   Tool tool;
-  tool.sides = scene_tool.sides;
+  tool.sides = static_cast<int>(section.size());
   tool.tip_plate_m = Eigen::Vector3d(scene_tool.tip_in_plate_m.data());
-  const double start_rad = scene_tool.rotation_deg * std::numbers::pi / 180;
-  for (int i = 0; i < tool.sides; ++i) {
-    const double angle_rad = start_rad + 2 * std::numbers::pi * i / tool.sides;
+  tool.axis_plate = q_plate_tool * Eigen::Vector3d::UnitZ();
+  for (std::size_t i = 0; i < section.size(); ++i) {
     tool.corner_plate_m[i] =
-        tool.tip_plate_m +
-        scene_tool.radius_m * Eigen::Vector3d(std::cos(angle_rad), std::sin(angle_rad), 0);
+        tool.tip_plate_m + q_plate_tool * Eigen::Vector3d(section[i].x(), section[i].y(), 0);
+  }
+  const std::vector<Piece> pieces = convex_pieces(section);
+  if (pieces.size() > kMaxToolPieces) return tool;
+  for (const Piece& piece : pieces) {
+    ConvexPiece& out = tool.piece[tool.pieces++];
+    out.size = static_cast<int>(piece.size());
+    std::copy(piece.begin(), piece.end(), out.corner.begin());
   }
   return tool;
 }
@@ -64,18 +147,48 @@ Ring to_ring(const LatticeOutline& outline) {
   return Ring(outline.points.begin(), outline.points.begin() + outline.size);
 }
 
+bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept {
+  static const double least = std::cos(kMaxTilt_deg * std::numbers::pi / 180) - 1e-9;
+  return (T_device_plate.q * tool.axis_plate).z() >= least;
+}
+
+Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept {
+  const Eigen::Vector3d tip_m = T_device_plate * tool.tip_plate_m;
+  const Eigen::Vector3d axis = T_device_plate.q * tool.axis_plate;
+  return tip_m + (z_m - tip_m.z()) / axis.z() * axis;
+}
+
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
-                                  const PlanarTransform& transform) noexcept {
-  std::array<LatticePoint, kMaxToolSides> points;
+                                  const PlanarTransform& transform, double z_m) noexcept {
+  LatticeOutline outline;
+  if (!is_upright(tool, T_device_plate)) return outline;
+  const Eigen::Vector3d axis = T_device_plate.q * tool.axis_plate;
   for (int i = 0; i < tool.sides; ++i) {
-    const Eigen::Vector3d corner_device_m = T_device_plate * tool.corner_plate_m[i];
-    const Eigen::Vector2d steps = transform.to_lattice(corner_device_m.head<2>());
+    const Eigen::Vector3d corner_m = T_device_plate * tool.corner_plate_m[i];
+    const double up_m = (z_m - corner_m.z()) / axis.z();
+    const Eigen::Vector2d steps = transform.to_lattice(corner_m.head<2>() + up_m * axis.head<2>());
     // Written so that nan fails it too.
     if (!(steps.cwiseAbs().maxCoeff() <= 0.5 * kMaxCoordinate)) return {};
-    points[i] = {static_cast<std::int32_t>(std::lrint(steps.x())),
-                 static_cast<std::int32_t>(std::lrint(steps.y()))};
+    outline.points[i] = {static_cast<std::int32_t>(std::lrint(steps.x())),
+                         static_cast<std::int32_t>(std::lrint(steps.y()))};
   }
-  return convex_hull(points, tool.sides);
+  outline.size = tool.sides;
+  return outline;
+}
+
+double smallest_clearance_m(const Tool& tool) noexcept {
+  double least_m = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < tool.sides; ++i) {
+    const Eigen::Vector3d& a = tool.corner_plate_m[i];
+    const Eigen::Vector3d along = tool.corner_plate_m[(i + 1) % tool.sides] - a;
+    for (int j = 0; j < tool.sides; ++j) {
+      if (j == i || j == (i + 1) % tool.sides) continue;
+      const Eigen::Vector3d to = tool.corner_plate_m[j] - a;
+      const double at = std::clamp(to.dot(along) / along.squaredNorm(), 0.0, 1.0);
+      least_m = std::min(least_m, (to - at * along).norm());
+    }
+  }
+  return least_m;
 }
 
 }  // namespace trocar::runtime

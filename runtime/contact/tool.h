@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool: a regular polygon on the plate, and its outline on a slice's lattice,
-// which is at once what overlaps material and what is cut out of it.
+// The tool: a prism on the plate, and its outline on a slice's lattice, which is
+// at once what overlaps material and what is cut out of it.
 #pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <cstdint>
 
 #include "formats/lattice.h"
 #include "formats/scene.h"
@@ -14,13 +15,25 @@
 
 namespace trocar::runtime {
 
+/// A convex part of the tool's cross-section, by the numbers of its corners, counter-clockwise.
+struct ConvexPiece {
+  int size = 0;
+  std::array<std::uint8_t, kMaxToolSides> corner{};
+};
+/// A simple polygon of kMaxToolSides corners can have more; place_slices() refuses those.
+inline constexpr int kMaxToolPieces = 8;
+
 struct Tool {
   int sides = 0;
-  /// Corners in the plate's frame, counter-clockwise seen from +z.
+  /// Corners of the lower end in the plate's frame, counter-clockwise seen along -axis.
   std::array<Eigen::Vector3d, kMaxToolSides> corner_plate_m;
-  Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< their centre
+  Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< lower end of the axis
+  Eigen::Vector3d axis_plate = Eigen::Vector3d::UnitZ();  ///< unit, from the tip up the shaft
+  int pieces = 0;  ///< that tile the cross-section; 0: too many
+  std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
+/// O(sides^3), by ear clipping and then merging what stays convex (Hertel and Mehlhorn).
 Tool make_tool(const SceneTool& scene_tool);
 
 /// Where a slice lies in {B} (formats/scene.h, Placement).
@@ -35,7 +48,7 @@ struct PlanarTransform {
   Eigen::Vector2d to_scene(const Eigen::Vector2d& steps) const noexcept;
 };
 
-/// A strictly convex polygon on the lattice, counter-clockwise; size 0: none.
+/// A simple polygon on the lattice, counter-clockwise; size 0: none.
 struct LatticeOutline {
   int size = 0;
   std::array<LatticePoint, kMaxToolSides> points;
@@ -46,10 +59,23 @@ struct LatticeOutline {
 };
 Ring to_ring(const LatticeOutline& outline);
 
-/// The tool's corners, projected along z, rounded to the lattice, and their convex hull (which
-/// for tools of many lattice steps is the polygon itself; rounding can dent a small one). Size 0
-/// if fewer than three corners remain or one lies beyond kMaxCoordinate / 2. No allocation.
+/// Is the axis within kMaxTilt_deg of {B}'s z? Only then does the tool have outlines.
+bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;
+
+/// Where the axis, prolonged beyond the tip if need be, meets the plane z = z_m of {B}.
+/// The tool must be upright.
+Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept;
+
+/// The prism's section with the plane z = z_m (a tilted tool's is sheared along the tilt, by up to
+/// sqrt(2)), rounded to the lattice, corner by corner. Simple if smallest_clearance_m() is at
+/// least kLeastClearance steps: the section is nowhere narrower than the cross-section, and
+/// rounding moves a corner by at most sqrt(1/2) steps. Size 0 if the tool is not upright or a
+/// corner lies beyond kMaxCoordinate / 2. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
-                                  const PlanarTransform& transform) noexcept;
+                                  const PlanarTransform& transform, double z_m) noexcept;
+inline constexpr double kLeastClearance = 1.5;
+
+/// The smallest distance of a corner of the cross-section from a side that it is no end of.
+double smallest_clearance_m(const Tool& tool) noexcept;
 
 }  // namespace trocar::runtime

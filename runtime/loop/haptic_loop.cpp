@@ -88,9 +88,8 @@ void describe_pose(const LoopModel& model, const LoopState& state, const DeviceS
 
 /// Pose, contact, allocation, limits. On a fault neither torques nor `state` have changed, but for
 /// what the contact has seen.
-Fault compute_torques(const LoopModel& model, std::span<const Sheet* const> sheets,
-                      const DeviceState& read, LoopState& state, TickResult& result,
-                      MotorVector& tau_motor_Nm) noexcept {
+Fault compute_torques(const LoopModel& model, const TickInputs& inputs, const DeviceState& read,
+                      LoopState& state, TickResult& result, MotorVector& tau_motor_Nm) noexcept {
   RecordingRow& row = result.row;
   if (const Fault fault = check_encoders(model, state, read); fault != Fault::kNone) return fault;
   if (const Fault fault =
@@ -99,9 +98,11 @@ Fault compute_torques(const LoopModel& model, std::span<const Sheet* const> shee
     return fault;
   }
 
-  update_contact(model.contact, sheets, state.T_device_plate, state.contact, result.contact);
+  update_contact(model.contact, inputs.sheets, inputs.response, state.T_device_plate, state.contact,
+                 result.contact);
+  if (result.contact.not_upright) return Fault::kToolTilt;
   if (result.contact.backlog) return Fault::kRemeshBacklog;
-  const Wrench wanted = contact_wrench(result.contact, state.T_device_plate);
+  const Wrench& wanted = result.contact.wrench_device;
   // A passivity controller takes and returns `wanted` here.
 
   const AllocationResult allocation =
@@ -118,8 +119,9 @@ Fault compute_torques(const LoopModel& model, std::span<const Sheet* const> shee
   tau_motor_Nm = tau_motor_Nm.cwiseMax(-peak_Nm).cwiseMin(peak_Nm);
 
   row.phase = result.contact.phase;
-  row.active_slice =
-      result.contact.active_sheet < 0 ? -1 : sheets[result.contact.active_sheet]->slice_index;
+  row.active_slice = result.contact.active_sheet < 0
+                         ? -1
+                         : inputs.sheets[result.contact.active_sheet]->slice_index;
   row.penetration_m = result.contact.penetration_m;
   row.wrench_scale = allocation.scale;
   put_wrench(wanted, row.wrench_wanted);
@@ -138,24 +140,28 @@ MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, doubl
   return last + (rise_max_Nm / step_Nm) * (wanted - last);
 }
 
-void haptic_tick(const LoopModel& model, std::span<const Sheet* const> sheets, double gap_s,
-                 Device& device, LoopState& state, TickResult& result) noexcept {
+void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, LoopState& state,
+                 TickResult& result) noexcept {
   result = TickResult{};
   RecordingRow& row = result.row;
   row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
+  row.response_sheet = inputs.response.sheet;
+  row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
+  row.response_offset_m = {inputs.response.offset_m.x(), inputs.response.offset_m.y()};
 
   DeviceState read;
   bool fresh = false;
   Fault fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
-  if (fault == Fault::kNone && model.limits.gap_max_s > 0 && gap_s > model.limits.gap_max_s) {
+  if (fault == Fault::kNone && model.limits.gap_max_s > 0 &&
+      inputs.gap_s > model.limits.gap_max_s) {
     fault = Fault::kDeadlineMissed;
   }
 
   MotorVector tau_motor_Nm = MotorVector::Zero();
   const bool blind = !state.has_state && state.no_data_ticks > 0;  // nothing was ever read
   if (state.fault == Fault::kNone && fault == Fault::kNone && !blind) {
-    fault = compute_torques(model, sheets, read, state, result, tau_motor_Nm);
+    fault = compute_torques(model, inputs, read, state, result, tau_motor_Nm);
     if (fault == Fault::kNone && fresh) {
       state.device = read;
       state.has_state = true;

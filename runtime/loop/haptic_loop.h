@@ -65,9 +65,16 @@ struct TickResult {
   bool ramp_done = false;    ///< a fault's ramp has ended: torques are zero
 };
 
-/// One tick. `sheets` as in update_contact. `gap_s`: wall time since the last tick's start.
-void haptic_tick(const LoopModel& model, std::span<const Sheet* const> sheets, double gap_s,
-                 Device& device, LoopState& state, TickResult& result) noexcept;
+/// What other threads have for this tick.
+struct TickInputs {
+  std::span<const Sheet* const> sheets;  ///< as in update_contact
+  SheetResponse response;                ///< likewise
+  double gap_s = 0;                      ///< wall time since the last tick's start
+};
+
+/// One tick.
+void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, LoopState& state,
+                 TickResult& result) noexcept;
 
 /// Law 4. Returns the torques and, in `shortened`, whether they differ from `wanted`.
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,

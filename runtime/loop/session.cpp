@@ -6,6 +6,7 @@
 #include <cmath>
 #include <ctime>
 #include <deque>
+#include <numbers>
 
 #include "runtime/loop/allocation_counter.h"
 
@@ -49,9 +50,9 @@ class Session {
         ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
                                       : options.replay.size()) {
     model_.device = description;
-    model_.contact.tissue = scene.tissue;
     model_.contact.tool = make_tool(scene.tool);
     model_.contact.dt_s = 1 / options.rate_Hz;
+    model_.contact.law = scene.force_law.kind;
     model_.limits = options.limits;
     model_.rate_Hz = options.rate_Hz;
     sheets_.resize(remesher.size());
@@ -68,7 +69,7 @@ class Session {
       sheets_[i] = remesher_.current(i);
       cuts_published_ += sheets_[i]->cuts;
     }
-    haptic_tick(model_, sheets_, gap_s, device_, state_, result_);
+    haptic_tick(model_, {sheets_, response_, gap_s}, device_, state_, result_);
     if (result_.end_of_data) return false;
     result_.row.cuts_published = cuts_published_;
     if (result_.contact.gave_way) give_way();
@@ -99,8 +100,7 @@ class Session {
       remesher_.serve();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
-    while (remesher_.publish_next()) {
-    }
+    remesher_.stop();
   }
 
   SessionReport finish() {
@@ -189,6 +189,7 @@ class Session {
   std::uint64_t ticks_;
   std::vector<const Sheet*> sheets_;
   std::int64_t cuts_published_ = 0;
+  SheetResponse response_;
   double last_force_N_ = 0;
   std::int32_t last_active_sheet_ = -1;
   SessionReport report_;
@@ -203,6 +204,8 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
     HandKeyframe frame;
     frame.t_s = keyframe.t_s;
     frame.T_device_tool.p_m = Eigen::Vector3d(keyframe.tip_m.data());
+    frame.T_device_tool.q = from_rotation_vector(Eigen::Vector3d(keyframe.rotation_deg.data()) *
+                                                 (std::numbers::pi / 180));
     trajectory.keyframes.push_back(frame);
   }
   const SceneHand& hand = scene.hand;

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/contact/overlap.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+// The sum over triangles is exact to some 1e-13; what is nearer to 0 or 1 is 0 or 1.
+constexpr double kSnap = 1e-9;
+
+/// A polygon, counter-clockwise, relative to a corner of the tool. A half plane adds at most one
+/// vertex to a convex one, and at most half as many as there are to any: both a tool clipped to a
+/// triangle and a convex piece of it clipped to all pieces of all holes fit.
+struct Polygon {
+  static constexpr int kCapacity =
+      kMaxToolSides + 3 + kMaxPendingHoles * (kMaxToolSides + 2 * kMaxToolPieces);
+  int size = 0;
+  std::array<Eigen::Vector2d, kCapacity> points;
+};
+static_assert(Polygon::kCapacity >= kMaxToolSides * 27 / 8);
+
+/// Doubled area, and six times the first moment.
+struct Moments {
+  double area = 0;
+  Eigen::Vector2d first = Eigen::Vector2d::Zero();
+  void add(const Polygon& polygon) noexcept {
+    for (int i = 2; i < polygon.size; ++i) {
+      const Eigen::Vector2d &o = polygon.points[0], &p = polygon.points[i - 1],
+                            &q = polygon.points[i];
+      const Eigen::Vector2d a = p - o, b = q - o;
+      const double doubled = a.x() * b.y() - a.y() * b.x();
+      area += doubled;
+      first += doubled * (o + p + q);
+    }
+  }
+  Eigen::Vector2d centroid() const noexcept { return first / (3 * area); }
+};
+
+/// What of the polygon lies left of a -> b (Sutherland and Hodgman, one plane). Where a polygon
+/// that is not convex falls apart, its parts stay joined along the line, by sides that run to and
+/// fro: the moments do not see them.
+void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
+          Polygon& result) noexcept {
+  result.size = 0;
+  const Eigen::Vector2d d = b - a;
+  const auto side = [&](const Eigen::Vector2d& p) {
+    return d.x() * (p.y() - a.y()) - d.y() * (p.x() - a.x());
+  };
+  for (int i = 0; i < polygon.size; ++i) {
+    const Eigen::Vector2d& p = polygon.points[i];
+    const Eigen::Vector2d& q = polygon.points[i + 1 == polygon.size ? 0 : i + 1];
+    const double at_p = side(p), at_q = side(q);
+    // Rounding can make a convex polygon cross a line more than twice by a hair; the
+    // capacity is then the bound, and what is lost is of the size of that hair.
+    if (at_p >= 0 && result.size < Polygon::kCapacity) result.points[result.size++] = p;
+    if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity) {
+      result.points[result.size++] = p + (at_p / (at_p - at_q)) * (q - p);
+    }
+  }
+  if (result.size < 3) result.size = 0;
+}
+
+Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
+  return {static_cast<double>(std::int64_t{p.x} - origin.x),
+          static_cast<double>(std::int64_t{p.y} - origin.y)};
+}
+
+/// All convex pieces of all holes, in a row.
+struct Holes {
+  const Tool& tool;
+  std::span<const LatticeOutline> outlines;
+  LatticePoint origin;
+  int size() const noexcept { return static_cast<int>(outlines.size()) * tool.pieces; }
+  const ConvexPiece& piece(int k) const noexcept { return tool.piece[k % tool.pieces]; }
+  Eigen::Vector2d corner(int k, int i) const noexcept {
+    return relative(outlines[static_cast<std::size_t>(k / tool.pieces)].points[piece(k).corner[i]],
+                    origin);
+  }
+};
+
+/// The convex polygon less the union of the holes from the k-th on: cut off, side by side, what
+/// lies outside of the k-th (disjoint convex parts), and judge these against the others.
+void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& moments) noexcept {
+  if (k == holes.size()) return moments.add(polygon);
+  const int sides = holes.piece(k).size;
+  Polygon rest = polygon, outside, inside;
+  for (int i = 0; i < sides && rest.size > 0; ++i) {
+    const Eigen::Vector2d a = holes.corner(k, i), b = holes.corner(k, i + 1 == sides ? 0 : i + 1);
+    clip(rest, b, a, outside);
+    if (outside.size > 0) add_outside(outside, holes, k + 1, moments);
+    clip(rest, a, b, inside);
+    std::swap(rest, inside);
+  }
+}
+
+}  // namespace
+
+Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
+                std::span<const LatticeOutline> holes) noexcept {
+  Overlap result;
+  if (outline.size < 3 || outline.size != tool.sides) return result;
+  const LatticePoint origin = outline.points[0];
+  Polygon whole, first, second;
+  LatticeBox box{origin, origin};
+  whole.size = outline.size;
+  for (int i = 0; i < outline.size; ++i) {
+    const LatticePoint p = outline.points[i];
+    whole.points[i] = relative(p, origin);
+    box.lowest = {std::min(box.lowest.x, p.x), std::min(box.lowest.y, p.y)};
+    box.highest = {std::max(box.highest.x, p.x), std::max(box.highest.y, p.y)};
+  }
+
+  Moments covered;
+  const Holes pending{tool, holes, origin};
+  const auto add = [&](const Polygon& part, const std::array<Eigen::Vector2d, 3>& corner) {
+    clip(part, corner[0], corner[1], first);
+    clip(first, corner[1], corner[2], second);
+    clip(second, corner[2], corner[0], first);
+    if (first.size > 0) add_outside(first, pending, 0, covered);
+  };
+  sheet.grid.for_each(sheet.mesh, box, [&](std::uint32_t index) {
+    const Triangle& t = sheet.mesh.triangles[index];
+    const std::array<Eigen::Vector2d, 3> corner{relative(sheet.mesh.vertices[t[0]], origin),
+                                                relative(sheet.mesh.vertices[t[1]], origin),
+                                                relative(sheet.mesh.vertices[t[2]], origin)};
+    if (holes.empty()) return add(whole, corner);
+    for (int k = 0; k < tool.pieces; ++k) {  // only of convex parts can holes be cut off
+      Polygon part;
+      part.size = tool.piece[k].size;
+      for (int i = 0; i < part.size; ++i)
+        part.points[i] = whole.points[tool.piece[k].corner[i]];
+      add(part, corner);
+    }
+  });
+
+  Moments all;
+  all.add(whole);
+  const Eigen::Vector2d offset(origin.x, origin.y);
+  result.fraction = covered.area / all.area;
+  result.centroid_steps = offset + all.centroid();
+  if (!(result.fraction > kSnap)) {
+    result.fraction = 0;
+  } else if (result.fraction > 1 - kSnap) {
+    result.fraction = 1;
+  } else {
+    result.centroid_steps = offset + covered.centroid();
+  }
+  return result;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/deformation/local_solver.h"
+
+#include <algorithm>
+
+namespace trocar::runtime {
+namespace {
+
+/// Calls visit(neighbour, stiffness) for the springs of node i.
+template <typename Visit>
+void for_each_spring(const Network& network, std::size_t i, Visit&& visit) {
+  for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
+    visit(network.neighbour[k], network.stiffness_N_per_m[k]);
+}
+
+/// The equilibrium with the held nodes of one kind at 1 and those of the other at 0.
+std::vector<double> unit_shape(const Network& network, std::span<const NodeKind> kind,
+                               const SparseFactor& factor, NodeKind at_one) {
+  std::vector<double> w(network.size(), 0), x(factor.size(), 0);
+  for (std::size_t u = 0; u < factor.size(); ++u) {
+    for_each_spring(network, factor.nodes()[u], [&](std::uint32_t j, double stiffness) {
+      if (kind[j] == at_one) x[u] += stiffness;
+    });
+  }
+  factor.solve(x);
+  for (std::size_t u = 0; u < factor.size(); ++u)
+    w[factor.nodes()[u]] = x[u];
+  for (std::size_t i = 0; i < network.size(); ++i) {
+    if (kind[i] == at_one) w[i] = 1;
+  }
+  return w;
+}
+
+double tool_force(const Network& network, std::span<const NodeKind> kind,
+                  std::span<const double> w) {
+  double sum = 0;
+  for (std::size_t i = 0; i < network.size(); ++i) {
+    if (kind[i] == NodeKind::kTool) sum += reaction_N(network, w, i);
+  }
+  return sum;
+}
+
+/// Laws 2 and 3.
+RingBounds bounds_by_maximum_principle(const Network& network, std::span<const NodeKind> kind,
+                                       const LocalSolution& solution) {
+  const std::vector<double> p = unit_shape(network, kind, solution.factor, NodeKind::kRing);
+  double highest = 0, sum = 0;
+  for (std::size_t m = 0; m < network.size(); ++m) {
+    if (kind[m] != NodeKind::kRing) continue;
+    double g = 0, against = network.bed_N_per_m[m];
+    for_each_spring(network, m, [&](std::uint32_t j, double stiffness) {
+      if (kind[j] == NodeKind::kRing) return;
+      g += stiffness * solution.w[j];
+      against += stiffness * (1 - p[j]);
+    });
+    if (g > 0) highest = std::max(highest, g / against);
+    sum += g;
+  }
+  return {std::min(1.0, highest * sum / solution.stiffness_N_per_m), std::min(1.0, highest), true};
+}
+
+/// Law 1: the tool's force with the ring let go; negative if that has no solution.
+double force_without_ring(const Network& network, std::span<const NodeKind> kind) {
+  std::vector<NodeKind> let_go(kind.begin(), kind.end());
+  std::replace(let_go.begin(), let_go.end(), NodeKind::kRing, NodeKind::kFree);
+  SparseFactor factor;
+  if (!factor.make(network, let_go)) return -1;
+  return tool_force(network, let_go, unit_shape(network, let_go, factor, NodeKind::kTool));
+}
+
+}  // namespace
+
+bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSolution& solution,
+                 const LocalOptions& options) {
+  if (!solution.factor.make(network, kind)) return false;
+  solution.w = unit_shape(network, kind, solution.factor, NodeKind::kTool);
+  solution.stiffness_N_per_m = tool_force(network, kind, solution.w);
+  solution.bounds = {};
+  const bool has_ring = std::find(kind.begin(), kind.end(), NodeKind::kRing) != kind.end();
+  if (!options.bounds || !has_ring || !(solution.stiffness_N_per_m > 0)) return true;
+  solution.bounds = bounds_by_maximum_principle(network, kind, solution);
+  if (network.signs.negative() != 0) {
+    solution.bounds.proved = false;
+    const double least = force_without_ring(network, kind);
+    solution.bounds.force = std::clamp(1 - least / solution.stiffness_N_per_m, 0.0, 1.0);
+  }
+  return true;
+}
+
+void solve_general(const Network& network, std::span<const NodeKind> kind,
+                   const SparseFactor& factor, std::span<const double> held_m,
+                   std::span<const double> force_N, std::span<double> work,
+                   std::span<double> w_m) noexcept {
+  for (std::size_t u = 0; u < factor.size(); ++u) {
+    const std::uint32_t i = factor.nodes()[u];
+    double right = force_N[i];
+    for_each_spring(network, i, [&](std::uint32_t j, double stiffness) {
+      if (kind[j] != NodeKind::kFree) right += stiffness * held_m[j];
+    });
+    work[u] = right;
+  }
+  factor.solve(work.first(factor.size()));
+  for (std::size_t i = 0; i < network.size(); ++i)
+    w_m[i] = held_m[i];
+  for (std::size_t u = 0; u < factor.size(); ++u)
+    w_m[factor.nodes()[u]] = work[u];
+}
+
+}  // namespace trocar::runtime

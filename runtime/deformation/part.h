@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The part of a sheet around the tool, as a mesh of its own.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "formats/slice_mesh.h"
+#include "runtime/remesh/sheet_mesh.h"
+
+namespace trocar::runtime {
+
+/// A circle around the tool, in lattice steps.
+struct Circle {
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double radius = 0;
+};
+/// Around the mean of the corners, through the farthest: the circumscribed circle of a regular
+/// polygon. `tool` is not empty.
+Circle circle_around(const Ring& tool) noexcept;
+
+/// A directed side, the part on its left, the rest of the sheet on its right.
+struct OuterSide {
+  LatticePoint from, to;
+  friend auto operator<=>(const OuterSide&, const OuterSide&) = default;
+};
+
+struct SheetPart {
+  SliceMesh mesh;                     ///< valid
+  std::vector<std::uint32_t> parent;  ///< of each vertex: its slot in the sheet
+  std::vector<OuterSide> outer;       ///< ascending
+};
+
+/// The triangles `seeds`, and all with a point nearer than `radius` steps to the circle's disc that
+/// are connected with them through such. Breadth first from the seeds, in their order: the same
+/// arguments give the same part. `queue` is scratch. O(part log part).
+SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
+                      const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
+
+}  // namespace trocar::runtime

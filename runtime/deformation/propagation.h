@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// Force propagation (paper, II.C, after its reference [5]; Choi, Sun, Heng and Zou, "Deformable
+// simulation using force propagation model with finite element optimization", Computers & Graphics
+// 28, 2004): a mode to be chosen, not the default.
+//
+// What the published descriptions fix: the object is a network of mass points and springs; a node
+// that the tool moves passes force on to its neighbours, these to theirs, so that nodes are
+// activated breadth first from the contact; the deformation is confined to a region given
+// beforehand, a depth in rings of nodes, which makes the cost scale with the depth and not with the
+// object; the active nodes move by an explicit step with damping.
+//
+// What they leave open, and what is chosen here: springs and bed are those of network.h, so that
+// depth and time are the only sources of error against its equilibrium. Depth 0 are the tool's
+// nodes; those deeper than the given depth do not move (w = 0). The step is the semi-implicit Euler
+// step, node by node in the order of activation, so that within one sweep force runs outwards
+// through all rings (positions of nodes activated earlier are already the new ones). Masses are
+// scaled to each node's own stiffness, m_i = k_i dt^2 with k_i = sum of k_ij + f_i: every node has
+// the same stability limit, and the transient is numerical, not the sheet's own. A step is then
+//   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
+// with r_i the reaction of network.h: a fixed point is the depth-limited equilibrium. With damping
+// = 1 this is Gauss and Seidel's iteration.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "runtime/deformation/network.h"
+
+namespace trocar::runtime {
+
+struct PropagationOptions {
+  int depth = 6;         ///< rings of nodes around the tool that move; >= 1
+  int sweeps = 4;        ///< in each tick; >= 1
+  double damping = 0.7;  ///< share of its velocity that a node loses in a sweep, in (0, 1]
+};
+
+/// What stays: the order of activation. Immutable once made.
+struct PropagationPlan {
+  std::vector<std::uint32_t> tool;                ///< depth 0
+  std::vector<std::uint32_t> active;              ///< depth 1 .. options.depth, breadth first
+  std::vector<double> inverse_stiffness_m_per_N;  ///< of each active node
+  PropagationOptions options;
+};
+
+/// What moves; sized by make_propagation_state.
+struct PropagationState {
+  std::vector<double> w_m;                   ///< of every node
+  std::vector<double> velocity_m_per_sweep;  ///< of every active node
+};
+
+/// `kind` has network.size() elements; ring nodes never move. Allocates.
+PropagationPlan plan_propagation(const Network& network, std::span<const NodeKind> kind,
+                                 const PropagationOptions& options);
+PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
+
+/// One tick with the tool at `depth_m`: `options.sweeps` sweeps. Returns the tool nodes' summed
+/// reaction in N (the bed under the tool is not in it). No allocation; O(springs of active nodes).
+double propagate(const Network& network, const PropagationPlan& plan, double depth_m,
+                 PropagationState& state) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/deformation/response.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+
+/// Network, equilibrium and response of a mesh that is there.
+Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& region) {
+  region.network = make_network(region.mesh.mesh, lattice, membrane);
+  if (!solve_local(region.network, region.mesh.kind, region.solution))
+    return bug("the region's matrix is not positive definite");
+
+  const LocalSolution& solution = region.solution;
+  const double step_m = lattice.step_m();
+  const double bed_per_step2 = membrane.bed_N_per_m3 * step_m * step_m;
+  RegionResponse& out = region.response;
+  out.stiffness_N_per_m =
+      solution.stiffness_N_per_m + bed_per_step2 * region.mesh.borne.area_steps2;
+  Vector2d moment = bed_per_step2 * region.mesh.borne.moment_steps3;
+  for (std::size_t i = 0; i < region.network.size(); ++i) {
+    if (region.mesh.kind[i] == NodeKind::kFree) ++out.free_nodes;
+    if (region.mesh.kind[i] != NodeKind::kTool) continue;
+    const LatticePoint p = region.mesh.mesh.vertices[i];
+    moment += reaction_N(region.network, solution.w, i) *
+              Vector2d(static_cast<double>(std::int64_t{p.x} - region.mesh.origin.x),
+                       static_cast<double>(std::int64_t{p.y} - region.mesh.origin.y));
+  }
+  out.centre_steps = Vector2d(region.mesh.origin.x, region.mesh.origin.y);
+  if (out.stiffness_N_per_m > 0) {
+    out.centre_steps += moment / out.stiffness_N_per_m;
+    out.bounds = solution.bounds;
+    // The bed under the tool is exact: what is uncertain is the network's share.
+    out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
+  }
+  out.nodes = static_cast<std::uint32_t>(region.network.size());
+  out.negative_springs = region.network.signs.negative();
+  return {};
+}
+
+bool has_ring(const RegionMesh& mesh) {
+  return std::find(mesh.kind.begin(), mesh.kind.end(), NodeKind::kRing) != mesh.kind.end();
+}
+
+}  // namespace
+
+Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
+                              const Ring& tool, const Lattice& lattice, const Membrane& membrane,
+                              const ResponseOptions& options, RegionWorkspace& workspace) {
+  const bool chosen = options.error_bound > 0;
+  const double lambda_m = reach_m(membrane);
+  RegionOptions region_options = options.region;
+  // Along a straight front the ring doubles what is left of exp(-R / lambda) (local_solver.h, law
+  // 2); around a tool the response falls faster, by a factor that the steps below find out.
+  if (chosen) region_options.radius_m = lambda_m * std::log(1 / std::min(0.5, options.error_bound));
+  for (;;) {
+    auto mesh = make_region(sheet, seeds, tool, lattice, region_options, workspace);
+    if (!mesh) return mesh.error();
+    Region region;
+    region.mesh = std::move(*mesh);
+    if (const auto done = answer(lattice, membrane, region); !done) return done.error();
+    const bool whole = !has_ring(region.mesh);
+    const double worst =
+        std::max(region.response.bounds.force, region.response.bounds.displacement);
+    if (!chosen || whole || worst <= options.error_bound) {
+      region.response.radius_m =
+          whole ? std::numeric_limits<double>::infinity() : region_options.radius_m;
+      return region;
+    }
+    // What is missing, with a margin so that one step is mostly enough.
+    region_options.radius_m += lambda_m * (std::log(worst / options.error_bound) + 0.1);
+  }
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/deformation/unbounded.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "runtime/deformation/disc.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+
+constexpr int kMaxPanels = 4096;
+
+struct Panel {
+  Vector2d from, to, normal;  ///< normal: into the sheet, length 1
+  double length = 0;
+  Vector2d middle() const { return (from + to) / 2; }
+};
+
+/// Gauss and Legendre's rule of six points on [0, 1].
+struct Node {
+  double at, weight;
+};
+constexpr std::array<Node, 6> kGauss{{{0.0337652428984240, 0.0856622461895852},
+                                      {0.1693953067668677, 0.1803807865240693},
+                                      {0.3806904069584015, 0.2339569672863455},
+                                      {0.6193095930415985, 0.2339569672863455},
+                                      {0.8306046932331323, 0.1803807865240693},
+                                      {0.9662347571015760, 0.0856622461895852}}};
+
+/// Panels of each side, shrinking as the third power of the distance towards its ends.
+std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per_side) {
+  std::vector<Panel> panels;
+  const auto place = [&](int i) {
+    const double u = 2.0 * i / panels_per_side - 1;  // -1 .. 1
+    const double from_end = 1 - std::abs(u);
+    const double graded = from_end * from_end * from_end / 2;
+    return u < 0 ? graded : 1 - graded;
+  };
+  for (std::size_t k = 0; k < outline.size(); ++k) {
+    const Vector2d a = outline[k], side = outline[(k + 1) % outline.size()] - a;
+    const Vector2d normal = Vector2d(side.y(), -side.x()) / side.norm();
+    for (int i = 0; i < panels_per_side; ++i) {
+      Panel panel{a + place(i) * side, a + place(i + 1) * side, normal};
+      panel.length = (panel.to - panel.from).norm();
+      panels.push_back(panel);
+    }
+  }
+  return panels;
+}
+
+double distance_to(const Vector2d& x, const Vector2d& a, const Vector2d& b) {
+  const double t = std::clamp((x - a).dot(b - a) / (b - a).squaredNorm(), 0.0, 1.0);
+  return (a + t * (b - a) - x).norm();
+}
+
+/// G and its normal derivative over a piece of a panel, seen from a point that is not on it:
+/// halved until a piece is no longer than its distance.
+struct Potentials {
+  double single = 0, twice = 0;
+};
+void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d& normal,
+         double lambda, int depth, Potentials& sum) {
+  const double length = (b - a).norm();
+  if (depth > 0 && length > distance_to(x, a, b)) {
+    const Vector2d middle = (a + b) / 2;
+    add(x, a, middle, normal, lambda, depth - 1, sum);
+    add(x, middle, b, normal, lambda, depth - 1, sum);
+    return;
+  }
+  const double height = (a - x).dot(normal);  // of the side's line over x: the same all along
+  const bool beside = std::abs(height) > 1e-14 * length;
+  for (const Node& node : kGauss) {
+    const double r = (a + node.at * (b - a) - x).norm();
+    const double weight = node.weight * length / (2 * std::numbers::pi);
+    sum.single += weight * std::cyl_bessel_k(0.0, r / lambda);
+    if (beside) sum.twice -= weight * std::cyl_bessel_k(1.0, r / lambda) * height / (r * lambda);
+  }
+}
+
+/// G over a panel seen from its own middle: s = (length / 2) t^3 takes the logarithm away.
+double own_potential(double length, double lambda) {
+  double sum = 0;
+  for (int half = 0; half < 2; ++half) {
+    for (const Node& node : kGauss) {
+      const double t = (half + node.at) / 2;
+      sum += node.weight / 2 * 3 * t * t * std::cyl_bessel_k(0.0, length / 2 * t * t * t / lambda);
+    }
+  }
+  return length * sum / (2 * std::numbers::pi);
+}
+
+double polygon_area(std::span<const Vector2d> outline) {
+  double doubled = 0;
+  for (std::size_t k = 0; k < outline.size(); ++k) {
+    const Vector2d& a = outline[k];
+    const Vector2d& b = outline[(k + 1) % outline.size()];
+    doubled += a.x() * b.y() - a.y() * b.x();
+  }
+  return doubled / 2;
+}
+
+Result<void> check(std::span<const Vector2d> outline, double reach, int panels_per_side) {
+  if (!(reach > 0) || !std::isfinite(reach)) return refused("the reach must be positive");
+  if (outline.size() < 3) return refused("a tool has at least three corners");
+  if (panels_per_side < 2 ||
+      outline.size() * static_cast<std::size_t>(panels_per_side) > kMaxPanels)
+    return refused("a tool's outline of 2 to " + std::to_string(kMaxPanels) + " panels");
+  for (std::size_t k = 0; k < outline.size(); ++k) {
+    const double side = (outline[(k + 1) % outline.size()] - outline[k]).norm();
+    if (!(side > 0) || !std::isfinite(side))
+      return refused("the tool's corners " + std::to_string(k) + " and the next are one");
+  }
+  if (!(polygon_area(outline) > 0)) return refused("the tool's corners run clockwise");
+  return {};
+}
+
+}  // namespace
+
+Result<double> unbounded_stiffness_per_bed_m2(std::span<const Vector2d> outline_m, double reach_m,
+                                              const UnboundedOptions& options) {
+  if (const auto fine = check(outline_m, reach_m, options.panels_per_side); !fine)
+    return fine.error();
+  const std::vector<Panel> panels = make_panels(outline_m, options.panels_per_side);
+  const auto n = static_cast<Eigen::Index>(panels.size());
+  Eigen::MatrixXd single(n, n);
+  Eigen::VectorXd right(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Vector2d x = panels[static_cast<std::size_t>(i)].middle();
+    right[i] = 0.5;
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const Panel& panel = panels[static_cast<std::size_t>(j)];
+      if (i == j) {
+        single(i, j) = own_potential(panel.length, reach_m);
+        continue;
+      }
+      Potentials sum;
+      add(x, panel.from, panel.to, panel.normal, reach_m, 12, sum);
+      single(i, j) = sum.single;
+      right[i] -= sum.twice;
+    }
+  }
+  const Eigen::VectorXd slope = single.partialPivLu().solve(right);
+  double flux = 0;
+  for (Eigen::Index i = 0; i < n; ++i)
+    flux += slope[i] * panels[static_cast<std::size_t>(i)].length;
+  const double area = polygon_area(outline_m) + reach_m * reach_m * flux;
+  if (!std::isfinite(area) || !(area > 0))
+    return refused("no stiffness can be found for this tool: is its outline simple?");
+  return area;
+}
+
+Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
+                                   std::span<const Vector2d> outline_m,
+                                   const UnboundedOptions& options) {
+  const auto per_bed = unbounded_stiffness_per_bed_m2(outline_m, reach_m, options);
+  if (!per_bed) return per_bed.error();
+  const double bed = stiffness_N_per_m / *per_bed;
+  return Membrane{bed * reach_m * reach_m, bed};
+}
+
+Result<double> equivalent_radius_m(std::span<const Vector2d> outline_m, double reach_m,
+                                   const UnboundedOptions& options) {
+  const auto wanted = unbounded_stiffness_per_bed_m2(outline_m, reach_m, options);
+  if (!wanted) return wanted.error();
+  // The disc's stiffness grows with its radius: bisection between a point and more than enough.
+  const Membrane unit{reach_m * reach_m, 1};
+  double low = 0, high = 0;
+  for (const Vector2d& corner : outline_m)
+    high = std::max(high, 2 * (corner - outline_m[0]).norm());
+  for (int i = 0; i < 60; ++i) {
+    const double middle = (low + high) / 2;
+    (disc_stiffness_N_per_m(unit, middle) < *wanted ? low : high) = middle;
+  }
+  return (low + high) / 2;
+}
+
+}  // namespace trocar::runtime
