@@ -202,7 +202,7 @@ void print_needs(const Loaded& loaded, double rate_Hz, double duration_s) {
     std::printf(
         "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N; %.0f %% of the "
         "tool over material at the anchor; %s\n",
-        sheet->slice_index, sheet->z_m, sheet->mesh.vertices.size(), sheet->mesh.triangles.size(),
+        sheet->slice_index, sheet->z_m, sheet->mesh.vertices_in_use(), sheet->mesh.triangles_in_use(),
         sheet->tissue.stiffness_N_per_m, sheet->tissue.threshold_N,
         100 * overlap(*sheet, tool, outline, {}).fraction, describe_need(loaded, *sheet).c_str());
   }

@@ -97,11 +97,9 @@ std::optional<SheetResponse> Responder::answer(const ResponseRequest& request, c
   last_cuts_ = sheet.cuts;
   const auto start = std::chrono::steady_clock::now();
   find_seeds_in_grid(sheet, request.outline, seeds_);
-  const auto mesh = make_sheet_mesh(sheet.mesh, 0, 0);
-  if (!mesh) return std::nullopt;
-  auto region = prepare_region(*mesh, seeds_, to_ring(request.outline), sheet.transform.lattice,
-                               membrane_[static_cast<std::size_t>(request.sheet)], options_of(law_),
-                               workspace_);
+  auto region = prepare_region(
+      sheet.mesh, seeds_, to_ring(request.outline), sheet.transform.lattice,
+      membrane_[static_cast<std::size_t>(request.sheet)], options_of(law_), workspace_);
   if (!region) {
     ++report_.failures;
     return std::nullopt;

@@ -117,8 +117,7 @@ class Session {
       if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
-    while (remesher_.publish_next()) {
-    }
+    remesher_.stop();
   }
 
   SessionReport finish() {
