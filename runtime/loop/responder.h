@@ -46,9 +46,11 @@ struct ResponderReport {
 
 class Responder {
  public:
-  /// For sheets as from place_slices. Refused: a tool or tissue for which no membrane can be found.
+  /// For the tissues of sheets as from place_slices, on the asset's lattice. Some ms for each other
+  /// tissue. Refused: a tool or tissue for which no membrane can be found.
   static Result<std::unique_ptr<Responder>> make(const Scene& scene,
-                                                 const std::vector<Tissue>& tissue_of_sheet);
+                                                 const std::vector<Tissue>& tissue_of_sheet,
+                                                 const Lattice& lattice);
 
   // Haptic thread.
 
