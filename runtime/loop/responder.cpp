@@ -118,6 +118,7 @@ std::optional<SheetResponse> Responder::answer(const ResponseRequest& request, c
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - start)
           .count());
   ++report_.answers;
+  report_.free_nodes_last = found.free_nodes;
   report_.free_nodes_max = std::max(report_.free_nodes_max, found.free_nodes);
   report_.force_bound_max = std::max(report_.force_bound_max, found.bounds.force);
   report_.displacement_bound_max =

@@ -39,7 +39,7 @@ struct SheetShape {
 struct ResponderReport {
   std::uint64_t answers = 0, failures = 0;
   Histogram prepare;  ///< wall time of an answer
-  std::uint32_t free_nodes_max = 0;
+  std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
   double force_bound_max = 0, displacement_bound_max = 0;  ///< RingBounds of all answers
   std::uint32_t negative_springs_max = 0;
 };
