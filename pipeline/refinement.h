@@ -58,7 +58,7 @@ struct Refined {
   std::vector<Segment> segments;
   RefinementOutcome outcome = RefinementOutcome::kRefined;
   double angle_deg = 0;                   ///< what it was refined to
-  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles left as their shortest side is near it
+  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles left as no lattice point betters them
 };
 
 /// Is the smallest angle of the triangle below the angle whose squared sine is given? Exact but for

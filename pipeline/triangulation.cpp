@@ -337,7 +337,7 @@ void flip_to_delaunay(Triangulation& out) {
   while (!stack.empty()) {
     const std::uint32_t t = triangle_of(stack.back()), i = index_of(stack.back());
     stack.pop_back();
-    if (beyond[t][i] == kNone) continue;
+    if (beyond[t][i] == kNone) continue;  // the side has since become another one
     const std::uint32_t u = triangle_of(beyond[t][i]), j = index_of(beyond[t][i]);
     const std::uint32_t a = triangles[t][i], b = triangles[t][after(i)],
                         c = triangles[t][before(i)], d = triangles[u][j];
@@ -355,8 +355,9 @@ void flip_to_delaunay(Triangulation& out) {
     connect(side_number(u, 0), beyond_dc);
     connect(side_number(u, 1), beyond_ca);
     for (const Side side :
-         {side_number(t, 0), side_number(t, 2), side_number(u, 0), side_number(u, 1)})
-      stack.push_back(side);
+         {side_number(t, 0), side_number(t, 2), side_number(u, 0), side_number(u, 1)}) {
+      if (beyond[triangle_of(side)][index_of(side)] != kNone) stack.push_back(side);
+    }
   }
 }
 

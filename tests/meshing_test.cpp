@@ -104,6 +104,7 @@ void expect_sound(const Pslg& pslg, const RefinementOptions& options, const std:
   EXPECT_NE(refined.outcome, RefinementOutcome::kVertexBudget) << what;
   const MeshQuality quality = measure_quality(refined, kLattice, options.min_angle_deg);
   EXPECT_EQ(quality.below_unexplained, 0U) << what;
+  EXPECT_EQ(quality.negative_stiffness_edges, 0U) << what;
   EXPECT_EQ(quality.below_min_angle, quality.below_at_small_input_angle) << what;
   if (quality.below_min_angle == 0 && !refined.mesh.triangles.empty()) {
     EXPECT_GE(quality.min_angle_deg, options.min_angle_deg - 1e-9) << what;
