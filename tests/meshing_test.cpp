@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
 #include <numbers>
 #include <set>
 
@@ -263,6 +264,38 @@ TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
       EXPECT_LE(in_circle(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]], p), 0);
     }
   }
+}
+
+// Against cotangents in floating point; an unrefined mesh has such edges.
+TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
+  EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 3}}, {{0, 1, 2}}}), 1U);
+  EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 4}}, {{0, 1, 2}}}), 0U);
+  std::uint32_t in_all = 0;
+  for (std::uint64_t seed = 0; seed < 10; ++seed) {
+    const auto cdt = triangulate(simplify(
+        contours(noise_field(64, 3, seed), kGrid, ContourKind::kSubpixel), kLattice, {0.2}));
+    ASSERT_TRUE(cdt);
+    std::map<std::pair<std::uint32_t, std::uint32_t>, double> stiffness;
+    for (const Triangle& t : cdt->mesh.triangles) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const std::uint32_t p = t[(i + 1) % 3], q = t[(i + 2) % 3];
+        const LatticePoint a = cdt->mesh.vertices[t[i]], b = cdt->mesh.vertices[p],
+                           c = cdt->mesh.vertices[q];
+        stiffness[std::minmax(p, q)] +=
+            static_cast<double>(diametral_dot(b, c, a)) / static_cast<double>(orient2d(a, b, c));
+      }
+    }
+    const auto below = [&](double bound) {
+      return static_cast<std::uint32_t>(
+          std::count_if(stiffness.begin(), stiffness.end(),
+                        [bound](const auto& edge) { return edge.second < bound; }));
+    };
+    const std::uint32_t count = count_negative_stiffness_edges(cdt->mesh);
+    EXPECT_GE(count, below(-1e-9)) << seed;  // four points on a circle leave a zero
+    EXPECT_LE(count, below(1e-9)) << seed;
+    in_all += count;
+  }
+  EXPECT_GT(in_all, 100U);
 }
 
 TEST(IsAngleBelow, AgreesWithTheAngleItself) {
