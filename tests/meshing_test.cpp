@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
+#include <filesystem>
 #include <map>
 #include <numbers>
 #include <set>
@@ -10,8 +12,10 @@
 #include "formats/mesh_validity.h"
 #include "pipeline/contour.h"
 #include "pipeline/mesh_quality.h"
+#include "pipeline/mesh_slice.h"
 #include "pipeline/refinement.h"
 #include "pipeline/simplification.h"
+#include "pipeline/slice_stack.h"
 #include "pipeline/triangulation.h"
 #include "tests/synthetic_fields.h"
 
@@ -195,6 +199,34 @@ TEST(Refinement, SteepAnglesEnd) {
     }
   }
   EXPECT_GT(unreached, 0);
+}
+
+// Every slice of the scans at hand: refined in full, and a network of true springs.
+TEST(Refinement, EndsOnScans) {
+  std::vector<std::string> scans;
+  if (const char* folder = std::getenv("TROCAR_REAL_CT");
+      folder != nullptr)  // NOLINT(concurrency-mt-unsafe)
+    scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
+  if (const char* head = std::getenv("TROCAR_HEAD_CT");
+      head != nullptr)  // NOLINT(concurrency-mt-unsafe)
+    scans.emplace_back(head);
+  std::erase_if(scans, [](const std::string& s) { return !std::filesystem::exists(s); });
+  if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT is there";
+  for (const std::string& scan : scans) {
+    const auto stack = open_stack({scan}, {});
+    ASSERT_TRUE(stack) << stack.error().message;
+    for (const double angle : {30.0, kSafeAngle_deg}) {
+      MeshOptions options;
+      options.refinement.min_angle_deg = angle;
+      for (int k = 0; k < (*stack)->size(); ++k) {
+        const auto slice = mesh_slice(**stack, k, options);
+        ASSERT_TRUE(slice) << slice.error().message;
+        EXPECT_EQ(slice->refined.outcome, RefinementOutcome::kRefined) << scan << " slice " << k;
+        EXPECT_EQ(slice->quality.negative_stiffness_edges, 0U) << scan << " slice " << k;
+        EXPECT_EQ(slice->quality.below_unexplained, 0U) << scan << " slice " << k;
+      }
+    }
+  }
 }
 
 // With too few vertices allowed the mesh is what refinement had reached: valid, and it says so.
