@@ -31,10 +31,25 @@ void warn(Done& out, const MeshedSlice& meshed) {
   if (meshed.refined.mesh.triangles.empty()) {
     out.warnings.push_back({"empty_slice", where, "no material in this slice"});
   }
-  if (meshed.refined.out_of_vertices) {
-    out.warnings.push_back({"vertex_budget", where,
-                            "refinement stopped at its vertex budget; the mesh is valid, but not "
-                            "all angles and areas are within bounds"});
+  const Refined& refined = meshed.refined;
+  switch (refined.outcome) {
+    case RefinementOutcome::kRefined:
+      break;
+    case RefinementOutcome::kLatticeTooCoarse:
+      out.warnings.push_back({"lattice_too_coarse", where,
+                              std::to_string(refined.bad_at_lattice_step) +
+                                  " triangles a few lattice steps wide were left as they are"});
+      break;
+    case RefinementOutcome::kAngleNotReached:
+      out.warnings.push_back({"angle_not_reached", where,
+                              "the wanted angle needs too many vertices here; refined to " +
+                                  std::to_string(refined.angle_deg) + " degrees instead"});
+      return;
+    case RefinementOutcome::kVertexBudget:
+      out.warnings.push_back({"vertex_budget", where,
+                              "refinement stopped at its vertex budget; the mesh is valid, but not "
+                              "all angles and areas are within bounds"});
+      return;
   }
   if (meshed.quality.below_unexplained > 0) {
     out.warnings.push_back(

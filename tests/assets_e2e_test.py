@@ -90,6 +90,8 @@ def check_quality(name, report, min_angle_deg=30.0, unless_warned=False):
         check(piece["triangles_below_min_angle_unexplained"] == 0,
               f"{name}: slice {piece['index']}: {piece['triangles_below_min_angle_unexplained']} triangles "
               f"below {min_angle_deg} degrees where the input has no smaller angle")
+        check(piece["negative_stiffness_edges"] == 0,
+              f"{name}: slice {piece['index']}: {piece['negative_stiffness_edges']} edges of negative stiffness")
         if unless_warned and f"slice {piece['index']}" in warned:
             continue
         check(piece["triangles_below_min_angle"] == excused,

@@ -95,7 +95,7 @@ struct Counts {
     if (!m.refined.mesh.triangles.empty())
       min_angle_deg = std::min(min_angle_deg, m.quality.min_angle_deg);
     simplification_error_mm = std::max(simplification_error_mm, m.simplification_error_mm);
-    out_of_vertices = out_of_vertices || m.refined.out_of_vertices;
+    out_of_vertices = out_of_vertices || m.refined.outcome == RefinementOutcome::kVertexBudget;
   }
 
   void put(json& row) const {
