@@ -27,6 +27,7 @@ using Segmentation = std::variant<Threshold, Equalize, Labels>;
 struct Field {
   Image image;
   float iso = 0;
+  bool is_mask = false;  ///< 0 and 1 only: nothing to interpolate
 };
 
 /// Takes the image over. O(pixels).
