@@ -47,16 +47,18 @@ struct Asset {
 /// Runs f(0) .. f(n - 1) in any order, perhaps in parallel.
 using ForEach = std::function<void(std::size_t n, const std::function<void(std::size_t)>& f)>;
 
-/// The .glb's bytes. What comes back from decode_asset() is what went in, but
-/// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
-/// not valid, (refused) if it exceeds kMaxAssetExtent. `for_each` may spread the slices'
-/// compression over threads; the bytes do not depend on it.
-Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, const ForEach& for_each = {});
-
 /// Where an asset's bytes go.
 struct AssetSizes {
   std::uint64_t json_bytes = 0, triangle_bytes = 0, outline_bytes = 0, triangles = 0;
 };
+
+/// The .glb's bytes. What comes back from decode_asset() is what went in, but
+/// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
+/// not valid, (refused) if it exceeds kMaxAssetExtent. `for_each` may spread the slices'
+/// compression over threads; the bytes do not depend on it. `sizes`, if not null, becomes what
+/// asset_sizes() would say. Takes the asset over: each mesh is given up once compressed.
+Result<std::vector<std::uint8_t>> encode_asset(Asset asset, const ForEach& for_each = {},
+                                               AssetSizes* sizes = nullptr);
 Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
 
 /// Which slices to decode; the others keep their metadata and have an empty mesh and PSLG.

@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <mutex>
+#include <utility>
 
 #include "pipeline/report.h"
 
@@ -22,7 +23,8 @@ double ms_since(std::chrono::steady_clock::time_point start) {
 
 struct Done {
   AssetSlice slice;
-  json report, stages;
+  std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the tree's size
+  json stages;
   std::vector<Warning> warnings;
 };
 
@@ -50,8 +52,8 @@ Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& op
   const SlicePlane& plane = stack.plane(index);
   Done out;
   out.slice = {index,           plane.z_mm,           plane.T_lps_plane,
-               meshed->outline, meshed->refined.mesh, slice_measures(*meshed)};
-  out.report = slice_report(index, plane.z_mm, *meshed, options.mesh);
+               meshed->outline, meshed->refined.mesh, slice_measures(*meshed)};  // copies: no slack
+  out.report = json::to_cbor(slice_report(index, plane.z_mm, *meshed, options.mesh));
   if (options.dump_slice == index)
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
   warn(out, *meshed);
@@ -90,63 +92,81 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
 
+  // The input's digest is one more piece of work beside the slices.
   std::vector<std::optional<Result<Done>>> done(static_cast<std::size_t>(last - first + 1));
+  Result<std::string> digest = std::string();
   std::mutex mutex;
   int finished = 0;
-  oneapi::tbb::parallel_for(first, last + 1, [&](int index) {
-    if (options.stop != nullptr && options.stop->load()) return;
-    done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
-    if (options.progress) {
-      const std::lock_guard lock(mutex);
-      options.progress(++finished, last - first + 1);
-    }
-  });
+  oneapi::tbb::parallel_for(
+      oneapi::tbb::blocked_range<int>(first - 1, last + 1),
+      [&](const oneapi::tbb::blocked_range<int>& range) {
+        for (int index = range.begin(); index < range.end(); ++index) {
+          if (options.stop != nullptr && options.stop->load()) return;
+          if (index < first) {
+            if (!stack.files.empty()) digest = digest_files(stack.files);
+            continue;
+          }
+          done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
+          if (options.progress) {
+            const std::lock_guard lock(mutex);
+            options.progress(++finished, last - first + 1);
+          }
+        }
+      },
+      oneapi::tbb::simple_partitioner());
 
   if (options.stop != nullptr && options.stop->load()) {
     return unwritable("interrupted; nothing was written");
   }
   BatchResult out;
-  out.asset.lattice = options.mesh.lattice;
-  out.asset.generator = "trocar-mesh " TROCAR_VERSION;
-  out.asset.parameters = parameters;
-  out.asset.input_digest = stack.input_digest;
-  json slices = json::array(), warnings = json::array();
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, parameters, {}};
+  json warnings = json::array();
   for (const Warning& w : stack.warnings)
     warnings.push_back(to_json(w));
-  std::size_t triangles = 0;
+  std::vector<std::vector<std::uint8_t>> reports;
   for (auto& result : done) {
     if (!*result) return result->error();
-    Done& one = **result;
-    triangles += one.slice.mesh.triangles.size();
-    out.asset.slices.push_back(std::move(one.slice));
-    slices.push_back(std::move(one.report));
+    Done one = std::move(**result);
+    asset.slices.push_back(std::move(one.slice));
+    reports.push_back(std::move(one.report));
     for (const Warning& w : one.warnings)
       warnings.push_back(to_json(w));
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
-  const auto encode_start = std::chrono::steady_clock::now();
-  auto glb = encode_asset(out.asset, [](std::size_t n, const std::function<void(std::size_t)>& f) {
-    oneapi::tbb::parallel_for(std::size_t{0}, n, f);
-  });
-  if (!glb) return glb.error();
-  const auto sizes = asset_sizes(*glb, "the asset just written");
-  if (!sizes) return bug(sizes.error().message);
-  out.glb = std::move(*glb);
+  done = {};
+  if (!digest) return digest.error();
+  out.input_digest = asset.input_digest = *digest;
 
-  const auto per_triangle = [triangles](std::size_t bytes) {
-    return triangles == 0 ? 0.0 : static_cast<double>(bytes) / static_cast<double>(triangles);
+  const auto encode_start = std::chrono::steady_clock::now();
+  AssetSizes sizes;
+  auto glb = encode_asset(
+      std::move(asset),
+      [](std::size_t n, const std::function<void(std::size_t)>& f) {
+        oneapi::tbb::parallel_for(std::size_t{0}, n, f);
+      },
+      &sizes);
+  if (!glb) return glb.error();
+  out.glb = std::move(*glb);
+  const double encode_ms = ms_since(encode_start);
+
+  json slices = json::array();
+  for (auto& report : reports)
+    slices.push_back(json::from_cbor(std::exchange(report, {})));
+  const auto per_triangle = [&sizes](std::size_t bytes) {
+    return sizes.triangles == 0 ? 0.0
+                                : static_cast<double>(bytes) / static_cast<double>(sizes.triangles);
   };
   out.report = {{"parameters", parameters},
                 {"slices", std::move(slices)},
                 {"asset",
                  {{"bytes", out.glb.size()},
-                  {"triangles", triangles},
+                  {"triangles", sizes.triangles},
                   {"bytes_per_triangle", per_triangle(out.glb.size())},
-                  {"triangle_bytes", sizes->triangle_bytes},
-                  {"triangle_bytes_per_triangle", per_triangle(sizes->triangle_bytes)},
-                  {"outline_bytes", sizes->outline_bytes},
-                  {"json_bytes", sizes->json_bytes}}},
-                {"encode_ms", ms_since(encode_start)},
+                  {"triangle_bytes", sizes.triangle_bytes},
+                  {"triangle_bytes_per_triangle", per_triangle(sizes.triangle_bytes)},
+                  {"outline_bytes", sizes.outline_bytes},
+                  {"json_bytes", sizes.json_bytes}}},
+                {"encode_ms", encode_ms},
                 {"total_ms", ms_since(start)},
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},

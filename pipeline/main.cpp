@@ -201,7 +201,7 @@ int mesh(const Arguments& a) {
   for (const fs::path& input : a.inputs)
     inputs.push_back(input.string());
   report["input"] = {{"paths", std::move(inputs)},
-                     {"digest", (*stack)->input_digest},
+                     {"digest", result->input_digest},
                      {"slices", (*stack)->size()},
                      {"width_px", (*stack)->width()},
                      {"height_px", (*stack)->height()}};

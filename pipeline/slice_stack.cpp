@@ -120,10 +120,7 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   } else {
     stack = open_dicom(files, options);
   }
-  if (!stack) return stack;
-  auto digest = digest_files(files);
-  if (!digest) return digest.error();
-  (*stack)->input_digest = *digest;
+  if (stack) (*stack)->files = std::move(files);
   return stack;
 }
 

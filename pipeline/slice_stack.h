@@ -55,8 +55,8 @@ class SliceStack {
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
 
-  std::vector<Warning> warnings;  ///< what was noticed on opening
-  std::string input_digest;       ///< BLAKE2b-256 over the input's bytes, hex
+  std::vector<Warning> warnings;             ///< what was noticed on opening
+  std::vector<std::filesystem::path> files;  ///< all of the input, in order: see digest_files()
 };
 
 /// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
