@@ -41,7 +41,7 @@ struct Asset {
   std::vector<AssetSlice> slices;  ///< in ascending index
   std::string generator;           ///< program and version
   nlohmann::json parameters = nlohmann::json::object();
-  std::string input_digest;  ///< BLAKE2b of the input's bytes, hex; empty if unknown
+  std::string input_digest;  ///< of the input (slice_stack.h says how), hex; empty if unknown
 };
 
 /// Runs f(0) .. f(n - 1) in any order, perhaps in parallel.

@@ -92,26 +92,30 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
 
-  // The input's digest is one more piece of work beside the slices.
+  // The digests of the input's files are pieces of work beside the slices.
+  const int files = static_cast<int>(stack.files.size());
+  std::vector<Result<std::string>> digests(stack.files.size(), std::string());
   std::vector<std::optional<Result<Done>>> done(static_cast<std::size_t>(last - first + 1));
-  Result<std::string> digest = std::string();
   std::mutex mutex;
   int finished = 0;
+  const auto one_piece = [&](int piece) {
+    if (options.stop != nullptr && options.stop->load()) return;
+    if (piece < files) {
+      digests[static_cast<std::size_t>(piece)] = digest_file(stack.files[piece]);
+      return;
+    }
+    const int k = piece - files;
+    done[static_cast<std::size_t>(k)] = mesh_one(stack, first + k, options);
+    if (options.progress) {
+      const std::lock_guard lock(mutex);
+      options.progress(++finished, last - first + 1);
+    }
+  };
   oneapi::tbb::parallel_for(
-      oneapi::tbb::blocked_range<int>(first - 1, last + 1),
+      oneapi::tbb::blocked_range<int>(0, files + last - first + 1),
       [&](const oneapi::tbb::blocked_range<int>& range) {
-        for (int index = range.begin(); index < range.end(); ++index) {
-          if (options.stop != nullptr && options.stop->load()) return;
-          if (index < first) {
-            if (!stack.files.empty()) digest = digest_files(stack.files);
-            continue;
-          }
-          done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
-          if (options.progress) {
-            const std::lock_guard lock(mutex);
-            options.progress(++finished, last - first + 1);
-          }
-        }
+        for (int piece = range.begin(); piece < range.end(); ++piece)
+          one_piece(piece);
       },
       oneapi::tbb::simple_partitioner());
 
@@ -134,8 +138,12 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   done = {};
-  if (!digest) return digest.error();
-  out.input_digest = asset.input_digest = *digest;
+  std::vector<std::string> file_digests;
+  for (const auto& digest : digests) {
+    if (!digest) return digest.error();
+    file_digests.push_back(*digest);
+  }
+  out.input_digest = asset.input_digest = digest_input(file_digests);
 
   const auto encode_start = std::chrono::steady_clock::now();
   AssetSizes sizes;
