@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/batch.h"
 
+#include <malloc.h>
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -145,6 +146,8 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   }
   out.input_digest = asset.input_digest = digest_input(file_digests);
 
+  // What meshing worked in goes back before the asset grows.
+  malloc_trim(0);
   const auto encode_start = std::chrono::steady_clock::now();
   AssetSizes sizes;
   auto glb = encode_asset(
