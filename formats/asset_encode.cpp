@@ -19,55 +19,21 @@ constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
 constexpr int kLines = 1, kTriangles = 4;
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
-Result<DracoGrid> common_grid(const Asset& asset) {
-  constexpr std::int32_t kMax = std::numeric_limits<std::int32_t>::max();
-  LatticePoint low{kMax, kMax}, high{-kMax, -kMax};
-  for (const AssetSlice& slice : asset.slices) {
-    for (LatticePoint p : slice.mesh.vertices) {
-      low = {std::min(low.x, p.x), std::min(low.y, p.y)};
-      high = {std::max(high.x, p.x), std::max(high.y, p.y)};
-    }
-  }
-  DracoGrid grid{asset.lattice, {0, 0}, 1};
-  if (low.x > high.x) return grid;
-  const std::int64_t extent = std::max(std::int64_t{high.x} - low.x, std::int64_t{high.y} - low.y);
-  const std::int64_t farthest =
-      std::max({std::abs(std::int64_t{low.x}), std::abs(std::int64_t{low.y}),
-                std::abs(std::int64_t{high.x}), std::abs(std::int64_t{high.y})});
-  if (extent > kMaxAssetExtent || farthest > kMaxAssetExtent) {
-    return refused("the outline spans " + std::to_string(std::max(extent, farthest)) +
-                   " lattice steps; an asset holds " + std::to_string(kMaxAssetExtent) +
-                   " (use a coarser lattice)");
-  }
-  // Draco's options travel as text with six decimals: the origin in whole mm and a range of at
-  // least 16 mm survive that exactly.
-  const auto whole_mm = [bits = asset.lattice.bits](std::int32_t c) {
-    return static_cast<std::int32_t>((c >> bits) * (1 << bits));
-  };
-  grid.origin = {whole_mm(low.x), whole_mm(low.y)};
-  const std::int64_t span =
-      std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
-  grid.quantization_bits = std::min(24, asset.lattice.bits + 5);
-  while ((std::int64_t{1} << grid.quantization_bits) - 1 < span)
-    ++grid.quantization_bits;
-  return grid;
-}
-
-struct Box {
-  LatticePoint low, high;
-};
-
-Box box_of(const std::vector<LatticePoint>& points) {
-  Box box{points.front(), points.front()};
+void widen(LatticeBox& box, const std::vector<LatticePoint>& points) {
   for (LatticePoint p : points) {
     box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
     box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
   }
+}
+
+LatticeBox box_of(const std::vector<LatticePoint>& points) {
+  LatticeBox box{points.front(), points.front()};
+  widen(box, points);
   return box;
 }
 
 // Of positions: glTF wants the bounds of the float32 values; lattice multiples are exact in it.
-json positions(std::size_t count, const Box& box, const Lattice& lattice) {
+json positions(std::size_t count, const LatticeBox& box, const Lattice& lattice) {
   return {{"componentType", kFloat},
           {"type", "VEC3"},
           {"count", count},
@@ -75,45 +41,14 @@ json positions(std::size_t count, const Box& box, const Lattice& lattice) {
           {"max", {lattice.to_mm(box.high.x), lattice.to_mm(box.high.y), 0.0}}};
 }
 
-// A slice's triangles as they will be in the file, with what glTF says about them.
-struct Payload {
-  std::vector<std::uint8_t> bytes;
-  std::size_t vertices = 0, triangles = 0;
-  Box bounds;
-};
-
-// Counts, bounds and proofs come from the bytes just written, not from what we meant to write.
-Result<Payload> compress(const AssetSlice& slice, const DracoGrid& grid) {
-  Payload out;
-  if (slice.mesh.triangles.empty()) return out;
-  const std::string where = "slice " + std::to_string(slice.index) + ": ";
-  auto bytes = encode_draco(slice.mesh, grid);
-  if (!bytes) return bug(where + bytes.error().message);
-  auto decoded =
-      decode_draco(*bytes, grid.lattice, slice.mesh.vertices.size(), slice.mesh.triangles.size());
-  if (!decoded) return bug(where + "what Draco wrote does not decode: " + decoded.error().message);
-  if (decoded->vertices.size() != slice.mesh.vertices.size() ||
-      decoded->triangles.size() != slice.mesh.triangles.size()) {
-    return bug(where + "Draco did not keep every vertex and triangle");
-  }
-  if (auto ok = check_mesh_against_pslg(*decoded, slice.pslg); !ok) {
-    return bug(where + ok.error().message);
-  }
-  out.bytes = std::move(*bytes);
-  out.vertices = decoded->vertices.size();
-  out.bounds = box_of(decoded->vertices);
-  out.triangles = decoded->triangles.size();
-  return out;
-}
-
-json triangles_primitive(GltfWriter& gltf, const Payload& payload, const Lattice& lattice,
+json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, const Lattice& lattice,
                          AssetSizes& sizes) {
-  sizes.triangles += payload.triangles;
-  sizes.triangle_bytes += payload.bytes.size();
-  const int position = gltf.add_accessor(positions(payload.vertices, payload.bounds, lattice));
+  sizes.triangles += slice.triangles;
+  sizes.triangle_bytes += slice.draco.size();
+  const int position = gltf.add_accessor(positions(slice.vertices, slice.bounds, lattice));
   const int indices = gltf.add_accessor(
-      {{"componentType", kUnsignedInt}, {"type", "SCALAR"}, {"count", payload.triangles * 3}});
-  const int view = gltf.add_view(payload.bytes.data(), payload.bytes.size(), GltfWriter::kNoTarget);
+      {{"componentType", kUnsignedInt}, {"type", "SCALAR"}, {"count", slice.triangles * 3}});
+  const int view = gltf.add_view(slice.draco.data(), slice.draco.size(), GltfWriter::kNoTarget);
   return {{"mode", kTriangles},
           {"material", 0},
           {"attributes", {{"POSITION", position}}},
@@ -193,58 +128,91 @@ json root_node(std::size_t slices) {
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> encode_asset(Asset asset, const ForEach& for_each,
-                                               AssetSizes* sizes) {
-  const auto grid = common_grid(asset);
-  if (!grid) return grid.error();
-  std::vector<Result<Payload>> payloads(asset.slices.size(), Payload{});
-  const auto compress_one = [&](std::size_t i) {
-    payloads[i] = compress(asset.slices[i], *grid);
-    asset.slices[i].mesh = {};
+Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
+  const auto [low, high] = box;
+  const std::int64_t extent = std::max(std::int64_t{high.x} - low.x, std::int64_t{high.y} - low.y);
+  const std::int64_t farthest =
+      std::max({std::abs(std::int64_t{low.x}), std::abs(std::int64_t{low.y}),
+                std::abs(std::int64_t{high.x}), std::abs(std::int64_t{high.y})});
+  // Draco's options travel as text with six decimals: the origin in whole mm and a range of at
+  // least 16 mm survive that exactly.
+  const auto whole_mm = [bits = lattice.bits](std::int32_t c) {
+    return static_cast<std::int32_t>((c >> bits) * (1 << bits));
   };
-  if (for_each) {
-    for_each(payloads.size(), compress_one);
-  } else {
-    for (std::size_t i = 0; i < payloads.size(); ++i)
-      compress_one(i);
+  DracoGrid grid{lattice, {whole_mm(low.x), whole_mm(low.y)}, std::min(24, lattice.bits + 5)};
+  const std::int64_t span =
+      std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
+  if (std::max({extent, farthest, span}) > kMaxAssetExtent) {
+    return refused("the outline spans " + std::to_string(std::max(extent, farthest)) +
+                   " lattice steps; an asset holds " + std::to_string(kMaxAssetExtent) +
+                   " (use a coarser lattice)");
   }
+  while ((std::int64_t{1} << grid.quantization_bits) - 1 < span)
+    ++grid.quantization_bits;
+  return grid;
+}
 
+// Counts, bounds and proofs come from the bytes just written, not from what we meant to write.
+Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid) {
+  EncodedSlice out{
+      slice.index, slice.z_mm, slice.T_lps_plane, slice.pslg, json::to_cbor(slice.measures), {}, 0,
+      0,           {}};
+  if (slice.mesh.triangles.empty()) return out;
+  const std::string where = "slice " + std::to_string(slice.index) + ": ";
+  auto bytes = encode_draco(slice.mesh, grid);
+  if (!bytes) return bug(where + bytes.error().message);
+  auto decoded =
+      decode_draco(*bytes, grid.lattice, slice.mesh.vertices.size(), slice.mesh.triangles.size());
+  if (!decoded) return bug(where + "what Draco wrote does not decode: " + decoded.error().message);
+  if (decoded->vertices.size() != slice.mesh.vertices.size() ||
+      decoded->triangles.size() != slice.mesh.triangles.size()) {
+    return bug(where + "Draco did not keep every vertex and triangle");
+  }
+  if (auto ok = check_mesh_against_pslg(*decoded, slice.pslg); !ok) {
+    return bug(where + ok.error().message);
+  }
+  out.draco = std::move(*bytes);
+  out.vertices = decoded->vertices.size();
+  out.triangles = decoded->triangles.size();
+  out.bounds = box_of(decoded->vertices);
+  return out;
+}
+
+Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
+                                                 std::vector<EncodedSlice> slices,
+                                                 AssetSizes* sizes) {
   GltfWriter gltf;
   AssetSizes counted;
   std::size_t bytes = 4096;
-  for (std::size_t i = 0; i < payloads.size(); ++i) {
-    if (!payloads[i]) return payloads[i].error();
-    bytes += payloads[i]->bytes.size() + 2048;  // the latter for its JSON
-    for (const Ring& ring : asset.slices[i].pslg.rings)
+  for (const EncodedSlice& slice : slices) {
+    bytes += slice.draco.size() + 2048;  // the latter for its JSON
+    for (const Ring& ring : slice.pslg.rings)
       bytes += ring.size() * (3 * sizeof(float) + 2 * sizeof(std::uint32_t)) + 6;
   }
   gltf.reserve(bytes);
-  gltf.add_node(root_node(asset.slices.size()));
+  gltf.add_node(root_node(slices.size()));
   int meshes = 0;
-  for (std::size_t i = 0; i < asset.slices.size(); ++i) {
-    const Payload payload = std::move(*payloads[i]);
-    const AssetSlice slice = std::move(asset.slices[i]);
+  for (EncodedSlice& kept : slices) {
+    const EncodedSlice slice = std::move(kept);
     const std::string name = "slice " + std::to_string(slice.index);
-    json node = {
-        {"name", name},
-        {"matrix", node_matrix(slice.T_lps_plane)},
-        {"extras",
-         {{"trocar",
-           {{"index", slice.index}, {"z_mm", slice.z_mm}, {"measures", slice.measures}}}}}};
-    if (payload.triangles > 0) {
+    json node = {{"name", name},
+                 {"matrix", node_matrix(slice.T_lps_plane)},
+                 {"extras",
+                  {{"trocar",
+                    {{"index", slice.index},
+                     {"z_mm", slice.z_mm},
+                     {"measures", json::from_cbor(slice.measures)}}}}}};
+    if (slice.triangles > 0) {
       json primitives = json::array();
-      primitives.push_back(triangles_primitive(gltf, payload, asset.lattice, counted));
-      primitives.push_back(lines_primitive(gltf, slice.pslg, asset.lattice, counted));
+      primitives.push_back(triangles_primitive(gltf, slice, head.lattice, counted));
+      primitives.push_back(lines_primitive(gltf, slice.pslg, head.lattice, counted));
       gltf.add_mesh({{"name", name}, {"primitives", std::move(primitives)}});
       node["mesh"] = meshes++;
     }
     gltf.add_node(node);
   }
-  const std::size_t slices = asset.slices.size();
-  asset.slices = {};
-  payloads = {};
   auto file =
-      std::move(gltf).finish({{"asset", {{"version", "2.0"}, {"generator", asset.generator}}},
+      std::move(gltf).finish({{"asset", {{"version", "2.0"}, {"generator", head.generator}}},
                               {"extensionsUsed", {kDracoExtension, kUnlitExtension}},
                               {"extensionsRequired", json::array({kDracoExtension})},
                               {"materials", materials()},
@@ -253,14 +221,31 @@ Result<std::vector<std::uint8_t>> encode_asset(Asset asset, const ForEach& for_e
                               {"extras",
                                {{"trocar",
                                  {{"schema", kAssetSchema},
-                                  {"lattice_bits", asset.lattice.bits},
-                                  {"slices", slices},
-                                  {"parameters", asset.parameters},
-                                  {"input_digest", asset.input_digest}}}}}});
+                                  {"lattice_bits", head.lattice.bits},
+                                  {"slices", slices.size()},
+                                  {"parameters", head.parameters},
+                                  {"input_digest", head.input_digest}}}}}});
   if (!file) return file.error();
   counted.json_bytes = file->json_bytes;
   if (sizes != nullptr) *sizes = counted;
   return std::move(file->bytes);
+}
+
+Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes) {
+  constexpr std::int32_t kMax = std::numeric_limits<std::int32_t>::max();
+  LatticeBox box{{kMax, kMax}, {-kMax, -kMax}};
+  for (const AssetSlice& slice : asset.slices)
+    widen(box, slice.mesh.vertices);
+  if (box.low.x > box.high.x) box = {};
+  const auto grid = asset_grid(asset.lattice, box);
+  if (!grid) return grid.error();
+  std::vector<EncodedSlice> slices;
+  for (const AssetSlice& slice : asset.slices) {
+    auto encoded = encode_slice(slice, *grid);
+    if (!encoded) return encoded.error();
+    slices.push_back(std::move(*encoded));
+  }
+  return assemble_asset(asset, std::move(slices), sizes);
 }
 
 }  // namespace trocar

@@ -103,7 +103,7 @@ INSTANTIATE_TEST_SUITE_P(LatticeBits, AssetRoundTrip, testing::Values(0, 1, 4, 6
 
 TEST(Asset, SizesAreThoseOfTheFile) {
   AssetSizes said;
-  const auto glb = encode_asset(make_asset(8), {}, &said);
+  const auto glb = encode_asset(make_asset(8), &said);
   const auto found = asset_sizes(*glb, "test");
   ASSERT_TRUE(found);
   EXPECT_EQ(said.json_bytes, found->json_bytes);

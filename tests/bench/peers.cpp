@@ -284,7 +284,7 @@ Result<json> path_row(const std::filesystem::path& png, const std::filesystem::p
     for (const json& slice : batch->report["slices"])
       for (const auto& [stage, ms] : slice["ms"].items())
         total[stage + "_ms"] = total.value(stage + "_ms", 0.0) + ms.get<double>();
-    total["encode_ms"] = batch->report["encode_ms"];
+    total["encode_ms"] = total.value("encode_ms", 0.0) + batch->report["assemble_ms"].get<double>();
     if (threads == 1) row["stages"] = std::move(total);
   };
   const auto verify = [&] {

@@ -165,8 +165,7 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");
   AssetSizes sizes;
-  const double encode_ms =
-      median_cpu_ms(repetitions, [&] { glb = encode_asset(asset, {}, &sizes); });
+  const double encode_ms = median_cpu_ms(repetitions, [&] { glb = encode_asset(asset, &sizes); });
   if (!glb) return glb.error();
 
   put_errors(errors, row);
