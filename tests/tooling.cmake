@@ -36,6 +36,8 @@ if(NOT TROCAR_SANITIZE)
     ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/experiments)
   trocar_script_test(memory_growth_test e2e memory_growth_test.py
     ${programs} ${e2e}/scan ${e2e}/memory_growth)
-  set_tests_properties(assets_e2e_sample experiments_e2e memory_growth_test PROPERTIES
-    FIXTURES_REQUIRED scan)
+  trocar_script_test(same_bytes_test e2e same_bytes_test.py
+    ${programs} ${e2e}/scan ${e2e}/same_bytes)
+  set_tests_properties(assets_e2e_sample experiments_e2e memory_growth_test same_bytes_test
+    PROPERTIES FIXTURES_REQUIRED scan)
 endif()
