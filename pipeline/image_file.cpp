@@ -33,7 +33,7 @@ cv::Mat decode_buffer(int height, int width, int type) {
   constexpr std::size_t kMostKept = std::size_t{1} << 24;
   thread_local cv::Mat kept;
   if (static_cast<std::size_t>(height) * width * CV_ELEM_SIZE(type) > kMostKept)
-    return {height, width, type};
+    return cv::Mat(height, width, type);
   kept.create(height, width, type);
   return kept;
 }
