@@ -143,7 +143,7 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   const std::int64_t span =
       std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
   if (std::max({extent, farthest, span}) > kMaxAssetExtent) {
-    return refused("the outline spans " + std::to_string(std::max(extent, farthest)) +
+    return refused("the slices span " + std::to_string(std::max(extent, farthest)) +
                    " lattice steps; an asset holds " + std::to_string(kMaxAssetExtent) +
                    " (use a coarser lattice)");
   }
