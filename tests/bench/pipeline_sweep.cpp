@@ -164,20 +164,19 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
     }
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");
-  const double encode_ms = median_cpu_ms(repetitions, [&] { glb = encode_asset(asset); });
+  AssetSizes sizes;
+  const double encode_ms = median_cpu_ms(repetitions, [&] { glb = encode_asset(asset, &sizes); });
   if (!glb) return glb.error();
-  const auto sizes = asset_sizes(*glb, "the asset");
-  if (!sizes) return sizes.error();
 
   put_errors(errors, row);
   counts.put(row);
-  row["triangles"] = sizes->triangles;
+  row["triangles"] = sizes.triangles;
   row["asset_bytes"] = glb->size();
-  row["triangle_bytes"] = sizes->triangle_bytes;
-  row["outline_bytes"] = sizes->outline_bytes;
-  row["json_bytes"] = sizes->json_bytes;
-  row["bytes_per_triangle"] = static_cast<double>(sizes->triangle_bytes) /
-                              std::max(1.0, static_cast<double>(sizes->triangles));
+  row["triangle_bytes"] = sizes.triangle_bytes;
+  row["outline_bytes"] = sizes.outline_bytes;
+  row["json_bytes"] = sizes.json_bytes;
+  row["bytes_per_triangle"] = static_cast<double>(sizes.triangle_bytes) /
+                              std::max(1.0, static_cast<double>(sizes.triangles));
   row.update(stage_times(times, encode_ms / scan.stack.size()));
   return row;
 }
