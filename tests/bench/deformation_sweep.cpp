@@ -64,7 +64,7 @@ double median_us(int repetitions, Act&& act) {
 /// Of one scan, method and parameter: a value a place.
 struct Row {
   std::vector<double> force_error, displacement_error, early_force_error, solve_us, prepare_us,
-      mesh_us, nodes, radius_mm;
+      mesh_us, answer_us, nodes, radius_mm;
 
   static void put(json& row, const std::string& name, std::vector<double> values) {
     if (values.empty()) return;
@@ -82,6 +82,7 @@ struct Row {
     put(row, "solve_us", solve_us);
     put(row, "prepare_us", prepare_us);
     put(row, "mesh_us", mesh_us);
+    put(row, "answer_us", answer_us);
     put(row, "free_nodes", nodes);
     put(row, "radius_mm", radius_mm);
     return row;
@@ -206,8 +207,12 @@ Result<json> sweep(const json& plan, const std::string& name, const std::string&
 
     sweep_propagation(place, repetitions, propagation);
     for (int k = 1; k <= kSteps; ++k) {
-      sweep_radius(place, tool, lattice, membrane, k * reach_m / 2, repetitions,
-                   local[static_cast<std::size_t>(k - 1)]);
+      Row& row = local[static_cast<std::size_t>(k - 1)];
+      sweep_radius(place, tool, lattice, membrane, k * reach_m / 2, repetitions, row);
+      const RegionOptions options{k * reach_m / 2, {}};
+      row.mesh_us.push_back(median_us(repetitions, [&] {
+        mesh = make_region(*sheet, seeds, tool, lattice, options, workspace);
+      }));
     }
     for (std::size_t b = 0; b < std::size(kBounds); ++b) {
       ResponseOptions options;
@@ -216,9 +221,9 @@ Result<json> sweep(const json& plan, const std::string& name, const std::string&
       if (!region) return region.error();
       const double radius_m = region->response.radius_m;
       sweep_radius(place, tool, lattice, membrane, radius_m, repetitions, automatic[b]);
-      automatic[b].prepare_us.back() = median_us(repetitions, [&] {
+      automatic[b].answer_us.push_back(median_us(repetitions, [&] {
         region = prepare_region(*sheet, seeds, tool, lattice, membrane, options, workspace);
-      });
+      }));
       options.region.radius_m = radius_m;
       automatic[b].mesh_us.push_back(median_us(repetitions, [&] {
         mesh = make_region(*sheet, seeds, tool, lattice, options.region, workspace);

@@ -54,7 +54,7 @@ def label(row):
 
 
 HEAD = ("", "force error %", "95 %", "most", "displacement error %", "95 %", "most", "first tick's force error %",
-        "free nodes", "\N{MICRO SIGN}s a solve", "\N{MICRO SIGN}s before it", "of these meshing", "radius mm")
+        "free nodes", "\N{MICRO SIGN}s a solve", "\N{MICRO SIGN}s before it", "\N{MICRO SIGN}s meshing", "\N{MICRO SIGN}s an answer", "radius mm")
 
 
 def cells(row):
@@ -62,7 +62,7 @@ def cells(row):
         return 100 * row[key] if key in row else None
     return (label(row), *(percent(f"force_error{end}") for end in ("", "_p95", "_max")),
             *(percent(f"displacement_error{end}") for end in ("", "_p95", "_max")), percent("early_force_error"),
-            round(row["free_nodes"]), row.get("solve_us"), row["prepare_us"], row.get("mesh_us"), row.get("radius_mm"))
+            round(row["free_nodes"]), row.get("solve_us"), row["prepare_us"], row.get("mesh_us"), plots.answer_us(row), row.get("radius_mm"))
 
 
 def show(data, page):
@@ -71,7 +71,8 @@ def show(data, page):
         f"\N{GREEK SMALL LETTER LAMDA} = {1e3 * data['reach_m']:g} mm. Errors are against the whole slice on the same triangles: of the tool's force, and "
         "the largest displacement error over the depth; medians over the places unless the head says otherwise. \N{MICRO SIGN}s a solve: one tick's "
         "work for a general load (the haptic thread itself needs only one product, as the answer is linear in the depth). "
-        "\N{MICRO SIGN}s before it: what a worker does when the tool has moved; for auto that includes cutting the region out of the sheet and refining it.")
+        "\N{MICRO SIGN}s before it: network and factorisation, a worker's work when the tool has moved; meshing: the region cut out of the sheet and refined; "
+        "answer: all of it, for auto with the choice of the radius.")
     for scan in scans_of(data):
         bounds = rows_of(data, scan, "auto")
         kept = all(row[f"{error}_error_max"] <= row["parameter"] for row in bounds for error in ("force", "displacement"))
@@ -81,7 +82,7 @@ def show(data, page):
             f"free nodes and {bounds[1]['solve_us']:.2g} \N{MICRO SIGN}s a solve (medians).", verdict=True)
     curves = {scan: {method: rows_of(data, scan, method) for method in ("propagation", "local", "auto")} for scan in scans_of(data)}
     page.plot(plots.pareto(curves),
-              "Median errors against the time of a solve (left, middle) and of all that an answer takes (right). Propagation: depths 1 to 12; local: "
+              "Median errors against the time of a solve (left, middle), and of all that an answer at a new place takes a worker (right; propagation may use the sheet's own mesh). Propagation: depths 1 to 12; local: "
               "radii of 1 to 12 half reaches; auto: bounds of 10, 1 and 0.1 %. Errors below 1e-7 are drawn there: the region is then the whole slice.")
     for scan in scans_of(data):
         listed = [row for method in ("propagation", "local", "auto", "global") for row in rows_of(data, scan, method)]
@@ -93,7 +94,7 @@ def in_percent(error):
 
 
 def readme(data):
-    lines = ["| scan | solver of the network | force error %, median (most) | displacement error %, median (most) | free nodes | µs a solve | µs to prepare |",
+    lines = ["| scan | solver of the network | force error %, median (most) | displacement error %, median (most) | free nodes | µs a solve | µs an answer |",
              "| --- | --- | --- | --- | --- | --- | --- |"]
     for scan in scans_of(data):
         chosen = [row for row in rows_of(data, scan, "propagation") if row["parameter"] in (4, 8)]
@@ -101,6 +102,6 @@ def readme(data):
         for row in chosen:
             lines.append(f"| {scan} | {label(row)} | {in_percent(row['force_error'])} ({in_percent(row['force_error_max'])}) | "
                          f"{in_percent(row['displacement_error'])} ({in_percent(row['displacement_error_max'])}) | {row['free_nodes']:.0f} | "
-                         f"{row['solve_us']:.2g} | {row['prepare_us']:.0f} |")
-    return [*lines, "", "Errors against the whole slice on the same triangles; a hexagon of 3 mm, reach 8 mm. For auto, preparing includes cutting the region "
-            "out of the slice and refining it; the others start from the whole slice's mesh."]
+                         f"{row['solve_us']:.2g} | {'' if plots.answer_us(row) is None else round(plots.answer_us(row))} |")
+    return [*lines, "", "Errors against the whole slice on the same triangles; a hexagon of 3 mm, reach 8 mm. A solve: a tick's work for a general load. "
+            "An answer: from the sheet to stiffness and shape at a new place, a worker's work."]
