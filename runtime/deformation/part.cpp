@@ -95,8 +95,9 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
   // Neighbours by their place in the queue. A vertex of the part is a fan of its triangles: where
   // the border passes through a vertex twice, it becomes two.
   const auto n = static_cast<std::uint32_t>(queue.size());
-  std::vector<std::array<std::uint32_t, 3>> across(n);
   SheetPart part;
+  std::vector<std::array<std::uint32_t, 3>>& across = part.across;
+  across.resize(n);
   part.mesh.triangles.assign(n, kFreeSlot);
   for (std::uint32_t k = 0; k < n; ++k) {
     const std::uint32_t t = queue[k];
@@ -137,6 +138,23 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
   }
   std::sort(part.outer.begin(), part.outer.end());
   return part;
+}
+
+SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles) {
+  SheetMesh out;
+  const std::size_t vertices = part.mesh.vertices.size(), triangles = part.mesh.triangles.size();
+  out.vertices = part.mesh.vertices;
+  out.vertices.resize(vertices + spare_vertices);
+  out.triangles = part.mesh.triangles;
+  out.triangles.resize(triangles + spare_triangles, kFreeSlot);
+  out.across = part.across;
+  out.across.resize(triangles + spare_triangles, {kNone, kNone, kNone});
+  out.reserve_stacks();
+  for (std::size_t v = vertices + spare_vertices; v-- > vertices;)
+    out.free_vertices.push_back(static_cast<std::uint32_t>(v));
+  for (std::size_t t = triangles + spare_triangles; t-- > triangles;)
+    out.free_triangles.push_back(static_cast<std::uint32_t>(t));
+  return out;
 }
 
 }  // namespace trocar::runtime

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -28,9 +29,10 @@ struct OuterSide {
 };
 
 struct SheetPart {
-  SliceMesh mesh;                     ///< valid
-  std::vector<std::uint32_t> parent;  ///< of each vertex: its slot in the sheet
-  std::vector<OuterSide> outer;       ///< ascending
+  SliceMesh mesh;                                    ///< valid
+  std::vector<std::array<std::uint32_t, 3>> across;  ///< as SheetMesh's
+  std::vector<std::uint32_t> parent;                 ///< of each vertex: its slot in the sheet
+  std::vector<OuterSide> outer;                      ///< ascending
 };
 
 /// The triangles `seeds`, and all with a point nearer than `radius` steps to the circle's disc that
@@ -38,5 +40,8 @@ struct SheetPart {
 /// arguments give the same part. `queue` is scratch. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
+
+/// The part as a sheet of its own, in its order, with room for more. O(slots).
+SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

@@ -25,6 +25,7 @@
 #include "formats/result.h"
 #include "formats/slice_mesh.h"
 #include "runtime/deformation/network.h"
+#include "runtime/remesh/cut_workspace.h"
 #include "runtime/remesh/local_refinement.h"
 #include "runtime/remesh/sheet_edit.h"
 #include "runtime/remesh/sheet_mesh.h"
@@ -63,8 +64,9 @@ struct RegionMesh {
 /// time.
 struct RegionWorkspace {
   std::vector<std::uint32_t> queue;
-  std::size_t slots = 0;  ///< of vertices that the two below have room for, and twice the triangles
+  std::size_t vertex_slots = 0, triangle_slots = 0;  ///< that the rest has room for
   SheetEdit edit;
+  CutWorkspace cut;
   std::optional<LocalRefinementWorkspace> refinement;
 };
 

@@ -60,9 +60,9 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
   // A reach below the tool's size leaves a steep border along its outline.
   const double circumradius_m = circle_around(tool).radius * lattice.step_m();
   region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
-  // Along a straight front the ring doubles what is left of exp(-R / lambda) (local_solver.h, law
-  // 2); around a tool the response falls faster, by a factor that the steps below find out.
-  if (chosen) region_options.radius_m = lambda_m * std::log(1 / std::min(0.5, options.error_bound));
+  // Along a strip the response falls as exp(-r / lambda), and the ring doubles what is left of it
+  // (local_solver.h, law 2). Over a wide sheet it falls faster: then this is more than enough.
+  if (chosen) region_options.radius_m = lambda_m * std::log(2 / std::min(0.5, options.error_bound));
   for (;;) {
     auto mesh = make_region(sheet, seeds, tool, lattice, region_options, workspace);
     if (!mesh) return mesh.error();

@@ -28,6 +28,7 @@ std::vector<std::uint32_t> elimination_order(const Network& network,
   pattern.reserve(per_column);
   for (int u = 0; u < n; ++u) {
     const std::uint32_t i = free[static_cast<std::size_t>(u)];
+    pattern.insert(u, u) = 1;  // or the ordering takes the column for a dense one
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
       const int v = number[network.neighbour[k]];
       if (v > u) pattern.insert(v, u) = 1;

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/deformation/region_sides.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+
+/// How far off the tool's outline, in steps, a node may lie that is held by it: where the outline
+/// crosses the sheet's own, both are bent to the lattice (cut.h, law 3).
+constexpr double kOnTool = 2;
+
+/// Where the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
+/// is thinner than any mesh of good triangles. It goes with the tool, to which it clings on one
+/// side: nodes of the outline that are this near to the tool, in circumradii, are held by it.
+constexpr double kClings = 0.02;
+
+bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& circle) {
+  return (Vector2d(p.x, p.y) - circle.centre).norm() <= circle.radius + distance &&
+         distance_to_outline(tool, p.x, p.y) <= distance;
+}
+
+BoundarySides boundary_sides(const SheetMesh& mesh) {
+  BoundarySides out;
+  out.next.assign(mesh.vertices.size(), kNone);
+  out.kind.assign(mesh.vertices.size(), NodeKind::kFree);
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    if (mesh.triangles[t] == kFreeSlot) continue;
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (mesh.across[t][i] == kNone)
+        out.next[mesh.triangles[t][i]] = mesh.triangles[t][(i + 1) % 3];
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+double distance_to_outline(const Ring& tool, double x, double y) noexcept {
+  const Vector2d p(x, y);
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < tool.size(); ++k) {
+    const Vector2d a(tool[k].x, tool[k].y);
+    const LatticePoint to = tool[k + 1 == tool.size() ? 0 : k + 1];
+    const Vector2d side = Vector2d(to.x, to.y) - a;
+    const double t = std::clamp((p - a).dot(side) / side.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (a + t * side - p).squaredNorm());
+  }
+  return std::sqrt(least);
+}
+
+BoundarySides classified_sides(const SheetMesh& mesh, const std::vector<OuterSide>& outer,
+                               const Ring& tool, const Circle& circle) {
+  BoundarySides sides = boundary_sides(mesh);
+  for (std::size_t v = 0; v < sides.next.size(); ++v) {
+    if (sides.next[v] == kNone) continue;
+    const LatticePoint from = mesh.vertices[v], to = mesh.vertices[sides.next[v]];
+    if (std::binary_search(outer.begin(), outer.end(), OuterSide{from, to})) {
+      sides.kind[v] = NodeKind::kRing;
+    } else if (is_near(from, kOnTool, tool, circle) && is_near(to, kOnTool, tool, circle)) {
+      // Both ends on the tool, and the middle as well: not a side that bridges a corner.
+      const double x = (static_cast<double>(from.x) + to.x) / 2;
+      const double y = (static_cast<double>(from.y) + to.y) / 2;
+      if (distance_to_outline(tool, x, y) <= kOnTool) sides.kind[v] = NodeKind::kTool;
+    }
+  }
+  return sides;
+}
+
+std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& before,
+                                 const Ring& tool, const Circle& circle) {
+  const BoundarySides after = boundary_sides(refined);
+  std::vector<NodeKind> kind(refined.vertices.size(), NodeKind::kFree);
+  const auto hold = [&](std::uint32_t v, NodeKind by) {
+    if (by != NodeKind::kFree && kind[v] != NodeKind::kTool) kind[v] = by;
+  };
+  for (std::uint32_t v = 0; v < before.next.size(); ++v) {
+    if (before.next[v] == kNone) continue;
+    std::uint32_t at = v;
+    for (hold(at, before.kind[v]); at != before.next[v] && after.next[at] != kNone;) {
+      at = after.next[at];
+      hold(at, before.kind[v]);
+    }
+  }
+  const double clings = std::max(kOnTool, kClings * circle.radius);
+  for (std::size_t v = 0; v < kind.size(); ++v) {
+    if (kind[v] == NodeKind::kFree && after.next[v] != kNone &&
+        is_near(refined.vertices[v], clings, tool, circle))
+      kind[v] = NodeKind::kTool;
+  }
+  return kind;
+}
+
+}  // namespace trocar::runtime

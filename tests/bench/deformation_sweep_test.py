@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""deformation_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: a small sweep over the assets of the folder
+TROCAR_ASSETS, whose figures must obey what is known beforehand; and the report makes a page of it."""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+PROGRAM, LIBRARY, PLOTS = sys.argv[1:]
+sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
+SKIPPED = 77
+
+
+def sweep(plan):
+    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
+
+
+def main():
+    asset = pathlib.Path(os.environ.get("TROCAR_ASSETS", "")) / "sample.glb"
+    if not asset.is_file():
+        return SKIPPED
+    plan = {"assets": [{"name": "phantom", "path": str(asset)}], "places": 12, "repetitions": 1, "reach_m": 0.008, "tool_radius_m": 0.003}
+    done = sweep(plan)
+    assert done.returncode == 0, done.returncode
+    data = json.loads(done.stdout)
+    rows = {method: [row for row in data["rows"] if row["method"] == method] for method in ("propagation", "local", "auto", "global")}
+    assert [len(rows[method]) for method in rows] == [12, 12, 3, 1]
+    assert len({row["id"] for row in data["rows"]}) == 28
+    # A ring or a depth further out never makes the error larger; the bounds are kept.
+    for method in ("propagation", "local"):
+        for error in ("force_error_max", "displacement_error_max"):
+            values = [row[error] for row in rows[method]]
+            assert all(b <= a + 1e-9 for a, b in zip(values, values[1:])), (method, error, values)
+    for row in rows["auto"]:
+        assert row["force_error_max"] <= row["parameter"] and row["displacement_error_max"] <= row["parameter"], row
+    assert rows["local"][0]["force_error"] > 0.05 and rows["local"][-1]["force_error"] < 1e-3
+
+    import deformation  # brings matplotlib
+    import page as html
+    page = html.Page("t")
+    deformation.show(data, page)
+    assert "kept every one of its bounds" in page.text() and "<svg" in page.text()
+    assert len(deformation.readme(data)) == 2 + 7 + 2
+
+    assert sweep({**plan, "places": 0}).returncode == 2
+    assert sweep({"assets": []}).returncode == 2
+    assert sweep({**plan, "assets": [{"name": "x", "path": "/no/such.glb"}]}).returncode == 3
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
