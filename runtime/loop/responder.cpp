@@ -51,7 +51,7 @@ void find_seeds_in_grid(const Sheet& sheet, const LatticeOutline& outline,
     box.highest = {std::max(box.highest.x, p.x), std::max(box.highest.y, p.y)};
   }
   seeds.clear();
-  sheet.grid.for_each(sheet.mesh, box, [&](std::uint32_t t) { seeds.push_back(t); });
+  sheet.grid.for_each(box, [&](std::uint32_t t) { seeds.push_back(t); });
   std::sort(seeds.begin(), seeds.end());
 }
 

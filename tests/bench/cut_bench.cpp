@@ -24,7 +24,7 @@ namespace {
 using namespace trocar::runtime;
 
 constexpr int kSpacing = 512;        // steps: 2 mm
-constexpr double kToolRadius = 620;  // steps; meets about 30 triangles
+constexpr double kToolRadius = 900;  // steps; meets about 30 triangles
 constexpr double kMinAngle_deg = 20;
 
 double thread_us() {
