@@ -138,7 +138,7 @@ RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std::uint32
   if (!options.split_outline) {
     EXPECT_EQ(lost, 0);
     for (const BoundarySide& s : boundary(mesh)) {
-      // 5
+      // 6
       EXPECT_TRUE(std::any_of(old_sides.begin(), old_sides.end(), [&s](const BoundarySide& o) {
         return lies_on(s.from, o) && lies_on(s.to, o) && (o.is_obtuse() || !s.is_obtuse());
       }));
@@ -151,7 +151,7 @@ RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std::uint32
   SheetMesh replica = before;
   edit.copy_to(mesh, replica);
   EXPECT_TRUE(same(replica, mesh)) << "something was written and not listed";
-  // 4
+  // 5
   SheetMesh again = before;
   edit.begin(again);
   refine_locally(again, edit, seeds, options, workspace);
