@@ -242,13 +242,12 @@ TEST(LocalRefinement, OnlyTheSeedsNeighbourhoodIsTouched) {
 
 // Sides of 8 mm in a hexagonal pattern, 128 mm wide; the hole's radius is 3 mm.
 SheetMesh sheet_with_hole(LatticePoint centre, double turn_rad) {
-  constexpr int kCells = 16, kSide = 2048;
+  constexpr int kCells = 16, kHalf = 8, kSide = 2048;
   SliceMesh mesh;
   for (int j = 0; j <= kCells; ++j) {
     for (int i = 0; i <= kCells; ++i)
-      mesh.vertices.push_back(
-          {(i - kCells / 2) * kSide + (j % 2) * kSide / 2,
-           static_cast<int>(std::lround((j - kCells / 2) * 0.8660254 * kSide))});
+      mesh.vertices.push_back({(i - kHalf) * kSide + (j % 2) * kSide / 2,
+                               static_cast<int>(std::lround((j - kHalf) * 0.8660254 * kSide))});
   }
   for (std::uint32_t j = 0; j < kCells; ++j) {
     for (std::uint32_t i = 0; i < kCells; ++i) {
@@ -563,7 +562,7 @@ TEST(LocalRefinement, AllocatesNothing) {
 // The folder TROCAR_ASSETS may hold sample.glb, l3.glb and head.glb; TROCAR_CASES says how many
 // cuts to make in each.
 TEST(LocalRefinement, LawsHoldAfterCutsInRealSlices) {
-  const char* const folder = std::getenv("TROCAR_ASSETS");
+  const char* const folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
   if (folder == nullptr) GTEST_SKIP() << "TROCAR_ASSETS is not set";
   Random random(31);
   for (const char* const name : {"sample", "l3", "head"}) {
