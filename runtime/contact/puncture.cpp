@@ -65,8 +65,9 @@ SheetResponse respond(const ContactModel& model, const Sheet& sheet, std::int32_
   SheetResponse target;
   target.sheet = index;
   target.stiffness_N_per_m = place.overlap.fraction * sheet.tissue.stiffness_N_per_m;
-  target.offset_m =
+  const Eigen::Vector2d offset_m =
       sheet.transform.to_scene(place.overlap.centroid_steps) - place.shaft.at_m.head<2>();
+  target.offset_m = {offset_m.x(), offset_m.y()};
   if (model.law == ForceLawKind::kHooke) return target;
   if (latest.sheet == index) target = latest;
   if (begins) return track.blended = target;
@@ -74,7 +75,8 @@ SheetResponse respond(const ContactModel& model, const Sheet& sheet, std::int32_
   track.blended.sheet = index;
   track.blended.stiffness_N_per_m +=
       share * (target.stiffness_N_per_m - track.blended.stiffness_N_per_m);
-  track.blended.offset_m += share * (target.offset_m - track.blended.offset_m);
+  for (std::size_t k = 0; k < 2; ++k)
+    track.blended.offset_m[k] += share * (target.offset_m[k] - track.blended.offset_m[k]);
   return track.blended;
 }
 
@@ -86,7 +88,9 @@ void look_ahead(const ContactModel& model, std::span<const Sheet* const> sheets,
     const SheetState now = state.tracks[i].state;
     if (now == SheetState::kPunctured || now == SheetState::kBeside) continue;
     if (output.tip_device_m.z() - sheets[i]->z_m > model.lookahead_m) return;
+    const Eigen::Vector3d middle_m = axis_at(model.tool, T_device_plate, sheets[i]->z_m);
     output.ahead.sheet = static_cast<std::int32_t>(i);
+    output.ahead.middle_m = {middle_m.x(), middle_m.y()};
     output.ahead.outline =
         outline_on_lattice(model.tool, T_device_plate, sheets[i]->transform, sheets[i]->z_m);
     return;
@@ -155,7 +159,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       output.phase = ContactPhase::kContact;
       output.force_N = force_N;
       Eigen::Vector3d point_m = place.shaft.at_m;
-      point_m.head<2>() += answer.offset_m;
+      point_m.head<2>() += Eigen::Vector2d(answer.offset_m.data());
       output.wrench_device += wrench_at({0, 0, force_N}, point_m, T_device_plate);
       continue;
     }

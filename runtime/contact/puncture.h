@@ -54,7 +54,7 @@ enum class SheetState : std::uint8_t { kFree, kContact, kShielded, kPunctured, k
 struct SheetResponse {
   std::int32_t sheet = -1;  ///< -1: none
   double stiffness_N_per_m = 0;
-  Eigen::Vector2d offset_m = Eigen::Vector2d::Zero();
+  std::array<double, 2> offset_m{};
 };
 
 struct SheetTrack {
@@ -84,7 +84,8 @@ struct CutRequest {
 
 /// Where the tool is about to meet a sheet, or meets it: what a response is wanted for.
 struct ResponseRequest {
-  std::int32_t sheet = -1;  ///< -1: none near
+  std::int32_t sheet = -1;           ///< -1: none near
+  std::array<double, 2> middle_m{};  ///< of the outline: where the axis meets the sheet, in {B}
   LatticeOutline outline;
 };
 

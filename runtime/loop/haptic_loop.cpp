@@ -147,7 +147,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
   row.response_sheet = inputs.response.sheet;
   row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
-  row.response_offset_m = {inputs.response.offset_m.x(), inputs.response.offset_m.y()};
+  row.response_offset_m = inputs.response.offset_m;
 
   DeviceState read;
   bool fresh = false;

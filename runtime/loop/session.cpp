@@ -2,11 +2,14 @@
 #include "runtime/loop/session.h"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <deque>
 #include <numbers>
+#include <thread>
 
 #include "runtime/loop/allocation_counter.h"
 
@@ -41,8 +44,9 @@ class Session {
  public:
   Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
           Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
-          Recorder* recorder)
+          Recorder* recorder, Responder* responder)
       : remesher_(remesher),
+        responder_(responder),
         device_(device),
         advance_(advance),
         options_(options),
@@ -69,12 +73,15 @@ class Session {
       sheets_[i] = remesher_.current(i);
       cuts_published_ += sheets_[i]->cuts;
     }
+    if (responder_ != nullptr && is_real()) responder_->latest(response_);
     haptic_tick(model_, {sheets_, response_, gap_s}, device_, state_, result_);
     if (result_.end_of_data) return false;
     result_.row.cuts_published = cuts_published_;
     if (result_.contact.gave_way) give_way();
+    if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
     if (recorder_ != nullptr) recorder_->push(result_.row);
     if (options_.live != nullptr) options_.live->write(result_.row);
+    if (options_.on_frame && is_real()) for_frames_.write(result_.row);
     keep_count(result_.row);
     report_.tick.add(now_ns() - start_ns);
     advance_(model_.contact.dt_s);
@@ -82,10 +89,18 @@ class Session {
   }
 
   void run_real() {
-    remesher_.start();
+    remesher_.start([this] {
+      if (responder_ == nullptr) return;
+      responder_->serve(
+          [this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
+    });
     if (recorder_ != nullptr) recorder_->start();
+    std::atomic<bool> done{false};
+    std::thread display([this, &done] { show_frames(done); });
     const RealtimeOptions realtime{options_.rate_Hz, RealtimeOptions{}.priority, options_.stop};
     report_.realtime = run_realtime(realtime, [this](double gap_s) { return tick(gap_s); });
+    done.store(true);
+    display.join();
     remesher_.stop();
   }
 
@@ -98,6 +113,8 @@ class Session {
       if (!tick(0)) break;
       if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
+      if (responder_ != nullptr && options_.replay.empty()) respond();
+      if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
     remesher_.stop();
@@ -163,17 +180,62 @@ class Session {
     }
   }
 
-  /// Virtual clock, before a tick: new meshes that are due, or that the recording has here.
+  bool is_real() const noexcept {
+    return options_.clock == Clock::kReal && options_.replay.empty();
+  }
+
+  std::shared_ptr<const SheetShape> shape() const {
+    return responder_ == nullptr ? nullptr : responder_->shape();
+  }
+
+  /// Real clock, on a thread of its own.
+  void show_frames(const std::atomic<bool>& done) {
+    if (!options_.on_frame) return;
+    RecordingRow row;
+    while (!done.load()) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(1 / options_.frame_rate_Hz));
+      if (for_frames_.read(row)) options_.on_frame(row, shape());
+    }
+  }
+
+  /// Virtual clock, after a tick.
+  void show_frame() {
+    const double now_s = static_cast<double>(state_.tick - 1) / options_.rate_Hz;
+    if (now_s * options_.frame_rate_Hz < static_cast<double>(frames_)) return;
+    ++frames_;
+    options_.on_frame(result_.row, shape());
+  }
+
+  /// Virtual clock, after a tick.
+  void respond() {
+    const auto period = static_cast<std::uint64_t>(
+        std::max(1.0, std::round(options_.response_period_s * options_.rate_Hz)));
+    const ResponseRequest& request = result_.contact.ahead;
+    if (state_.tick % period != 0 || request.sheet < 0) return;
+    const Sheet& sheet = remesher_.last_version(static_cast<std::size_t>(request.sheet));
+    if (const auto found = responder_->answer(request, sheet)) {
+      responses_due_.emplace_back(state_.tick - 1 + options_.handover_ticks, *found);
+    }
+  }
+
+  /// Virtual clock, before a tick: new meshes and responses that are due, or that the recording has
+  /// here.
   void hand_over(std::deque<std::uint64_t>& due) {
     if (options_.replay.empty()) {
       while (!due.empty() && due.front() <= state_.tick) {
         due.pop_front();
         remesher_.publish_next();
       }
+      while (!responses_due_.empty() && responses_due_.front().first <= state_.tick) {
+        response_ = responses_due_.front().second;
+        responses_due_.pop_front();
+      }
       return;
     }
     if (state_.tick >= options_.replay.size()) return;
-    std::int64_t missing = options_.replay[state_.tick].cuts_published - cuts_published_;
+    const RecordingRow& row = options_.replay[state_.tick];
+    response_ = {row.response_sheet, row.response_stiffness_N_per_m, row.response_offset_m};
+    std::int64_t missing = row.cuts_published - cuts_published_;
     while (missing-- > 0 && remesher_.publish_next()) {
     }
   }
@@ -182,6 +244,7 @@ class Session {
   LoopState state_;
   TickResult result_;
   Remesher& remesher_;
+  Responder* responder_;
   Device& device_;
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;
@@ -189,7 +252,10 @@ class Session {
   std::uint64_t ticks_;
   std::vector<const Sheet*> sheets_;
   std::int64_t cuts_published_ = 0;
+  TripleBuffer<RecordingRow> for_frames_;
+  std::uint64_t frames_ = 0;
   SheetResponse response_;
+  std::deque<std::pair<std::uint64_t, SheetResponse>> responses_due_;  ///< virtual clock: at a tick
   double last_force_N_ = 0;
   std::int32_t last_active_sheet_ = -1;
   SessionReport report_;
@@ -231,8 +297,17 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
     if (!writer) return writer.error();
     recorder = std::make_unique<Recorder>(std::move(*writer));
   }
+  std::unique_ptr<Responder> responder;
+  if (scene.force_law.kind == ForceLawKind::kNetwork) {
+    std::vector<Tissue> tissues;
+    for (std::size_t i = 0; i < remesher.size(); ++i)
+      tissues.push_back(remesher.first_version(i).tissue);
+    auto made = Responder::make(scene, tissues, remesher.first_version(0).transform.lattice);
+    if (!made) return made.error();
+    responder = std::move(*made);
+  }
   auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           recorder.get());
+                                           recorder.get(), responder.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();
@@ -243,6 +318,7 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
   if (allocations_are_counted()) {
     report.allocations_in_loop = allocations_in_scopes() - allocations_before;
   }
+  if (responder) report.responder = responder->report();
   if (recorder) {
     if (Result<void> written = recorder->finish(); !written) return written.error();
   }

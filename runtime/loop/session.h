@@ -18,6 +18,7 @@
 #include "runtime/loop/haptic_loop.h"
 #include "runtime/loop/histogram.h"
 #include "runtime/loop/realtime_thread.h"
+#include "runtime/loop/responder.h"
 #include "runtime/loop/triple_buffer.h"
 #include "runtime/loop/workers.h"
 
@@ -32,8 +33,10 @@ struct SessionOptions {
   Clock clock = Clock::kReal;
   double rate_Hz = 1000;
   double duration_s = 1;
-  /// Virtual clock: ticks from a request for a hole to the use of its mesh.
+  /// Virtual clock: ticks from a request for a hole, or for a sheet's response, to its use.
   std::uint64_t handover_ticks = 8;
+  /// Virtual clock: a response is asked for once in this time.
+  double response_period_s = 0.004;
   std::optional<std::filesystem::path> record;
   /// If not empty: virtual clock, hand-overs where these rows have them, and the torques are
   /// compared with theirs. The device must be a ReplayDevice over the same rows.
@@ -41,6 +44,10 @@ struct SessionOptions {
   SafetyLimits limits;
   const std::atomic<bool>* stop = nullptr;     ///< ends the session between two ticks
   TripleBuffer<RecordingRow>* live = nullptr;  ///< gets every row
+  /// Called at the frame rate, never on the haptic thread, with the latest row and, by `network`,
+  /// the sheet around the tool (else null).
+  std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)> on_frame;
+  double frame_rate_Hz = 30;
 };
 
 enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
@@ -70,6 +77,7 @@ struct SessionReport {
   std::uint64_t scaled_ticks = 0;  ///< in which the motors could not give the wanted wrench
   std::vector<PunctureEvent> punctures;
   std::uint64_t punctures_not_listed = 0;
+  std::optional<ResponderReport> responder;  ///< force law `network`
   /// Replay: the first row whose torques, bit for bit, or hand-over differ; -1: none does.
   std::int64_t replay_first_difference = -1;
 };
@@ -79,7 +87,8 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description);
 
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
-/// Ends with torques at zero. Errors: the recording cannot be written (unwritable).
+/// Ends with torques at zero. Errors: the recording cannot be written (unwritable); by `network`, a
+/// tissue or tool that no membrane fits (refused).
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
                                   Remesher& remesher, Device& device,
                                   const std::function<void(double dt_s)>& advance,

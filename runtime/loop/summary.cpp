@@ -89,6 +89,16 @@ json summarize(const Scene& scene, const SessionOptions& options, const SessionR
       {"torque_max_Nm", report.torque_max_Nm},
   };
   if (report.allocations_in_loop) summary["allocations_in_loop"] = *report.allocations_in_loop;
+  if (report.responder) {
+    const ResponderReport& responder = *report.responder;
+    summary["network"] = {{"responses", responder.answers},
+                          {"failures", responder.failures},
+                          {"prepare_us", quantiles(responder.prepare)},
+                          {"free_nodes_max", responder.free_nodes_max},
+                          {"force_error_bound_max", responder.force_bound_max},
+                          {"displacement_error_bound_max", responder.displacement_bound_max},
+                          {"negative_springs_max", responder.negative_springs_max}};
+  }
   for (const PunctureEvent& event : report.punctures) {
     summary["punctures"].push_back(describe(event, remesher));
   }
