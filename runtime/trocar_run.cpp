@@ -10,6 +10,7 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <string>
 #include <thread>
 #include <vector>
@@ -18,9 +19,9 @@
 #include "formats/file_io.h"
 #include "formats/nearest_name.h"
 #include "formats/scene.h"
-#include "runtime/contact/overlap.h"
 #include "runtime/loop/display.h"
 #include "runtime/loop/replay_device.h"
+#include "runtime/loop/scene_needs.h"
 #include "runtime/loop/session.h"
 #include "runtime/loop/summary.h"
 
@@ -37,7 +38,7 @@ void request_stop(int) {
 }
 
 struct Arguments {
-  std::string scene, asset, device = "inproc", description, clock = "real";
+  std::string scene, asset, device = "inproc", description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
   bool check = false, quiet = false;
@@ -78,6 +79,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) in the place of the scene's");
+  app.add_option("--force-law", arguments.force_law,
+                 "hooke or network, in the place of the scene's");
   app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
   app.set_help_flag("-h,--help", "print this");
@@ -96,6 +99,9 @@ Result<void> check_arguments(const Arguments& a) {
   }
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
+  }
+  if (!a.force_law.empty() && a.force_law != "hooke" && a.force_law != "network") {
+    return usage("--force-law " + a.force_law + ": must be hooke or network");
   }
   // Written so that nan is refused too.
   if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
@@ -116,6 +122,7 @@ struct Loaded {
   DeviceDescription description;
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<RecordingRow> replay;
+  LoadedBytes bytes;
 };
 
 Result<Loaded> load(const Arguments& arguments) {
@@ -124,6 +131,8 @@ Result<Loaded> load(const Arguments& arguments) {
   if (!scene) return scene.error();
   loaded.scene = std::move(*scene);
   if (!arguments.asset.empty()) loaded.scene.asset = arguments.asset;
+  if (arguments.force_law == "hooke") loaded.scene.force_law = ForceLaw{};
+  if (arguments.force_law == "network") loaded.scene.force_law.kind = ForceLawKind::kNetwork;
   if (!arguments.description.empty()) loaded.scene.device = arguments.description;
 
   loaded.description = default_device_description();
@@ -142,6 +151,8 @@ Result<Loaded> load(const Arguments& arguments) {
   auto sheets = place_slices(loaded.scene, *asset, loaded.scene.asset.string());
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
+  std::error_code ignored;
+  loaded.bytes = {std::filesystem::file_size(loaded.scene.asset, ignored), asset->slices.size()};
 
   if (!arguments.replay.empty()) {
     Result<std::vector<RecordingRow>> rows = read_recording(arguments.replay);
@@ -149,56 +160,6 @@ Result<Loaded> load(const Arguments& arguments) {
     loaded.replay = std::move(*rows);
   }
   return loaded;
-}
-
-/// What the motors need to hold the threshold force where a sheet gives way, or why they cannot.
-std::string describe_need(const Loaded& loaded, const Sheet& sheet) {
-  const Tissue& tissue = sheet.tissue;
-  const Tool tool = make_tool(loaded.scene.tool);
-  Pose T_device_plate;
-  T_device_plate.p_m << sheet.transform.at_m,
-      sheet.z_m - tissue.threshold_N / tissue.stiffness_N_per_m;
-  T_device_plate.p_m -= tool.tip_plate_m;
-  const InverseResult inverse = inverse_kinematics(loaded.description, T_device_plate);
-  if (!inverse.status) return "out of the device's reach";
-  const JacobianResult motion = jacobian(loaded.description, T_device_plate, inverse.joints);
-  if (!motion.status) return "at a singularity of the device";
-  const AllocationResult allocation = allocate_torques(
-      motion.G,
-      wrench_at({0, 0, tissue.threshold_N}, T_device_plate * tool.tip_plate_m, T_device_plate),
-      loaded.description.motor_peak_torque_Nm);
-  char text[128];
-  std::snprintf(text, sizeof text, "threshold needs %.2f of %.2f Nm%s",
-                allocation.tau_motor_Nm.cwiseAbs().maxCoeff(),
-                loaded.description.motor_peak_torque_Nm,
-                allocation.scale < 1 ? ", and is then not given in full" : "");
-  return text;
-}
-
-void print_needs(const Loaded& loaded, double rate_Hz, double duration_s) {
-  const Scene& scene = loaded.scene;
-  const Tool tool = make_tool(scene.tool);
-  std::printf("scene      %s\nasset      %s\n", scene.name.c_str(), scene.asset.c_str());
-  std::printf("device     %s, %.3g Nm peak a motor\n", loaded.description.name.c_str(),
-              loaded.description.motor_peak_torque_Nm);
-  std::printf("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
-              static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
-  std::printf("tool       %d corners, %.3g mm from the axis\n", tool.sides,
-              (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
-  for (const auto& sheet : loaded.sheets) {
-    Pose T_device_plate;
-    T_device_plate.p_m = -tool.tip_plate_m;
-    T_device_plate.p_m.head<2>() += sheet->transform.at_m;
-    T_device_plate.p_m.z() += sheet->z_m;
-    const LatticeOutline outline =
-        outline_on_lattice(tool, T_device_plate, sheet->transform, sheet->z_m);
-    std::printf(
-        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N; %.0f %% of the "
-        "tool over material at the anchor; %s\n",
-        sheet->slice_index, sheet->z_m, sheet->mesh.vertices_in_use(), sheet->mesh.triangles_in_use(),
-        sheet->tissue.stiffness_N_per_m, sheet->tissue.threshold_N,
-        100 * overlap(*sheet, tool, outline, {}).fraction, describe_need(loaded, *sheet).c_str());
-  }
 }
 
 void print_outcome(const SessionReport& report, const SessionOptions& options) {
@@ -310,7 +271,11 @@ int session(const Arguments& arguments) {
   if (!arguments.record.empty()) options.record = arguments.record;
   options.stop = &stop_requested;
   if (arguments.check) {
-    print_needs(*loaded, options.rate_Hz, options.duration_s);
+    const Result<std::string> needs =
+        describe_needs(loaded->scene, loaded->description, loaded->sheets, loaded->bytes,
+                       options.rate_Hz, options.duration_s);
+    if (!needs) return fail(needs.error());
+    std::fputs(needs->c_str(), stdout);
     return 0;
   }
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <utility>
 
-#include "runtime/deformation/unbounded.h"
+#include "runtime/deformation/calibration.h"
 
 namespace trocar::runtime {
 namespace {
@@ -44,14 +44,8 @@ double settled_stiffness_N_per_m(const Region& region, const ForceLaw& law) {
 
 void find_seeds_in_grid(const Sheet& sheet, const LatticeOutline& outline,
                         std::vector<std::uint32_t>& seeds) {
-  LatticeBox box{outline.points[0], outline.points[0]};
-  for (int i = 1; i < outline.size; ++i) {
-    const LatticePoint p = outline.points[i];
-    box.lowest = {std::min(box.lowest.x, p.x), std::min(box.lowest.y, p.y)};
-    box.highest = {std::max(box.highest.x, p.x), std::max(box.highest.y, p.y)};
-  }
   seeds.clear();
-  sheet.grid.for_each(box, [&](std::uint32_t t) { seeds.push_back(t); });
+  sheet.grid.for_each(box_around(outline), [&](std::uint32_t t) { seeds.push_back(t); });
   std::sort(seeds.begin(), seeds.end());
 }
 
@@ -72,19 +66,24 @@ SheetShape shape_of(const Sheet& sheet, Region region) {
 }  // namespace
 
 Result<std::unique_ptr<Responder>> Responder::make(const Scene& scene,
-                                                   const std::vector<Tissue>& tissue_of_sheet) {
+                                                   const std::vector<Tissue>& tissue_of_sheet,
+                                                   const Lattice& lattice) {
   std::unique_ptr<Responder> responder(new Responder);
   responder->law_ = scene.force_law;
   SceneTool upright = scene.tool;
   upright.tilt_deg = 0;
+  PlanarTransform transform;
+  transform.lattice = lattice;
+  Pose T_device_plate;
   const Tool tool = make_tool(upright);
-  std::vector<Eigen::Vector2d> outline_m;
-  for (int i = 0; i < tool.sides; ++i)
-    outline_m.emplace_back((tool.corner_plate_m[i] - tool.tip_plate_m).head<2>());
+  T_device_plate.p_m = -tool.tip_plate_m;
+  const Ring outline = to_ring(outline_on_lattice(tool, T_device_plate, transform, 0));
+  const Grading grading = options_of(scene.force_law).region.grading;
   for (const Tissue& tissue : tissue_of_sheet) {
-    auto membrane = membrane_for_tool(tissue.stiffness_N_per_m, scene.force_law.reach_m, outline_m);
-    if (!membrane) return membrane.error();
-    responder->membrane_.push_back(*membrane);
+    const auto found =
+        calibrate(tissue.stiffness_N_per_m, scene.force_law.reach_m, outline, lattice, grading);
+    if (!found) return found.error();
+    responder->membrane_.push_back(found->membrane);
   }
   return responder;
 }
@@ -118,6 +117,7 @@ std::optional<SheetResponse> Responder::answer(const ResponseRequest& request, c
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - start)
           .count());
   ++report_.answers;
+  report_.free_nodes_last = found.free_nodes;
   report_.free_nodes_max = std::max(report_.free_nodes_max, found.free_nodes);
   report_.force_bound_max = std::max(report_.force_bound_max, found.bounds.force);
   report_.displacement_bound_max =

@@ -302,7 +302,7 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
     std::vector<Tissue> tissues;
     for (std::size_t i = 0; i < remesher.size(); ++i)
       tissues.push_back(remesher.first_version(i).tissue);
-    auto made = Responder::make(scene, tissues);
+    auto made = Responder::make(scene, tissues, remesher.first_version(0).transform.lattice);
     if (!made) return made.error();
     responder = std::move(*made);
   }

@@ -56,6 +56,12 @@ class TriangleGrid {
     }
   }
 
+  /// Kept in memory.
+  std::size_t bytes() const noexcept {
+    return levels_.capacity() * sizeof(Level) + head_.capacity() * sizeof(std::uint32_t) +
+           link_.capacity() * sizeof(Link);
+  }
+
  private:
   struct Level {
     int shift = 0;                       ///< cells of 2^shift steps
