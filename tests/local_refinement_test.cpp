@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <limits>
 #include <numbers>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -137,7 +138,7 @@ RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std::uint32
   if (!options.split_outline) {
     EXPECT_EQ(lost, 0);
     for (const BoundarySide& s : boundary(mesh)) {
-      // 5
+      // 6
       EXPECT_TRUE(std::any_of(old_sides.begin(), old_sides.end(), [&s](const BoundarySide& o) {
         return lies_on(s.from, o) && lies_on(s.to, o) && (o.is_obtuse() || !s.is_obtuse());
       }));
@@ -150,7 +151,7 @@ RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std::uint32
   SheetMesh replica = before;
   edit.copy_to(mesh, replica);
   EXPECT_TRUE(same(replica, mesh)) << "something was written and not listed";
-  // 4
+  // 5
   SheetMesh again = before;
   edit.begin(again);
   refine_locally(again, edit, seeds, options, workspace);
@@ -241,13 +242,12 @@ TEST(LocalRefinement, OnlyTheSeedsNeighbourhoodIsTouched) {
 
 // Sides of 8 mm in a hexagonal pattern, 128 mm wide; the hole's radius is 3 mm.
 SheetMesh sheet_with_hole(LatticePoint centre, double turn_rad) {
-  constexpr int kCells = 16, kSide = 2048;
+  constexpr int kCells = 16, kHalf = 8, kSide = 2048;
   SliceMesh mesh;
   for (int j = 0; j <= kCells; ++j) {
     for (int i = 0; i <= kCells; ++i)
-      mesh.vertices.push_back(
-          {(i - kCells / 2) * kSide + (j % 2) * kSide / 2,
-           static_cast<int>(std::lround((j - kCells / 2) * 0.8660254 * kSide))});
+      mesh.vertices.push_back({(i - kHalf) * kSide + (j % 2) * kSide / 2,
+                               static_cast<int>(std::lround((j - kHalf) * 0.8660254 * kSide))});
   }
   for (std::uint32_t j = 0; j < kCells; ++j) {
     for (std::uint32_t i = 0; i < kCells; ++i) {
@@ -358,6 +358,70 @@ TEST(LocalRefinement, NeedlesEndAndLeaveOnlyTheirPoints) {
   }
 }
 
+TEST(LocalRefinement, SharpCornersTakeFewPoints) {
+  // Two long sides of different lengths meet; where they are split, one piece must not go on
+  // encroaching upon the other.
+  for (const double corner_deg : {22.0, 30.0, 40.0, 50.0, 58.0, 65.0}) {
+    for (const double ratio : {0.55, 0.7, 0.9}) {
+      const double angle = corner_deg * std::numbers::pi / 180, leg = 40'000;
+      const SliceMesh mesh{{{0, 0},
+                            {static_cast<int>(leg), 0},
+                            {static_cast<int>(std::lround(ratio * leg * std::cos(angle))),
+                             static_cast<int>(std::lround(ratio * leg * std::sin(angle)))}},
+                           {{0, 1, 2}}};
+      SheetMesh sheet = *make_sheet_mesh(mesh, 500, 1000);
+      LocalRefinementOptions options;
+      options.split_outline = true;
+      const std::string where = std::to_string(corner_deg) + " degrees, " + std::to_string(ratio);
+      refine_all_and_check(sheet, options, where);
+      EXPECT_EQ(counts(sheet, 20).obtuse, 0U) << where;
+      EXPECT_EQ(counts(sheet, 20).sharp, 0U) << where;
+      EXPECT_LE(sheet.vertices_in_use(), 12U) << where;
+    }
+  }
+}
+
+TEST(LocalRefinement, KeptSidesAreKept) {
+  for (int seed = 1; seed <= cases(60); ++seed) {
+    Random random(static_cast<std::uint64_t>(seed));
+    SheetMesh mesh = random_sheet(random, 400, 800);
+    // Of the sides that are there at the start every third.
+    std::set<std::array<std::uint32_t, 2>> kept;
+    for (const std::uint32_t t : all_triangles(mesh)) {
+      for (std::uint32_t i = 0; i < 3; ++i) {
+        if (mesh.across[t][i] == kNone && random.between(0, 2) == 0)
+          kept.insert({mesh.triangles[t][i], mesh.triangles[t][(i + 1) % 3]});
+      }
+    }
+    const auto keep = [&kept](std::uint32_t from, std::uint32_t to) {
+      return kept.contains({from, to});
+    };
+    GradedSize size;
+    size.at_radius = 60;
+    LocalRefinementOptions options;
+    options.split_outline = true;
+    options.min_angle_deg = 25;
+    options.size = size;
+    options.keep_side = keep;
+    const RefinementResult result =
+        refine_and_check(mesh, all_triangles(mesh), options, "seed " + std::to_string(seed));
+    std::size_t there = 0, obtuse = 0;
+    for (const std::uint32_t t : all_triangles(mesh)) {
+      for (std::uint32_t i = 0; i < 3; ++i) {
+        const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1) % 3];
+        if (mesh.across[t][i] != kNone) continue;
+        const LatticePoint apex = mesh.vertices[mesh.triangles[t][(i + 2) % 3]];
+        const bool is_kept = kept.contains({from, to});
+        there += is_kept ? 1 : 0;
+        obtuse +=
+            !is_kept && diametral_dot(mesh.vertices[from], mesh.vertices[to], apex) < 0 ? 1 : 0;
+      }
+    }
+    EXPECT_EQ(there, kept.size()) << "seed " << seed;
+    EXPECT_EQ(obtuse, result.obtuse_sides) << "seed " << seed;
+  }
+}
+
 TEST(LocalRefinement, TinySheets) {
   const std::vector<std::vector<LatticePoint>> shapes{
       {{0, 0}, {1, 0}, {0, 1}},
@@ -410,12 +474,15 @@ TEST(LocalRefinement, WithoutBudgetOrRoomNothingHappens) {
       stopped += result.outcome == RefinementOutcome::kNoRoom ? 1 : 0;
     }
 
-    LocalRefinementWorkspace none(0, 0);
     SheetEdit edit(mesh);
     edit.begin(mesh);
-    result = refine_locally(mesh, edit, all_triangles(mesh), options, none);
-    EXPECT_EQ(result.outcome, RefinementOutcome::kNoRoom);
-    EXPECT_TRUE(same(mesh, before));
+    const std::size_t vertices = mesh.vertices.size(), triangles = mesh.triangles.size();
+    for (const auto& [v, t] : {std::array{vertices - 1, triangles}, {vertices, triangles - 1}}) {
+      LocalRefinementWorkspace too_small(v, t);
+      result = refine_locally(mesh, edit, all_triangles(mesh), options, too_small);
+      EXPECT_EQ(result.outcome, RefinementOutcome::kNoRoom);
+      EXPECT_TRUE(same(mesh, before));
+    }
   }
   EXPECT_GT(stopped, 100);
 }
@@ -495,7 +562,7 @@ TEST(LocalRefinement, AllocatesNothing) {
 // The folder TROCAR_ASSETS may hold sample.glb, l3.glb and head.glb; TROCAR_CASES says how many
 // cuts to make in each.
 TEST(LocalRefinement, LawsHoldAfterCutsInRealSlices) {
-  const char* const folder = std::getenv("TROCAR_ASSETS");
+  const char* const folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
   if (folder == nullptr) GTEST_SKIP() << "TROCAR_ASSETS is not set";
   Random random(31);
   for (const char* const name : {"sample", "l3", "head"}) {

@@ -40,7 +40,7 @@ Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
   if (work.cavity.triangles.empty()) return stage;
   while (stage == Stage::kDone) {
     trace_rim(mesh, work.cavity);
-    stage = settle_overlay(mesh, grid, work.cavity, tool, work.overlay);
+    stage = settle_overlay(mesh, grid, work.cavity, work.overlay);
     std::span<const std::uint32_t> absorb = work.overlay.absorb;
     if (stage == Stage::kDone) {
       stage = make_patch(work.overlay, work.patch);
@@ -107,7 +107,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   if (stage != Stage::kDone) return failure(stage, "rim and tool are not planar");
   if (work.cavity.triangles.empty()) return report;
 
-  stage = outline_hole(mesh, work.cavity, work.overlay, work.patch, work.hole);
+  stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
   if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
   bool full = false;
   const char* disproof =
@@ -118,7 +118,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
   if (stage == Stage::kDone)
-    stage = restore_delaunay(mesh, work.stitch.created, work.flips, edit, report.flips);
+    stage = restore_delaunay(mesh, work.stitch.rim_sides, work.flips, edit, report.flips);
   if (stage != Stage::kDone) {
     edit.undo(mesh);
     return failure(stage, nullptr);

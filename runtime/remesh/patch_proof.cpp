@@ -36,37 +36,36 @@ bool takes_rim_edge(const SheetMesh& mesh, std::uint32_t kept, LatticePoint from
   return false;
 }
 
-bool list_rim(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
-              ProofSpace& space) {
+bool list_rim(const Cavity& cavity, const Overlay& overlay, ProofSpace& space) {
   space.rim_at.clear();
   space.boundary_at.clear();
   for (const RimEdge& e : cavity.rim) {
     if (e.kept != kNone) {
       if (space.rim_at.insert(pair_key(e.kept, e.kept_side), 0) == nullptr) return false;
     } else {
-      const std::uint32_t from = overlay.point_at.find(Overlay::key(mesh.vertices[e.from]));
-      const std::uint32_t to = overlay.point_at.find(Overlay::key(mesh.vertices[e.to]));
-      if (space.boundary_at.insert(pair_key(from, to), 0) == nullptr) return false;
+      const std::uint64_t key = pair_key(overlay.rim_point[e.from], overlay.rim_point[e.to]);
+      if (space.boundary_at.insert(key, 0) == nullptr) return false;
     }
   }
   return true;
 }
 
-// The boundary to be of the triangles that stay near the new boundary edges.
+// The boundary to be of the triangles that stay: shared rim edges that no new triangle has taken
+// are laid bare, and there is what was the boundary before near the new boundary edges.
 bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
                         ProofSpace& space) {
-  LatticeBox box{space.fresh.front().a, space.fresh.front().a};
-  for (const Segment& s : space.fresh) {
-    const std::array<LatticePoint, 4> all = {box.lowest, box.highest, s.a, s.b};
-    box = box_around(all);
-  }
   bool fits = true;
-  grid.for_each(mesh, box, [&](std::uint32_t t) {
-    const std::array<std::uint32_t, 3>& across = mesh.across[t];
+  for (const RimEdge& e : cavity.rim) {
+    if (e.kept != kNone && space.rim_at.find(pair_key(e.kept, e.kept_side)) == 0)
+      fits = fits && push_within(space.old, {mesh.vertices[cavity.rim_vertices[e.to]],
+                                             mesh.vertices[cavity.rim_vertices[e.from]]});
+  }
+  LatticeBox box{space.fresh.front().a, space.fresh.front().a};
+  for (const Segment& s : space.fresh)
+    box = box_around(std::array<LatticePoint, 4>{box.lowest, box.highest, s.a, s.b});
+  grid.for_each(box, [&](std::uint32_t t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      // A shared rim edge that no new triangle has taken is laid bare.
-      if (across[i] != kNone && space.rim_at.find(pair_key(t, i)) != 0) continue;
-      if (cavity.contains(t)) return;
+      if (mesh.across[t][i] != kNone || cavity.contains(t)) continue;
       const Triangle& v = mesh.triangles[t];
       fits = fits && push_within(space.old, {mesh.vertices[v[i]], mesh.vertices[v[(i + 1) % 3]]});
     }
@@ -77,10 +76,9 @@ bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const C
 bool any_crossing(const ProofSpace& space) {
   for (std::size_t i = 0; i < space.fresh.size(); ++i) {
     const Segment& s = space.fresh[i];
-    const LatticeBox box = box_around(std::array<LatticePoint, 2>{s.a, s.b});
+    const LatticeBox box = box_around(s.a, s.b);
     const auto crosses = [&](const Segment& t) {
-      return !apart(box, box_around(std::array<LatticePoint, 2>{t.a, t.b})) &&
-             segments_cross(s.a, s.b, t.a, t.b);
+      return !apart(box, box_around(t.a, t.b)) && segments_cross(s.a, s.b, t.a, t.b);
     };
     for (std::size_t j = i + 1; j < space.fresh.size(); ++j) {
       if (crosses(space.fresh[j])) return true;
@@ -118,7 +116,7 @@ const char* disprove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavi
                      ProofSpace& space, bool& full) noexcept {
   space.fresh.clear();
   space.old.clear();
-  full = !list_rim(mesh, cavity, overlay, space);
+  full = !list_rim(cavity, overlay, space);
   for (std::uint32_t t = 0; t < patch.triangles.size() && !full; ++t) {
     const LatticePoint a = corner(overlay, patch, t, 0), b = corner(overlay, patch, t, 1),
                        c = corner(overlay, patch, t, 2);
@@ -128,7 +126,7 @@ const char* disprove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavi
       if (patch.across[t][i] != kNone) {
         std::uint32_t apex = 0;
         if (!mutual(patch, t, i, apex)) return "a side of two new triangles is not mutual";
-        if (in_circle(a, b, c, overlay.points[apex]) > 0)
+        if (t < patch.across[t][i] && in_circle(a, b, c, overlay.points[apex]) > 0)
           return "the patch is not constrained Delaunay";
       } else if (patch.kept[t][i] != kNone) {
         if (!takes_rim_edge(mesh, patch.kept[t][i], from, to, space))

@@ -60,6 +60,10 @@ struct SheetMesh {
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
 };
 
+struct TriangleSide {
+  std::uint32_t triangle, side;
+};
+
 inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t t) noexcept {
   const Triangle& v = mesh.triangles[t];
   return {mesh.vertices[v[0]], mesh.vertices[v[1]], mesh.vertices[v[2]]};
