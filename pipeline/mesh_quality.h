@@ -31,7 +31,8 @@ struct MeshQuality {
   std::vector<SharpTriangle> sharp;  ///< all of them, one by one
   /// Edges whose membrane stiffness (the sum of the cotangents of the angles opposite) is negative,
   /// by exact integers. Inside the mesh Delaunay leaves none; on the outline they are the edges
-  /// that their triangle's apex encroaches upon.
+  /// that their triangle's apex encroaches upon: where an input angle of a few degrees, or an edge
+  /// of a few steps, leaves no lattice point that does not.
   std::uint32_t negative_stiffness_edges = 0;
 };
 
