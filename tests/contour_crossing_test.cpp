@@ -122,6 +122,7 @@ std::vector<Crossing> circle(double cx, double cy, double radius) {
   std::sort(found.begin(), found.end(),
             [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<Crossing> ring;
+  ring.reserve(found.size());
   for (const auto& [angle, c] : found)
     ring.push_back(c);
   return ring;
