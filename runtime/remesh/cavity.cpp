@@ -39,6 +39,11 @@ bool inside(std::int64_t x, std::int64_t y, std::int64_t scale,
   return in;
 }
 
+OutlineEdge edge_of(Outline tool, std::size_t i) {
+  const LatticePoint a = tool[i], b = tool[i + 1 == tool.size() ? 0 : i + 1];
+  return {a, b, box_around(a, b)};
+}
+
 }  // namespace
 
 Contact contact(const std::array<LatticePoint, 3>& triangle,
@@ -52,10 +57,20 @@ Contact contact(const std::array<LatticePoint, 3>& triangle,
     touches = touches || one == Contact::kTouches;
   }
   // No tool edge enters the open triangle: it lies inside the tool, or outside.
+  if (!touches) {
+    return inside(triangle[0].x, triangle[0].y, 1, tool) ? Contact::kOverlaps : Contact::kApart;
+  }
   const std::int64_t x3 = std::int64_t{triangle[0].x} + triangle[1].x + triangle[2].x;
   const std::int64_t y3 = std::int64_t{triangle[0].y} + triangle[1].y + triangle[2].y;
-  if (inside(x3, y3, 3, tool)) return Contact::kOverlaps;
-  return touches ? Contact::kTouches : Contact::kApart;
+  return inside(x3, y3, 3, tool) ? Contact::kOverlaps : Contact::kTouches;
+}
+
+Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept {
+  std::array<OutlineEdge, kMaxToolCorners> edges;
+  const std::size_t n = std::min(tool.size(), kMaxToolCorners);
+  for (std::size_t i = 0; i < n; ++i)
+    edges[i] = edge_of(tool, i);
+  return contact(triangle, std::span<const OutlineEdge>(edges.data(), n));
 }
 
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept {
@@ -82,13 +97,13 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
   cavity.members.clear();
   cavity.tool.clear();
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
-    const LatticePoint a = tool[i], b = tool[i + 1 == n ? 0 : i + 1];
-    if (!push_within(cavity.tool, {a, b, box_around(a, b)})) return Stage::kCapacity;
+    if (!push_within(cavity.tool, edge_of(tool, i))) return Stage::kCapacity;
   }
   // In a large sheet none of this is in the cache: ask for all of it before the first is needed.
   cavity.near_tool.clear();
   bool overlaps = false, fits = true;
-  grid.for_each(box_around(tool), [&](std::uint32_t t) {
+  cavity.tool_box = box_around(tool);
+  grid.for_each(cavity.tool_box, [&](std::uint32_t t) {
     __builtin_prefetch(&mesh.triangles[t]);
     __builtin_prefetch(&mesh.across[t]);
     fits = fits && push_within(cavity.near_tool, t);

@@ -46,6 +46,9 @@ enum class Contact : std::uint8_t {
 Contact contact(const std::array<LatticePoint, 3>& triangle,
                 std::span<const OutlineEdge> tool) noexcept;
 
+/// The same for a single question; the tool has at most kMaxToolCorners.
+Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
+
 /// Is p neither inside the polygon nor on it? O(tool size).
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 
@@ -57,7 +60,8 @@ struct RimEdge {
 };
 
 struct Cavity {
-  std::vector<OutlineEdge> tool;            ///< what it was made for
+  std::vector<OutlineEdge> tool;  ///< what it was made for
+  LatticeBox tool_box;
   std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes meet the tool's
   std::vector<std::uint32_t> triangles;     ///< ascending
   std::vector<RimEdge> rim;                 ///< in the order of `triangles`

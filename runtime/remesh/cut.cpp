@@ -109,12 +109,10 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
 
   stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
   if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
-  bool full = false;
-  const char* disproof =
-      disprove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof, full);
-  if (full) return failure(Stage::kCapacity, nullptr);
-  if (disproof != nullptr) return failure(Stage::kBug, disproof);
-  report.doubled_area_removed = doubled_area_removed(mesh, work.cavity, work.overlay, work.patch);
+  const Proof proof =
+      prove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof);
+  if (proof.full) return failure(Stage::kCapacity, nullptr);
+  if (proof.bug != nullptr) return failure(Stage::kBug, proof.bug);
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
   if (stage == Stage::kDone)
@@ -124,6 +122,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
     return failure(stage, nullptr);
   }
   report.outcome = CutOutcome::kCut;
+  report.doubled_area_removed = proof.doubled_area_removed;
   report.triangles_removed = static_cast<std::uint32_t>(work.cavity.triangles.size());
   report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
   report.obtuse_boundary_sides = count_obtuse_boundary_sides(mesh, edit);
