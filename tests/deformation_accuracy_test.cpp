@@ -23,7 +23,7 @@ Ring hexagon(const Lattice& lattice, LatticePoint centre = {}, double turn = 0) 
 
 Result<Region> respond(const SheetMesh& sheet, const Ring& tool, const Lattice& lattice,
                        const Membrane& membrane, const ResponseOptions& options) {
-  RegionWorkspace workspace;
+  static RegionWorkspace workspace;  // of very fine meshes too: too large to be made each time
   return prepare_region(sheet, find_seeds(sheet, tool), tool, lattice, membrane, options,
                         workspace);
 }

@@ -94,7 +94,7 @@ struct ScanAsset {
   std::vector<const AssetSlice*> slices;  ///< those with material
 };
 
-/// sample, l3 and head, as far as they are there; the path of each with its asset's name.
+/// sample, l3 and head, as far as they are there.
 inline std::vector<ScanAsset> scan_assets() {
   std::vector<ScanAsset> out;
   const char* folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
