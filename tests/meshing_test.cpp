@@ -203,13 +203,13 @@ TEST(Refinement, SteepAnglesEnd) {
 
 // Every slice of the scans at hand: refined in full, and a network of true springs.
 TEST(Refinement, EndsOnScans) {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
+  const char* const folder = std::getenv("TROCAR_REAL_CT");
+  // NOLINTNEXTLINE(concurrency-mt-unsafe)
+  const char* const head = std::getenv("TROCAR_HEAD_CT");
   std::vector<std::string> scans;
-  if (const char* folder = std::getenv("TROCAR_REAL_CT");
-      folder != nullptr)  // NOLINT(concurrency-mt-unsafe)
-    scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
-  if (const char* head = std::getenv("TROCAR_HEAD_CT");
-      head != nullptr)  // NOLINT(concurrency-mt-unsafe)
-    scans.emplace_back(head);
+  if (folder != nullptr) scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
+  if (head != nullptr) scans.emplace_back(head);
   std::erase_if(scans, [](const std::string& s) { return !std::filesystem::exists(s); });
   if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT is there";
   for (const std::string& scan : scans) {
