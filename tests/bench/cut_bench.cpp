@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 // cut_bench [Google Benchmark's options]: a cut of a tool that meets about 30 triangles, in sheets
 // of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread; against CGAL's
 // constrained Delaunay triangulation of the whole slice with the hole and of the cavity alone, in
