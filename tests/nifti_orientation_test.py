@@ -44,12 +44,13 @@ def main():
                 points.append(sorted(map(tuple, np.array(rows, float).round(3).tolist())))
             seen = ([round(s["area_mm2"], 3) for s in info["slices"]], points)
             if expected is None:
-                # The first is the identity: its vertices must lie half a voxel around the boxes, in LPS.
+                # The first is the identity: its vertices must lie half a voxel around the boxes, in LPS (but for the
+                # few hundredths by which contours bulge beside a corner, to give back what its chord cuts off).
                 low, high = np.array(points[0]).min(0), np.array(points[0]).max(0)
                 right, left = origin[0] + 2.5, origin[0] + 10.5
                 front, back = origin[1] + 1.5 * 9.5, origin[1] + 1.5 * 3.5
                 want = [-left, -front, origin[2] + 2, -right, -back, origin[2] + 2]
-                if not np.allclose([*low, *high], want, atol=0.01):
+                if not np.allclose([*low, *high], want, atol=0.03):
                     print("identity lies at", low, high, "not", want)
                     failures += 1
                 expected = seen
