@@ -7,12 +7,12 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "formats/draco_mesh.h"
 #include "formats/lattice.h"
 #include "formats/result.h"
 #include "formats/slice_mesh.h"
@@ -41,22 +41,50 @@ struct Asset {
   std::vector<AssetSlice> slices;  ///< in ascending index
   std::string generator;           ///< program and version
   nlohmann::json parameters = nlohmann::json::object();
-  std::string input_digest;  ///< BLAKE2b of the input's bytes, hex; empty if unknown
+  std::string input_digest;  ///< of the input (slice_stack.h says how), hex; empty if unknown
 };
-
-/// Runs f(0) .. f(n - 1) in any order, perhaps in parallel.
-using ForEach = std::function<void(std::size_t n, const std::function<void(std::size_t)>& f)>;
-
-/// The .glb's bytes. What comes back from decode_asset() is what went in, but
-/// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
-/// not valid, (refused) if it exceeds kMaxAssetExtent. `for_each` may spread the slices'
-/// compression over threads; the bytes do not depend on it.
-Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, const ForEach& for_each = {});
 
 /// Where an asset's bytes go.
 struct AssetSizes {
   std::uint64_t json_bytes = 0, triangle_bytes = 0, outline_bytes = 0, triangles = 0;
 };
+
+/// The .glb's bytes. What comes back from decode_asset() is what went in, but
+/// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
+/// not valid, (refused) if it exceeds kMaxAssetExtent. `sizes`, if not null, becomes what
+/// asset_sizes() would say.
+Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
+
+// The same in three steps, for scans of thousands of slices: encode_slice() may run on several
+// threads, and a mesh can go when its slice is encoded.
+
+struct LatticeBox {
+  LatticePoint low, high;
+};
+/// The quantisation grid of a scan whose vertices all lie in the box. Fails (refused) beyond
+/// kMaxAssetExtent.
+Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box);
+
+/// A slice as the file will have it, its triangles compressed.
+struct EncodedSlice {
+  int index = 0;
+  double z_mm = 0;
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
+  Pslg pslg;
+  std::vector<std::uint8_t> measures;  ///< as CBOR, a tenth of the tree's size
+  std::vector<std::uint8_t> draco;
+  std::size_t vertices = 0, triangles = 0;
+  LatticeBox bounds;  ///< of the vertices
+};
+/// Fails (bug) if the slice is not valid or not within the grid's box.
+Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);
+
+/// The file; `head` is the asset less its slices, which are taken over.
+Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
+                                                 std::vector<EncodedSlice> slices,
+                                                 AssetSizes* sizes = nullptr);
+
+/// Where a file's bytes go. Fails (refused) if it is no container of ours.
 Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
 
 /// Which slices to decode; the others keep their metadata and have an empty mesh and PSLG.

@@ -40,7 +40,14 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
 
   draco::ExpertEncoder encoder(out);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
-  encoder.SetSpeedOptions(0, 0);
+  // In the plane one parallelogram predicts better than Draco's slowest choice, the constrained
+  // average of several, whose flags cost more bits than they save; and it takes half the time.
+  encoder.SetSpeedOptions(2, 2);
+  if (const auto status =
+          encoder.SetAttributePredictionScheme(id, draco::MESH_PREDICTION_PARALLELOGRAM);
+      !status.ok()) {
+    return bug("Draco: " + status.error_msg_string());
+  }
   const float origin[3] = {static_cast<float>(grid.origin.x) * step,
                            static_cast<float>(grid.origin.y) * step, 0.0F};
   encoder.SetAttributeExplicitQuantization(id, grid.quantization_bits, 3, origin,

@@ -22,6 +22,7 @@ struct DracoGrid {
   int quantization_bits = 1;  ///< 2^bits - 1 >= largest extent; at most 24
 };
 
+inline constexpr const char* kDracoExtension = "KHR_draco_mesh_compression";
 /// In an asset every Draco payload holds one attribute, the position, under this id.
 inline constexpr std::uint32_t kDracoPositionId = 0;
 

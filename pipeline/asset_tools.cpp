@@ -53,16 +53,17 @@ Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const La
         continue;
       complement.rings.emplace_back(ring.rbegin(), ring.rend());
     }
-    const auto mesh = triangulate(complement);
-    if (!mesh) return mesh.error();
+    const auto triangulation = triangulate(complement);
+    if (!triangulation) return triangulation.error();
+    const SliceMesh& mesh = triangulation->mesh;
     std::set<std::pair<LatticePoint, LatticePoint>> rim;
     for (std::size_t i = 0; i < hole.size(); ++i)
       rim.emplace(hole[(i + 1) % hole.size()], hole[i]);
     std::int64_t best = 0;
     std::array<double, 2> seed{};
-    for (const Triangle& t : mesh->triangles) {
-      const std::array<LatticePoint, 3> p = {mesh->vertices[t[0]], mesh->vertices[t[1]],
-                                             mesh->vertices[t[2]]};
+    for (const Triangle& t : mesh.triangles) {
+      const std::array<LatticePoint, 3> p = {mesh.vertices[t[0]], mesh.vertices[t[1]],
+                                             mesh.vertices[t[2]]};
       const bool on_rim =
           rim.contains({p[0], p[1]}) || rim.contains({p[1], p[2]}) || rim.contains({p[2], p[0]});
       if (on_rim && orient2d(p[0], p[1], p[2]) > best) {

@@ -5,8 +5,11 @@
 #include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_for.h>
 
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <mutex>
+#include <utility>
 
 #include "pipeline/report.h"
 
@@ -21,20 +24,36 @@ double ms_since(std::chrono::steady_clock::time_point start) {
 }
 
 struct Done {
-  AssetSlice slice;
-  json report, stages;
+  EncodedSlice slice;
+  std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the tree's size
+  json stages;
   std::vector<Warning> warnings;
 };
 
-void warn(Done& out, const MeshedSlice& meshed) {
-  const std::string where = "slice " + std::to_string(out.slice.index);
+void warn(Done& out, int index, const MeshedSlice& meshed) {
+  const std::string where = "slice " + std::to_string(index);
   if (meshed.refined.mesh.triangles.empty()) {
     out.warnings.push_back({"empty_slice", where, "no material in this slice"});
   }
-  if (meshed.refined.out_of_vertices) {
-    out.warnings.push_back({"vertex_budget", where,
-                            "refinement stopped at its vertex budget; the mesh is valid, but not "
-                            "all angles and areas are within bounds"});
+  const Refined& refined = meshed.refined;
+  switch (refined.outcome) {
+    case RefinementOutcome::kRefined:
+      break;
+    case RefinementOutcome::kLatticeTooCoarse:
+      out.warnings.push_back({"lattice_too_coarse", where,
+                              std::to_string(refined.bad_at_lattice_step) +
+                                  " triangles a few lattice steps wide were left as they are"});
+      break;
+    case RefinementOutcome::kAngleNotReached:
+      out.warnings.push_back({"angle_not_reached", where,
+                              "the wanted angle needs too many vertices here; refined to " +
+                                  std::to_string(refined.angle_deg) + " degrees instead"});
+      return;
+    case RefinementOutcome::kVertexBudget:
+      out.warnings.push_back({"vertex_budget", where,
+                              "refinement stopped at its vertex budget; the mesh is valid, but not "
+                              "all angles and areas are within bounds"});
+      return;
   }
   if (meshed.quality.below_unexplained > 0) {
     out.warnings.push_back(
@@ -44,17 +63,51 @@ void warn(Done& out, const MeshedSlice& meshed) {
   }
 }
 
-Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& options) {
+// All vertices lie in the image, or in its crop, of every slice.
+Result<DracoGrid> common_grid(const SliceStack& stack, int first, int last,
+                              const MeshOptions& options) {
+  const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
+  const Crop& c = options.crop ? *options.crop : whole;
+  std::array<double, 4> box{};  // mm; a pixel of room all around
+  for (int k = first; k <= last; ++k) {
+    const SlicePlane& plane = stack.plane(k);
+    const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
+    const std::array<double, 4> here{(c.x0 - 1) * u, (c.y0 - 1) * v, (c.x1 + 1) * u,
+                                     (c.y1 + 1) * v};
+    for (std::size_t i = 0; i < 4; ++i)
+      box[i] =
+          k == first ? here[i] : (i < 2 ? std::min(box[i], here[i]) : std::max(box[i], here[i]));
+  }
+  LatticeBox lattice_box;
+  const auto snapped = [&](double mm) {
+    const double farthest = options.lattice.to_mm(kMaxCoordinate);
+    return options.lattice.snap_mm(std::clamp(mm, -farthest, farthest));
+  };
+  lattice_box.low = {snapped(box[0]), snapped(box[1])};
+  lattice_box.high = {snapped(box[2]), snapped(box[3])};
+  return asset_grid(options.lattice, lattice_box);
+}
+
+Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& options,
+                      const Result<DracoGrid>& grid) {
   auto meshed = mesh_slice(stack, index, options.mesh);
   if (!meshed) return meshed.error();
+  if (!grid) return Error{grid.error().code, stack.name(index) + ": " + grid.error().message};
   const SlicePlane& plane = stack.plane(index);
+  json report = slice_report(index, plane.z_mm, *meshed, options.mesh);
   Done out;
-  out.slice = {index,           plane.z_mm,           plane.T_lps_plane,
-               meshed->outline, meshed->refined.mesh, slice_measures(*meshed)};
-  out.report = slice_report(index, plane.z_mm, *meshed, options.mesh);
   if (options.dump_slice == index)
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
-  warn(out, *meshed);
+  warn(out, index, *meshed);
+
+  const auto start = std::chrono::steady_clock::now();
+  auto encoded = encode_slice({index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
+                               std::move(meshed->refined.mesh), slice_measures(*meshed)},
+                              *grid);
+  if (!encoded) return encoded.error();
+  out.slice = std::move(*encoded);
+  report["ms"]["encode"] = ms_since(start);
+  out.report = json::to_cbor(report);
   return out;
 }
 
@@ -90,63 +143,87 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
 
+  const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
+
+  // The digests of the input's files are pieces of work beside the slices.
+  const int files = static_cast<int>(stack.files.size());
+  std::vector<Result<std::string>> digests(stack.files.size(), std::string());
   std::vector<std::optional<Result<Done>>> done(static_cast<std::size_t>(last - first + 1));
   std::mutex mutex;
   int finished = 0;
-  oneapi::tbb::parallel_for(first, last + 1, [&](int index) {
+  const auto one_piece = [&](int piece) {
     if (options.stop != nullptr && options.stop->load()) return;
-    done[static_cast<std::size_t>(index - first)] = mesh_one(stack, index, options);
+    if (piece < files) {
+      digests[static_cast<std::size_t>(piece)] = digest_file(stack.files[piece]);
+      return;
+    }
+    const int k = piece - files;
+    done[static_cast<std::size_t>(k)] = mesh_one(stack, first + k, options, grid);
     if (options.progress) {
       const std::lock_guard lock(mutex);
       options.progress(++finished, last - first + 1);
     }
-  });
+  };
+  oneapi::tbb::parallel_for(
+      oneapi::tbb::blocked_range<int>(0, files + last - first + 1),
+      [&](const oneapi::tbb::blocked_range<int>& range) {
+        for (int piece = range.begin(); piece < range.end(); ++piece)
+          one_piece(piece);
+      },
+      oneapi::tbb::simple_partitioner());
 
   if (options.stop != nullptr && options.stop->load()) {
     return unwritable("interrupted; nothing was written");
   }
   BatchResult out;
-  out.asset.lattice = options.mesh.lattice;
-  out.asset.generator = "trocar-mesh " TROCAR_VERSION;
-  out.asset.parameters = parameters;
-  out.asset.input_digest = stack.input_digest;
-  json slices = json::array(), warnings = json::array();
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, parameters, {}};
+  json warnings = json::array();
   for (const Warning& w : stack.warnings)
     warnings.push_back(to_json(w));
-  std::size_t triangles = 0;
+  std::vector<EncodedSlice> encoded;
+  std::vector<std::vector<std::uint8_t>> reports;
   for (auto& result : done) {
     if (!*result) return result->error();
-    Done& one = **result;
-    triangles += one.slice.mesh.triangles.size();
-    out.asset.slices.push_back(std::move(one.slice));
-    slices.push_back(std::move(one.report));
+    Done one = std::move(**result);
+    encoded.push_back(std::move(one.slice));
+    reports.push_back(std::move(one.report));
     for (const Warning& w : one.warnings)
       warnings.push_back(to_json(w));
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
-  const auto encode_start = std::chrono::steady_clock::now();
-  auto glb = encode_asset(out.asset, [](std::size_t n, const std::function<void(std::size_t)>& f) {
-    oneapi::tbb::parallel_for(std::size_t{0}, n, f);
-  });
-  if (!glb) return glb.error();
-  const auto sizes = asset_sizes(*glb, "the asset just written");
-  if (!sizes) return bug(sizes.error().message);
-  out.glb = std::move(*glb);
+  done = {};
+  std::vector<std::string> file_digests;
+  for (const auto& digest : digests) {
+    if (!digest) return digest.error();
+    file_digests.push_back(*digest);
+  }
+  out.input_digest = asset.input_digest = digest_input(file_digests);
 
-  const auto per_triangle = [triangles](std::size_t bytes) {
-    return triangles == 0 ? 0.0 : static_cast<double>(bytes) / static_cast<double>(triangles);
+  const auto assemble_start = std::chrono::steady_clock::now();
+  AssetSizes sizes;
+  auto glb = assemble_asset(asset, std::move(encoded), &sizes);
+  if (!glb) return glb.error();
+  out.glb = std::move(*glb);
+  const double assemble_ms = ms_since(assemble_start);
+
+  json slices = json::array();
+  for (auto& report : reports)
+    slices.push_back(json::from_cbor(std::exchange(report, {})));
+  const auto per_triangle = [&sizes](std::size_t bytes) {
+    return sizes.triangles == 0 ? 0.0
+                                : static_cast<double>(bytes) / static_cast<double>(sizes.triangles);
   };
   out.report = {{"parameters", parameters},
                 {"slices", std::move(slices)},
                 {"asset",
                  {{"bytes", out.glb.size()},
-                  {"triangles", triangles},
+                  {"triangles", sizes.triangles},
                   {"bytes_per_triangle", per_triangle(out.glb.size())},
-                  {"triangle_bytes", sizes->triangle_bytes},
-                  {"triangle_bytes_per_triangle", per_triangle(sizes->triangle_bytes)},
-                  {"outline_bytes", sizes->outline_bytes},
-                  {"json_bytes", sizes->json_bytes}}},
-                {"encode_ms", ms_since(encode_start)},
+                  {"triangle_bytes", sizes.triangle_bytes},
+                  {"triangle_bytes_per_triangle", per_triangle(sizes.triangle_bytes)},
+                  {"outline_bytes", sizes.outline_bytes},
+                  {"json_bytes", sizes.json_bytes}}},
+                {"assemble_ms", assemble_ms},
                 {"total_ms", ms_since(start)},
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},

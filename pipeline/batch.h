@@ -22,7 +22,7 @@ struct BatchOptions {
 };
 
 struct BatchResult {
-  Asset asset;
+  std::string input_digest;
   std::vector<std::uint8_t> glb;
   nlohmann::json report;
   nlohmann::json stages;  ///< of dump_slice, or null

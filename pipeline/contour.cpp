@@ -8,6 +8,8 @@
 #include <map>
 #include <opencv2/imgproc.hpp>
 
+#include "pipeline/contour_crossing.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -17,16 +19,17 @@ namespace {
 //    crossing point; the cell on one side enters it and the cell on the other leaves it: with one
 //    successor an edge, loops close.
 //  - The image is padded by one pixel of outside, so no loop leaves it.
-//  - A crossing stays 1/16 pixel, and at least two lattice steps, away from the grid points, and
+//  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points, and
 //  all
 //    points of one grid line snap to one lattice line in order: snapped segments of a cell keep
-//    their order on the cell's border, so two of them cannot cross. The margin also keeps edges
-//    long enough for the mesher; it moves an eighth of the crossings, by 1/32 pixel on average.
+//    their order on the cell's border, so two of them cannot cross.
+// Where on its grid edge a crossing lies is contour_crossing.h's.
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)
       : image_(field.image),
         iso_(field.iso),
+        is_mask_(field.is_mask),
         grid_(grid),
         columns_(image_.width + 2),
         rows_(image_.height + 2) {}
@@ -40,14 +43,20 @@ class MarchingSquares {
     for (std::uint32_t s = 0; s < segments_.size(); ++s)
       segment_from[segments_[s].from] = s;
     Pslg out;
+    std::vector<Crossing> crossings;
     for (const Segment& first : segments_) {
       if (first.done) continue;
-      Ring ring;
+      crossings.clear();
       for (std::uint32_t s = segment_from[first.from]; !segments_[s].done;) {
         segments_[s].done = true;
-        ring.push_back(crossing(segments_[s].from));
+        crossings.push_back(crossing_of(segments_[s].from));
         s = segment_from[segments_[s].to];
       }
+      if (!is_mask_) restore_chord_areas(crossings);
+      Ring ring;
+      ring.reserve(crossings.size());
+      for (const Crossing& c : crossings)
+        ring.push_back(snapped(c));
       out.rings.push_back(std::move(ring));
     }
     return out;
@@ -134,29 +143,43 @@ class MarchingSquares {
     return denominator > 0 ? numerator >= 0 : numerator <= 0;
   }
 
-  LatticePoint crossing(std::size_t edge) const {
+  // At the image's border the material ends at the pixel's edge, whatever its value; in a mask half
+  // way between two pixels.
+  Crossing crossing_of(std::size_t edge) const {
     const int x = static_cast<int>(edge / 2 % columns_), y = static_cast<int>(edge / 2 / columns_);
-    const bool is_vertical = edge % 2 == 1;
-    const double f0 = value(x, y), f1 = is_vertical ? value(x, y + 1) : value(x + 1, y);
-    // At the image's border the material ends at the pixel's edge, whatever its value.
-    const double t = padding(x, y) || (is_vertical ? padding(x, y + 1) : padding(x + 1, y))
-                         ? 0.5
-                         : (iso_ - f0) / (f1 - f0);
+    Crossing out{x, y, edge % 2 == 1, false, 0.5};
+    const int dx = out.along_v ? 0 : 1, dy = 1 - dx;
+    out.fixed = padding(x, y) || padding(x + dx, y + dy);
+    if (out.fixed || is_mask_) return out;
+    GridLine line;
+    const int at = out.along_v ? y : x, end = (out.along_v ? rows_ : columns_) - 2;
+    line.first = std::max(0, 4 - at);
+    line.last = std::min(7, 3 + end - at);
+    for (int i = line.first; i <= line.last; ++i) {
+      line.value[static_cast<std::size_t>(i)] =
+          double{image_.at(x - 1 + dx * (i - 3), y - 1 + dy * (i - 3))} - iso_;
+    }
+    out.t = crossing(line);
+    return out;
+  }
+
+  LatticePoint snapped(const Crossing& c) const {
     const auto along = [&](int from, double spacing) {
       const std::int32_t low = grid_.lattice.snap_mm(from * spacing),
                          high = grid_.lattice.snap_mm((from + 1) * spacing);
-      const std::int32_t at = grid_.lattice.snap_mm((from + t) * spacing);
-      const std::int32_t margin = std::max(2, (high - low) / 16);
+      const std::int32_t at = grid_.lattice.snap_mm((from + c.t) * spacing);
+      const std::int32_t margin = std::max(2, (high - low) / 32);
       return std::clamp(at, low + margin, high - margin);
     };
-    const int px = x - 1 + grid_.offset_x, py = y - 1 + grid_.offset_y;
-    if (is_vertical)
+    const int px = c.x - 1 + grid_.offset_x, py = c.y - 1 + grid_.offset_y;
+    if (c.along_v)
       return {grid_.lattice.snap_mm(px * grid_.spacing_u_mm), along(py, grid_.spacing_v_mm)};
     return {along(px, grid_.spacing_u_mm), grid_.lattice.snap_mm(py * grid_.spacing_v_mm)};
   }
 
   const Image& image_;
   float iso_;
+  bool is_mask_;
   PixelGrid grid_;
   int columns_, rows_;
   std::vector<Segment> segments_;

@@ -8,7 +8,7 @@
 namespace trocar::pipeline {
 
 enum class ContourKind {
-  kSubpixel,  ///< iso-contour by marching squares
+  kSubpixel,  ///< iso-contour by marching squares, its crossings by contour_crossing.h
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 

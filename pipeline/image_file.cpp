@@ -27,16 +27,31 @@ Result<void> check_size(std::int64_t width, std::int64_t height, const std::stri
   return {};
 }
 
-// Grey levels 0..255 of 1, 3 or 4 channels, the latter in the order of `to_grey`.
+// A decoder's output, kept from file to file unless large: fresh memory costs more than what is
+// done in it.
+cv::Mat decode_buffer(int height, int width, int type) {
+  constexpr std::size_t kMostKept = std::size_t{1} << 24;
+  thread_local cv::Mat kept;
+  if (static_cast<std::size_t>(height) * width * CV_ELEM_SIZE(type) > kMostKept)
+    return cv::Mat(height, width, type);
+  kept.create(height, width, type);
+  return kept;
+}
+
+// Grey levels 0..255 of 1, 3 or 4 channels, the latter in the order of `to_grey`. Some rows at a
+// time, which stay in the cache.
 Image to_image(const cv::Mat& pixels, int to_grey) {
-  cv::Mat grey = pixels, levels;
-  if (pixels.channels() > 1) cv::cvtColor(pixels, grey, to_grey);
-  grey.convertTo(levels, CV_32F, grey.depth() == CV_16U ? 1.0 / 257.0 : 1.0);
-  Image image{levels.cols, levels.rows, {}};
-  image.values.reserve(levels.total());
-  for (int y = 0; y < levels.rows; ++y) {
-    const auto* row = levels.ptr<float>(y);
-    image.values.insert(image.values.end(), row, row + levels.cols);
+  constexpr int kRows = 32;
+  thread_local cv::Mat grey, levels;
+  Image image{pixels.cols, pixels.rows, {}};
+  image.values.reserve(pixels.total());
+  for (int y = 0; y < pixels.rows; y += kRows) {
+    const cv::Mat rows = pixels.rowRange(y, std::min(y + kRows, pixels.rows));
+    if (pixels.channels() > 1) cv::cvtColor(rows, grey, to_grey);
+    (pixels.channels() > 1 ? grey : rows)
+        .convertTo(levels, CV_32F, pixels.depth() == CV_16U ? 1.0 / 257.0 : 1.0);
+    const auto* first = levels.ptr<float>();
+    image.values.insert(image.values.end(), first, first + levels.total());
   }
   return image;
 }
@@ -55,22 +70,30 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name) {
   if (int e = spng_set_png_buffer(png.get(), bytes.data(), bytes.size()); e != 0) return broken(e);
   if (int e = spng_get_ihdr(png.get(), &header); e != 0) return broken(e);
   if (auto ok = check_size(header.width, header.height, name); !ok) return ok.error();
-  int format = SPNG_FMT_RGB8, type = CV_8UC3;
+  // Where one of OpenCV's types has the file's own, it is taken as it is (in the host's byte
+  // order); what is transparent makes no difference.
+  int format = SPNG_FMT_PNG, type = CV_8UC3;
   if (header.color_type == SPNG_COLOR_TYPE_GRAYSCALE) {
-    format =
-        header.bit_depth == 16 ? SPNG_FMT_PNG : SPNG_FMT_G8;  // _PNG: as it is, host's byte order
+    if (header.bit_depth < 8) format = SPNG_FMT_G8;
     type = header.bit_depth == 16 ? CV_16UC1 : CV_8UC1;
-  } else if (header.bit_depth == 16) {  // what is transparent makes no difference
+  } else if (header.color_type == SPNG_COLOR_TYPE_TRUECOLOR) {
+    type = header.bit_depth == 16 ? CV_16UC3 : CV_8UC3;
+  } else if (header.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA) {
+    type = header.bit_depth == 16 ? CV_16UC4 : CV_8UC4;
+  } else if (header.bit_depth == 16) {
     format = SPNG_FMT_RGBA16;
     type = CV_16UC4;
+  } else {
+    format = SPNG_FMT_RGB8;
   }
   std::size_t size = 0;
   if (int e = spng_decoded_image_size(png.get(), format, &size); e != 0) return broken(e);
-  cv::Mat pixels(static_cast<int>(header.height), static_cast<int>(header.width), type);
+  const cv::Mat pixels =
+      decode_buffer(static_cast<int>(header.height), static_cast<int>(header.width), type);
   if (size != pixels.total() * pixels.elemSize())
     return bug(name + ": a PNG of another size than its header's");
   if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);
-  return to_image(pixels, type == CV_16UC4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
+  return to_image(pixels, pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
 }
 
 Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
@@ -91,7 +114,7 @@ Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
     return broken();
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
   const bool grey = colours == TJCS_GRAY;
-  cv::Mat pixels(height, width, grey ? CV_8UC1 : CV_8UC3);
+  const cv::Mat pixels = decode_buffer(height, width, grey ? CV_8UC1 : CV_8UC3);
   // A warning (what is missing was made up) is as bad as an error; scans are bounded in number.
   if (tjDecompress2(jpeg.get(), bytes.data(), bytes.size(), pixels.data, width,
                     static_cast<int>(pixels.step[0]), height, grey ? TJPF_GRAY : TJPF_BGR,
@@ -115,7 +138,7 @@ Result<Image> read_deep_tiff(TIFF* tiff, int width, int height, int channels,
     return refused(name + ": a 16-bit TIFF in tiles, planes or " + std::to_string(channels) +
                    " channels");
   }
-  cv::Mat pixels(height, width, CV_MAKETYPE(CV_16U, channels));
+  cv::Mat pixels = decode_buffer(height, width, CV_MAKETYPE(CV_16U, channels));
   if (TIFFScanlineSize64(tiff) != pixels.step[0])
     return refused(name + ": broken TIFF (rows of another length)");
   for (int y = 0; y < height; ++y) {
@@ -152,7 +175,7 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   if (bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB)) {
     return read_deep_tiff(tiff.get(), w, h, channels, name);
   }
-  cv::Mat pixels(h, w, CV_8UC4);
+  const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
   if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
                                 reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,
                                 1) != 1) {

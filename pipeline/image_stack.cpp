@@ -15,6 +15,7 @@ class ImageStack final : public SliceStack {
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return files_[slice].string(); }
   Result<Image> read(int slice) const override {
+    if (slice == 0) return first_;
     auto image = read_image_file(files_[slice]);
     if (image && (image->width != width_ || image->height != height_)) {
       return refused(name(slice) + ": " + std::to_string(image->width) + " x " +
@@ -27,6 +28,7 @@ class ImageStack final : public SliceStack {
   std::vector<std::filesystem::path> files_;
   std::vector<SlicePlane> planes_;
   int width_ = 0, height_ = 0;
+  Image first_;  ///< read on opening
 };
 
 }  // namespace
@@ -36,11 +38,12 @@ Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::pat
   if (!options.spacing_mm) {
     return usage("images carry no pixel size: give --spacing X,Y,Z in mm");
   }
-  const auto first = read_image_file(files[0]);
+  auto first = read_image_file(files[0]);
   if (!first) return first.error();
   auto stack = std::make_unique<ImageStack>();
   stack->width_ = first->width;
   stack->height_ = first->height;
+  stack->first_ = std::move(*first);
   stack->files_ = std::move(files);
   const auto [x, y, z] = *options.spacing_mm;
   for (int i = 0; i < stack->size(); ++i) {

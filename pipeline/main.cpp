@@ -193,7 +193,7 @@ int mesh(const Arguments& a) {
   if (!result) return fail(result.error());
   if (auto ok = write_file_atomically(a.output, result->glb); !ok) return fail(ok.error());
   json& report = result->report;
-  const auto digest = digest_files({a.output});
+  const auto digest = digest_file(a.output);
   if (!digest) return fail(digest.error());
   report["asset"]["digest"] = *digest;
   report["asset"]["file"] = a.output.string();
@@ -201,7 +201,7 @@ int mesh(const Arguments& a) {
   for (const fs::path& input : a.inputs)
     inputs.push_back(input.string());
   report["input"] = {{"paths", std::move(inputs)},
-                     {"digest", (*stack)->input_digest},
+                     {"digest", result->input_digest},
                      {"slices", (*stack)->size()},
                      {"width_px", (*stack)->width()},
                      {"height_px", (*stack)->height()}};

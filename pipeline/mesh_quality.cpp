@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "pipeline/mesh_adjacency.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -58,11 +60,36 @@ class SmallInputAngles {
 
 }  // namespace
 
+std::uint32_t count_negative_stiffness_edges(const SliceMesh& mesh) {
+  // The angle at a, opposite bc: its cotangent is dot / cross.
+  struct Cotangent {
+    std::int64_t dot, cross;
+  };
+  const auto opposite = [&](Side s) {
+    const Triangle& t = mesh.triangles[triangle_of(s)];
+    const LatticePoint a = mesh.vertices[t[index_of(s)]], b = mesh.vertices[t[after(index_of(s))]],
+                       c = mesh.vertices[t[before(index_of(s))]];
+    return Cotangent{diametral_dot(b, c, a), orient2d(a, b, c)};
+  };
+  const Neighbours beyond = neighbours(mesh);
+  std::uint32_t out = 0;
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const Side here = side_number(t, i), there = beyond[t][i];
+      if (there < here) continue;  // was its turn
+      const Cotangent p = opposite(here);
+      const Cotangent q = there == kNoSide ? Cotangent{0, 1} : opposite(there);
+      if (Int128{p.dot} * q.cross + Int128{q.dot} * p.cross < 0) ++out;
+    }
+  }
+  return out;
+}
+
 MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg) {
   MeshQuality out;
   if (refined.mesh.triangles.empty()) return out;
   const SmallInputAngles small(refined);
-  const double cosine = std::cos(min_angle_deg * std::numbers::pi / 180);
+  const double sine = std::sin(min_angle_deg * std::numbers::pi / 180);
   double min_angle = std::numbers::pi;
   std::int64_t max_doubled_area = 0;
   for (std::uint32_t k = 0; k < refined.mesh.triangles.size(); ++k) {
@@ -72,7 +99,7 @@ MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, doub
     max_doubled_area = std::max(max_doubled_area, orient2d(a, b, c));
     const double angle = std::min({angle_at(a, b, c), angle_at(b, c, a), angle_at(c, a, b)});
     min_angle = std::min(min_angle, angle);
-    if (!is_angle_below(a, b, c, cosine * cosine)) continue;
+    if (!is_angle_below(a, b, c, sine * sine)) continue;
     SharpTriangle sharp{k, angle * 180 / std::numbers::pi, 360, {}};
     if (const std::int32_t s = small.at(t); s >= 0) {
       const Refined::Segment& segment = refined.segments[static_cast<std::size_t>(s)];
@@ -84,6 +111,7 @@ MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, doub
     if (sharp.input_angle_deg >= min_angle_deg + kLatticeAllowance_deg) ++out.below_unexplained;
     out.sharp.push_back(sharp);
   }
+  out.negative_stiffness_edges = count_negative_stiffness_edges(refined.mesh);
   out.min_angle_deg = min_angle * 180 / std::numbers::pi;
   out.max_area_mm2 =
       0.5 * static_cast<double>(max_doubled_area) * lattice.step_mm() * lattice.step_mm();

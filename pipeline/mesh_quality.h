@@ -29,7 +29,15 @@ struct MeshQuality {
   /// lattice's step.
   std::uint32_t below_unexplained = 0;
   std::vector<SharpTriangle> sharp;  ///< all of them, one by one
+  /// Edges whose membrane stiffness (the sum of the cotangents of the angles opposite) is negative,
+  /// by exact integers. Inside the mesh Delaunay leaves none; on the outline they are the edges
+  /// that their triangle's apex encroaches upon: where an input angle of a few degrees, or an edge
+  /// of a few steps, leaves no lattice point that does not.
+  std::uint32_t negative_stiffness_edges = 0;
 };
+
+/// Of a valid mesh. O(n).
+std::uint32_t count_negative_stiffness_edges(const SliceMesh& mesh);
 
 MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg);
 

@@ -93,14 +93,14 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
 
   auto cdt = triangulate(out.pslg);
   if (!cdt) return fail(cdt.error());
-  out.cdt = std::move(*cdt);
   out.times.triangulate_ms = watch.lap_ms();
 
   RefinementOptions refinement = options.refinement;
   if (options.max_area_px2)
     refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
   out.max_area_bound_mm2 = refinement.max_area_mm2;
-  out.refined = refine(out.cdt, options.lattice, refinement);
+  out.refined = refine(*cdt, options.lattice, refinement);
+  out.cdt = std::move(cdt->mesh);
   out.times.refine_ms = watch.lap_ms();
 
   out.outline = boundary_rings(out.refined.mesh);

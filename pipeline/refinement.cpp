@@ -3,430 +3,415 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <optional>
 
 #include "pipeline/refinement_mesh.h"
+#include "pipeline/refinement_outline.h"
+#include "pipeline/refinement_places.h"
+#include "pipeline/refinement_queue.h"
+#include "pipeline/refinement_shape.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr std::uint32_t kNone = kNoTriangle;
-constexpr double kSmallInputAngle_deg = 60;
-// Corners below this pull splits of their segments onto concentric shells.
-constexpr double kAcute_deg = 75;
-// Distances from a corner that differ by no more than this many steps are one shell.
-constexpr double kSameShell = 2;
 // An edge is not split into halves of fewer lattice steps than this, nor a triangle with a shorter
 // edge improved: rounding to the lattice would decide the angles.
 constexpr std::int64_t kShortestEdge = 4;
-// A new point is tried in this many places, this far apart, to either side of the off-centre (see
-// improve()).
-// By how many steps a place is drawn nearer to its edge, for rounding not to make the angle too
-// small.
-constexpr double kRounding = 1.5;
-constexpr int kPlaces = 2;
-constexpr double kPlaceStep_deg = 30;
+// Places for a split of an outline's edge, the preferred first.
+constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
+// A point over a side of a triangle that is too large is to make an equilateral one with sides
+// this much of the largest allowed, no nearer to other vertices than half of that.
+constexpr double kEvenSide = 0.9;
 
-// A reference that goes stale when its triangle is replaced.
-struct Ticket {
-  std::uint32_t triangle, stamp;
-  std::uint32_t side = 0;
+// Sides have numbers below 2^31.
+constexpr std::uint32_t kMostVertices = 100'000'000;
+// For angles that are not safe: this many times the vertices of the mesh of the safe one, and how
+// close to the steepest that ends the one taken is.
+constexpr std::size_t kSteepBudget = 4;
+constexpr double kAngleStep_deg = 0.25;
+
+// A new point, and what it would do.
+struct Prospect {
+  LatticePoint p;
+  Cavity cavity;
+  int growth = 0;  // of the number of bad triangles and encroached edges, or kImpossible
+  int flaws = 0;   // how many there would be
 };
+constexpr int kImpossible = std::numeric_limits<int>::max();
 
-// The shape of a triangle, as far as refinement cares.
-struct Shape {
-  std::int64_t shortest2;  // squared length of the shortest side
-  bool is_sharp;           // its smallest angle is below the wanted one
+struct EncroachedTicket {
+  Side side;
+  std::uint32_t generation;
 };
-
-[[gnu::always_inline]] inline Shape shape_of(LatticePoint a, LatticePoint b, LatticePoint c,
-                                             double cos2) {
-  // The smallest angle lies opposite the shortest side s, between l and m; l.m = (l^2 + m^2 - s^2)
-  // / 2.
-  const std::int64_t ab2 = distance2(a, b), bc2 = distance2(b, c), ca2 = distance2(c, a);
-  const std::int64_t s2 = std::min(std::min(ab2, bc2), ca2), l2 = std::max(std::max(ab2, bc2), ca2);
-  const std::int64_t m2 = ab2 + bc2 + ca2 - s2 - l2;
-  const double dot = 0.5 * static_cast<double>(l2 + m2 - s2);
-  return {s2, dot * dot > cos2 * (static_cast<double>(l2) * static_cast<double>(m2))};
-}
 
 // Memory that is kept from slice to slice: taking fresh pages cost a fifth of the time.
 struct Workspace {
   RefinementMesh mesh;
+  RefinementOutline outline;
+  RefinementQueue bad;
   std::vector<VertexOrigin> origins;
-  std::vector<Ticket> encroached, split_first;
-  std::array<std::vector<Ticket>, 4 * 64> bad;
-  std::vector<std::int8_t> is_bad;
-  Cavity cavity, trial;
+  std::vector<EncroachedTicket> encroached;
   std::vector<std::uint32_t> fresh;
-};
-
-// Places for a new point on the shortest side pq of a triangle, seen from the side's middle in
-// units of the side: along it and away from it.
-struct Place {
-  double along, away;
+  Prospect best, trial;
 };
 
 class Refiner {
  public:
-  Refiner(const SliceMesh& mesh, const Lattice& lattice, const RefinementOptions& options,
+  Refiner(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options,
           Workspace& memory)
       : mesh_(memory.mesh),
+        outline_(memory.outline),
+        bad_(memory.bad),
         origins_(memory.origins),
         encroached_(memory.encroached),
-        split_first_(memory.split_first),
-        bad_(memory.bad),
-        is_bad_(memory.is_bad),
-        cavity_(memory.cavity),
-        trial_(memory.trial),
         fresh_(memory.fresh),
-        min_angle_deg_(options.min_angle_deg) {
-    const double angle = options.min_angle_deg * std::numbers::pi / 180;
-    cos2_ = std::cos(angle) * std::cos(angle);
-    const double cot = std::cos(angle) / std::sin(angle), radius = 0.5 / std::sin(angle);
-    off_centre_ = 0.5 * cot + radius;
-    for (int k = 1; k <= kPlaces; ++k) {
-      const double turn = k * kPlaceStep_deg * std::numbers::pi / 180;
-      places_.push_back({radius * std::sin(turn), 0.5 * cot + radius * std::cos(turn)});
-      places_.push_back({-radius * std::sin(turn), 0.5 * cot + radius * std::cos(turn)});
-    }
+        best_(memory.best),
+        trial_(memory.trial),
+        min_angle_deg_(options.min_angle_deg),
+        max_vertices_(options.max_vertices),
+        places_(options.min_angle_deg) {
+    const double sine = std::sin(options.min_angle_deg * std::numbers::pi / 180);
     const double step2 = lattice.step_mm() * lattice.step_mm();
-    max_doubled_area_ = 2 * options.max_area_mm2 / step2;
+    limits_ = {sine * sine, 2 * options.max_area_mm2 / step2};
+    even_side_ = kEvenSide * std::sqrt(2 / std::numbers::sqrt3 * limits_.doubled_area);
+    outline_.clear(from.mesh.vertices.size());
+    mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
+    outline_.close(mesh_.points);
+    origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
     encroached_.clear();
-    is_bad_.clear();
-    for (std::vector<Ticket>& bucket : bad_)
-      bucket.clear();
-    build(mesh);
-    max_vertices_ = options.max_vertices != 0
-                        ? options.max_vertices
-                        : static_cast<std::uint32_t>(std::min(
-                              4e9, 10'000 + 200.0 * static_cast<double>(mesh_.points.size()) +
-                                       20.0 * static_cast<double>(doubled_area(mesh)) /
-                                           std::max(max_doubled_area_, 1.0)));
+    bad_.clear();
   }
 
   Refined run() {
-    for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t)
-      look_at(t);
+    for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
+      look_at_sides(t);
+      const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
+      const Shape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
+      queue(t, shape.is_bad(), shape.shortest2);
+    }
     while (true) {
       split_encroached();
-      const std::optional<Ticket> bad = next_bad();
-      if (!bad) break;
-      if (mesh_.points.size() >= max_vertices_) {
-        out_.out_of_vertices = true;
+      RefinementQueue::Ticket bad{};
+      const bool is_any = bad_.pop(bad, [&](const RefinementQueue::Ticket& ticket) {
+        return mesh_.triangles[ticket.triangle].generation == ticket.generation;
+      });
+      if (mesh_.points.size() >= max_vertices_ && (is_any || !encroached_.empty())) {
+        out_.outcome = RefinementOutcome::kVertexBudget;
         break;
       }
-      improve(bad->triangle);
+      if (!is_any) break;
+      improve(bad.triangle);
     }
     return finish();
   }
 
  private:
-  // ---- set-up ----
-
-  void build(const SliceMesh& mesh) {
-    std::vector<std::int32_t> segment_into(mesh.vertices.size(), -1);
-    mesh_.assign(mesh, [&](std::uint32_t a, std::uint32_t b) {
-      const auto s = static_cast<std::uint32_t>(out_.segments.size());
-      out_.segments.push_back({a, b, -1, 0});
-      segment_into[b] = static_cast<std::int32_t>(s);
-      return s;
-    });
-    for (Refined::Segment& s : out_.segments) {
-      s.previous = segment_into[s.from];
-      const LatticePoint v = at(s.from);
-      const LatticePoint p = at(out_.segments[static_cast<std::size_t>(s.previous)].from),
-                         n = at(s.to);
-      const double cross = static_cast<double>(orient2d(v, n, p));
-      const double dot = static_cast<double>(diametral_dot(n, p, v));
-      s.angle_at_from_deg =
-          cross > 0 && dot > 0 ? std::atan2(cross, dot) * 180 / std::numbers::pi : 360;
-    }
-    origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
-    corner_angle_deg_.assign(mesh_.points.size(), 360);
-    for (const Refined::Segment& s : out_.segments)
-      corner_angle_deg_[s.from] = s.angle_at_from_deg;
-  }
-
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
-
-  // ---- what is wrong with a triangle ----
-
   double distance(std::uint32_t a, std::uint32_t b) const {
     return std::sqrt(static_cast<double>(distance2(at(a), at(b))));
   }
 
-  bool is_encroached(Side s) const {
-    const auto [a, b] = mesh_.ends(s);
-    const std::uint32_t apex = mesh_.apex(s);
+  // ---- what is wrong with a triangle ----
+
+  bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
+                     std::uint32_t apex) const {
     if (diametral_dot(at(a), at(b), at(apex)) >= 0) return false;
     // Across a small input angle, the vertex on the same shell encroaches by rounding alone.
     const std::uint32_t corner =
-        common_small_corner(static_cast<std::int32_t>(mesh_.segment(s)), origins_[apex].segment);
-    if (corner == kNone) return true;
+        outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
+    if (corner == RefinementOutline::kNoCorner) return true;
     const double d = distance(apex, corner);
-    return std::abs(d - distance(a, corner)) > kSameShell &&
-           std::abs(d - distance(b, corner)) > kSameShell;
+    return std::abs(d - distance(a, corner)) > RefinementOutline::kSameShell &&
+           std::abs(d - distance(b, corner)) > RefinementOutline::kSameShell;
   }
 
-  // The corner where two input segments meet under a small angle in the material, or kNone.
-  std::uint32_t common_small_corner(std::int32_t s, std::int32_t t) const {
-    if (s < 0 || t < 0 || s == t) return kNone;
-    const auto& from_s = out_.segments[static_cast<std::size_t>(s)];
-    const auto& from_t = out_.segments[static_cast<std::size_t>(t)];
-    if (from_s.previous == t && from_s.angle_at_from_deg < kSmallInputAngle_deg) return from_s.from;
-    if (from_t.previous == s && from_t.angle_at_from_deg < kSmallInputAngle_deg) return from_t.from;
-    return kNone;
-  }
-
-  // Queues what is wrong with a new triangle.
-  void look_at(std::uint32_t t) {
+  // Notes sides on the outline that are encroached upon.
+  void look_at_sides(std::uint32_t t) {
     const WorkingTriangle& tri = mesh_.triangles[t];
+    if (((tri.beyond[0] | tri.beyond[1] | tri.beyond[2]) & kOutline) == 0) return;
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (mesh_.is_outline({t, i}) && is_encroached({t, i}))
-        encroached_.push_back({t, mesh_.stamps[t], i});
-    }
-    const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
-    const Shape shape = shape_of(a, b, c, cos2_);
-    const bool bad = shape.is_sharp || is_large(orient2d(a, b, c));
-    if (is_bad_.size() < mesh_.triangles.size()) is_bad_.resize(mesh_.triangles.size());
-    is_bad_[t] = bad ? 1 : 0;
-    if (!bad) return;
-    // Shortest first: four buckets for each power of two of the squared length.
-    const auto length2 = static_cast<std::uint64_t>(shape.shortest2) << 2;
-    const auto width = static_cast<std::uint32_t>(std::bit_width(length2));
-    const std::size_t bucket = 4 * width + ((length2 >> (width - 3)) & 3);
-    bad_[bucket].push_back({t, mesh_.stamps[t]});
-    first_bad_ = std::min(first_bad_, bucket);
-  }
-
-  bool is_large(std::int64_t area2) const { return static_cast<double>(area2) > max_doubled_area_; }
-
-  std::optional<Ticket> next_bad() {
-    for (; first_bad_ < bad_.size(); ++first_bad_) {
-      std::vector<Ticket>& bucket = bad_[first_bad_];
-      while (!bucket.empty()) {
-        const Ticket ticket = bucket.back();
-        bucket.pop_back();
-        if (mesh_.stamps[ticket.triangle] == ticket.stamp) return ticket;
-      }
-    }
-    return std::nullopt;
-  }
-
-  // ---- splitting boundary edges ----
-
-  void split_encroached() {
-    while (!encroached_.empty() && mesh_.points.size() < max_vertices_) {
-      const Ticket ticket = encroached_.back();
-      encroached_.pop_back();
-      if (mesh_.stamps[ticket.triangle] == ticket.stamp) split_side({ticket.triangle, ticket.side});
+      if ((tri.beyond[i] & kOutline) != 0 &&
+          is_encroached(tri.beyond[i] ^ kOutline, tri.v[after(i)], tri.v[before(i)], tri.v[i]))
+        encroached_.push_back({side_number(t, i), tri.generation});
     }
   }
 
-  // Where to split ab, a piece of an input segment: the middle, but if the segment has an acute
-  // corner on a shell around it, so that pieces of the two segments that meet there end at equal
-  // distances.
-  double split_fraction(std::uint32_t a, std::uint32_t b, std::uint32_t segment) const {
-    const Refined::Segment& s = out_.segments[segment];
-    double fraction = 0.5, nearest = std::numeric_limits<double>::max();
-    for (const std::uint32_t corner : {s.from, s.to}) {
-      if (corner_angle_deg_[corner] >= kAcute_deg) continue;
-      const double da = distance(a, corner), db = distance(b, corner);
-      const double near = std::min(da, db), far = std::max(da, db);
-      if (near >= nearest) continue;
-      nearest = near;
-      fraction = (shell_between(near, far) - near) / (far - near);
-      if (db < da) fraction = 1 - fraction;
-    }
-    return fraction;
+  void queue(std::uint32_t t, bool is_bad, double shortest2) {
+    mesh_.triangles[t].is_bad = is_bad ? 1 : 0;
+    if (is_bad) bad_.push(shortest2, {t, mesh_.triangles[t].generation});
   }
 
-  // The shells around a corner, the same for every segment: the powers of two, between them their
-  // ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between
-  // segments that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in
-  // this order that lies well inside (near, far).
-  static double shell_between(double near, double far) {
-    const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
-    double power = 1;
-    while (power * 2 <= high)
-      power *= 2;
-    if (power >= low) return power;
-    double from = power, to = 2 * power, middle = power * std::numbers::sqrt2;
-    for (int depth = 0; depth < 20; ++depth) {
-      if (middle >= low && middle <= high) return middle;
-      (middle < low ? from : to) = middle;
-      middle = 0.5 * (from + to);
-    }
-    return 0.5 * (near + far);
+  // ---- looking before inserting ----
+
+  // The shape of the triangle that would replace the edge of the rim.
+  Shape look_ahead(Cavity::Rim& r, LatticePoint p) const {
+    const Shape shape = shape_of(at(r.a), at(r.b), p, limits_);
+    r.shortest2 = shape.shortest2;
+    r.is_bad = shape.is_bad();
+    return shape;
   }
-
-  // The lattice point nearest to the split point that lies on the edge or on its inner side and
-  // leaves two positive triangles: the boundary then never moves outwards, so it cannot meet
-  // another part of itself, and the triangle that held it still does.
-  std::optional<LatticePoint> split_point(Side s) const {
-    const auto [ia, ib] = mesh_.ends(s);
-    const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s));
-    const double f = split_fraction(ia, ib, mesh_.segment(s));
-    const double x = a.x + f * (static_cast<double>(b.x) - a.x),
-                 y = a.y + f * (static_cast<double>(b.y) - a.y);
-    std::optional<LatticePoint> best;
-    double best_d2 = 0;
-    for (int dy = 0; dy < 2; ++dy) {
-      for (int dx = 0; dx < 2; ++dx) {
-        const LatticePoint m{static_cast<std::int32_t>(std::floor(x)) + dx,
-                             static_cast<std::int32_t>(std::floor(y)) + dy};
-        if (orient2d(a, b, m) < 0 || orient2d(b, c, m) <= 0 || orient2d(c, a, m) <= 0) continue;
-        const double d2 = (m.x - x) * (m.x - x) + (m.y - y) * (m.y - y);
-        if (!best || d2 < best_d2) best = m, best_d2 = d2;
-      }
+  void look_ahead(Prospect& prospect) const {
+    prospect.flaws = 0;
+    bool is_star = true;
+    for (Cavity::Rim& r : prospect.cavity.rim) {
+      const Shape shape = look_ahead(r, prospect.p);
+      prospect.flaws += shape.is_bad() ? 1 : 0;
+      is_star = is_star && shape.doubled_area > 0;
     }
-    return best;
+    sum_up(prospect);
+    if (!is_star) prospect.growth = kImpossible;
   }
-
-  bool split_side(Side s) {
-    const auto [a, b] = mesh_.ends(s);
-    if (distance2(at(a), at(b)) < 4 * kShortestEdge * kShortestEdge) return false;
-    const std::optional<LatticePoint> m = split_point(s);
-    if (!m) return false;
-    mesh_.find_cavity(s.triangle, *m, trial_);
-    const std::uint32_t segment = mesh_.segment(s);
-    // The side itself leaves the cavity's rim: m lies on it.
-    std::erase_if(trial_.rim, [s](const Cavity::Rim& r) {
-      return r.from.triangle == s.triangle && r.from.side == s.side;
-    });
-    return insert(trial_, *m, {static_cast<std::int32_t>(segment)}, kOutline | segment);
+  void sum_up(Prospect& prospect) const {
+    prospect.growth = prospect.flaws;
+    for (const std::uint32_t t : prospect.cavity.triangles)
+      prospect.growth -= mesh_.triangles[t].is_bad;
   }
-
-  bool insert(const Cavity& cavity, LatticePoint p, VertexOrigin origin, std::uint32_t split) {
-    if (!mesh_.fill_cavity(cavity, p, split, fresh_)) return false;
-    origins_.push_back(origin);
-    for (const std::uint32_t t : fresh_)
-      look_at(t);
-    return true;
-  }
-
-  // ---- inserting in the material ----
-
-  void improve(std::uint32_t t) {
-    const WorkingTriangle tri = mesh_.triangles[t];
-    const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
-    const bool large = is_large(orient2d(a, b, c));
-    if (!large) {
-      if (is_too_short(tri)) return give_up(t);
-      if (const std::uint32_t corner = across_small_angle(tri); corner != kNone) {
-        // Miller, Pav and Walkington: shortening this edge would go on for ever. Where the input
-        // angle allows the wanted one, closer shells reach it.
-        if (corner_angle_deg_[corner] < min_angle_deg_ + kLatticeAllowance_deg) return give_up(t);
-        if (split_shells(t, corner)) return;
-      }
-    }
-    const Shape shape = shape_of(a, b, c, cos2_);
-    std::optional<LatticePoint> p = circumcentre(tri, shape.is_sharp);
-    if (!p || !mesh_.circumcircle_holds(t, *p)) return;
-    mesh_.find_cavity(t, *p, cavity_);
-    if (shape.is_sharp && !large) {
-      // Other places under the same angle may rid us of more bad triangles at once, or spare the
-      // outline: the first that leaves fewer than there were, or the best of them. They keep the
-      // distance from other vertices that the off-centre has by nature, the shortest edge's length,
-      // so that refinement ends as it does without them.
-      int best = is_blocked(cavity_, *p) ? 0 : growth_of_bad(cavity_, *p);
-      const std::uint32_t k = shortest_side(tri);
-      const LatticePoint from = at(tri.v[next_side(k)]), to = at(tri.v[previous_side(k)]);
-      const double dx = static_cast<double>(to.x) - from.x, dy = static_cast<double>(to.y) - from.y;
-      const double x = 0.5 * (static_cast<double>(to.x) + from.x),
-                   y = 0.5 * (static_cast<double>(to.y) + from.y);
-      const double shrink =
-          1 - std::min(0.4, kRounding / std::sqrt(static_cast<double>(shape.shortest2)));
-      for (const Place& place : places_) {
-        if (best < 0) break;
-        const LatticePoint q{static_cast<std::int32_t>(
-                                 std::lrint(x + (place.along * dx - place.away * dy) * shrink)),
-                             static_cast<std::int32_t>(
-                                 std::lrint(y + (place.along * dy + place.away * dx) * shrink))};
-        if (!mesh_.circumcircle_holds(t, q)) continue;
-        const auto is_welcome = [&](const Cavity::Rim& r) {
-          return distance2(at(r.a), q) >= shape.shortest2 && orient2d(at(r.a), at(r.b), q) > 0 &&
-                 !is_in_the_way(r, q);
-        };
-        if (!mesh_.find_cavity(t, q, trial_, is_welcome)) continue;
-        if (const int growth = growth_of_bad(trial_, q); growth < best) {
-          best = growth, p = q;
-          std::swap(cavity_, trial_);
-        }
-      }
-    }
-    // A point that would encroach, or lies beyond the boundary, splits the edges in its way
-    // instead.
-    split_first_.clear();
-    for (const Cavity::Rim& r : cavity_.rim) {
-      if (is_in_the_way(r, *p))
-        split_first_.push_back({r.from.triangle, mesh_.stamps[r.from.triangle], r.from.side});
-    }
-    if (split_first_.empty()) {
-      insert(cavity_, *p, {VertexOrigin::kFree}, 0);
-      return;
-    }
-    bool split = false;
-    const std::uint32_t stamp = mesh_.stamps[t];
-    for (const Ticket& side : split_first_) {
-      if (mesh_.stamps[side.triangle] == side.stamp)
-        split = split_side({side.triangle, side.side}) || split;
-    }
-    if (split && mesh_.stamps[t] == stamp) look_at(t);  // it may still be bad
-  }
-
-  void give_up(std::uint32_t t) { is_bad_[t] = 0; }
 
   bool is_in_the_way(const Cavity::Rim& r, LatticePoint p) const {
     return r.is_outline() &&
            (diametral_dot(at(r.a), at(r.b), p) < 0 || orient2d(at(r.a), at(r.b), p) <= 0);
   }
 
-  bool is_blocked(const Cavity& cavity, LatticePoint p) const {
-    return std::any_of(cavity.rim.begin(), cavity.rim.end(),
-                       [&](const Cavity::Rim& r) { return is_in_the_way(r, p); });
+  // How many bad triangles, and `more` for each edge of the rim, there would be if p had this
+  // cavity; `limit` for more and where it cannot have it. Places close to each other have nearly
+  // the same, so that looking for the best one by the first one's cavity will do.
+  template <typename More>
+  int flaws_of(LatticePoint p, const Cavity& cavity, int limit, More more) const {
+    int flaws = 0;
+    for (const Cavity::Rim& r : cavity.rim) {
+      const Shape shape = shape_of(at(r.a), at(r.b), p, limits_);
+      flaws += (shape.is_bad() ? 1 : 0) + more(r);
+      if (shape.doubled_area <= 0 || flaws >= limit) return limit;
+    }
+    return flaws;
   }
 
-  // How many bad triangles more there would be.
-  int growth_of_bad(const Cavity& cavity, LatticePoint p) const {
-    int out = 0;
-    for (const Cavity::Rim& r : cavity.rim)
-      out += is_bad(at(r.a), at(r.b), p) ? 1 : 0;
-    for (const std::uint32_t t : cavity.triangles)
-      out -= is_bad_[t];
-    return out;
-  }
-  bool is_bad(LatticePoint a, LatticePoint b, LatticePoint c) const {
-    return shape_of(a, b, c, cos2_).is_sharp || is_large(orient2d(a, b, c));
+  // A quick look at what a neighbouring place saw: does it speak against this one?
+  bool is_unwelcome_at(const Cavity& seen, LatticePoint p, double min_distance2) const {
+    return std::any_of(seen.rim.begin(), seen.rim.end(), [&](const Cavity::Rim& r) {
+      return static_cast<double>(distance2(at(r.a), p)) < min_distance2 ||
+             (r.is_outline() && diametral_dot(at(r.a), at(r.b), p) < 0);
+    });
   }
 
-  bool is_too_short(const WorkingTriangle& tri) {
-    const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
-    const bool is = std::min({distance2(a, b), distance2(b, c), distance2(c, a)}) <
-                    kShortestEdge * kShortestEdge;
-    if (is) ++out_.too_short;
-    return is;
+  // Would a point within the circumcircle of t lie in the material, encroach upon no edge and keep
+  // a distance from other vertices?
+  bool is_welcome(std::uint32_t t, LatticePoint p, double min_distance2, Prospect& out) {
+    if (!mesh_.circumcircle_holds(t, p)) return false;
+    out.p = p;
+    out.flaws = 0;
+    mesh_.find_cavity(t, p, kNoSide, out.cavity);
+    for (Cavity::Rim& r : out.cavity.rim) {
+      const Shape shape = look_ahead(r, p);
+      out.flaws += r.is_bad ? 1 : 0;
+      if (shape.doubled_area <= 0 || shape.ca2 < min_distance2 || is_in_the_way(r, p)) return false;
+    }
+    sum_up(out);
+    return true;
   }
 
-  std::uint32_t shortest_side(const WorkingTriangle& tri) const {
-    const LatticePoint a = at(tri.v[0]), b = at(tri.v[1]), c = at(tri.v[2]);
+  // The longest edge of the outline that a point within the circumcircle of t encroaches upon or
+  // lies beyond; kNoSide if there is none.
+  Side find_in_the_way(std::uint32_t t, LatticePoint p, Prospect& out) {
+    out.p = p;
+    mesh_.find_cavity(t, p, kNoSide, out.cavity);
+    Side longest = kNoSide;
+    std::int64_t length2 = 0;
+    for (const Cavity::Rim& r : out.cavity.rim) {
+      if (!is_in_the_way(r, p)) continue;
+      const std::int64_t ab2 = distance2(at(r.a), at(r.b));
+      if (ab2 > length2) length2 = ab2, longest = r.inside;
+    }
+    if (longest == kNoSide) look_ahead(out);
+    return longest;
+  }
+
+  // ---- splitting edges of the outline ----
+
+  void split_encroached() {
+    while (!encroached_.empty() && mesh_.points.size() < max_vertices_) {
+      const EncroachedTicket ticket = encroached_.back();
+      encroached_.pop_back();
+      if (mesh_.triangles[triangle_of(ticket.side)].generation == ticket.generation)
+        split_side(ticket.side);
+    }
+  }
+
+  // What splitting the side in p would do.
+  bool look_at_split(Side s, LatticePoint p, Prospect& out) {
+    out.p = p;
+    out.flaws = 0;
+    mesh_.find_cavity(triangle_of(s), p, s, out.cavity);
+    for (Cavity::Rim& r : out.cavity.rim) {
+      if (look_ahead(r, p).doubled_area <= 0) return false;
+      out.flaws += (r.is_bad ? 1 : 0) + encroachments(s, p, r);
+    }
+    sum_up(out);
+    return true;
+  }
+
+  // How many edges of the outline the triangle on an edge of the rim would have encroached.
+  int encroachments(Side s, LatticePoint p, const Cavity::Rim& r) const {
+    const auto [a, b] = mesh_.ends(s);
+    const LatticePoint from = at(r.a), to = at(r.b);
+    return (r.is_outline() && diametral_dot(from, to, p) < 0 ? 1 : 0) +
+           (r.b == a && diametral_dot(to, p, from) < 0 ? 1 : 0) +
+           (r.a == b && diametral_dot(p, from, to) < 0 ? 1 : 0);
+  }
+
+  bool split_side(Side s) {
+    const auto [ia, ib] = mesh_.ends(s);
+    const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s));
+    if (distance2(a, b) < 4 * kShortestEdge * kShortestEdge) return false;
+    const std::uint32_t segment = mesh_.beyond(s) ^ kOutline;
+    const bool has_shells = outline_.has_shells(segment);
+    bool is_found = false;
+    std::optional<LatticePoint> better;
+    int fewest = 0;
+    for (std::size_t k = 0; k < (has_shells ? 1 : kSplits.size()); ++k) {
+      const double fraction =
+          has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
+      const std::optional<LatticePoint> p = split_point(a, b, c, fraction);
+      if (!p) continue;
+      if (!is_found) {
+        is_found = look_at_split(s, *p, best_);
+        fewest = best_.flaws;
+      } else if (const int flaws =
+                     flaws_of(*p, best_.cavity, fewest,
+                              [&](const Cavity::Rim& r) { return encroachments(s, *p, r); });
+                 flaws < fewest) {
+        fewest = flaws, better = p;
+      }
+      if (is_found && fewest == 0) break;
+    }
+    if (!is_found) return false;
+    if (better && look_at_split(s, *better, trial_) && trial_.growth < best_.growth)
+      std::swap(best_, trial_);
+    if (!insert(best_, {static_cast<std::int32_t>(segment)}, s)) return false;
+    for (const std::uint32_t t : fresh_)
+      look_at_sides(t);
+    return true;
+  }
+
+  bool insert(const Prospect& prospect, VertexOrigin origin, Side split) {
+    if (!mesh_.fill_cavity(prospect.cavity, prospect.p, split, fresh_)) return false;
+    origins_.push_back(origin);
+    for (std::size_t k = 0; k < fresh_.size(); ++k)
+      queue(fresh_[k], prospect.cavity.rim[k].is_bad, prospect.cavity.rim[k].shortest2);
+    return true;
+  }
+
+  // ---- inserting in the material ----
+
+  void improve(std::uint32_t t) {
+    const std::array<std::uint32_t, 3> v = mesh_.triangles[t].v;
+    const Shape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
+    const std::uint32_t shortest = shortest_side(v);
+    if (!shape.is_large) {
+      if (shape.shortest2 < kShortestEdge * kShortestEdge) return leave(t);
+      if (const std::uint32_t corner = across_small_angle(v, shortest);
+          corner != RefinementOutline::kNoCorner) {
+        // Miller, Pav and Walkington: shortening this edge would go on for ever. Where the input
+        // angle allows the wanted one, closer shells reach it.
+        if (outline_.angle_deg(corner) < min_angle_deg_ + kLatticeAllowance_deg) {
+          mesh_.triangles[t].is_bad = 0;
+          return;
+        }
+        if (split_shells(t, corner)) return;
+      }
+    }
+    const double most_away = shape.is_sharp
+                                 ? places_.off_centre() * rounding_allowance(shape.shortest2)
+                                 : std::numeric_limits<double>::infinity();
+    const LatticePoint centre =
+        centre_over(at(v[after(shortest)]), at(v[before(shortest)]), at(v[shortest]), most_away);
+    if (!mesh_.circumcircle_holds(t, centre)) return leave(t);
+    const Side in_the_way = find_in_the_way(t, centre, best_);
+    const bool is_found = find_better(t, v, shortest, shape, in_the_way);
+    const std::uint32_t generation = mesh_.triangles[t].generation;
+    if (is_found || in_the_way == kNoSide) {
+      if (best_.growth == kImpossible || !insert(best_, {VertexOrigin::kFree}, kNoSide)) leave(t);
+    } else if (!split_side(in_the_way)) {
+      // A point that would encroach, or lies beyond the outline, splits an edge in its way instead.
+      leave(t);
+    } else if (mesh_.triangles[t].generation == generation) {
+      queue(t, true, shape.shortest2);  // it is still there, and may come into reach
+    }
+  }
+
+  // Leaves a bad triangle as it is: the lattice has no point to better it.
+  void leave(std::uint32_t t) {
+    mesh_.triangles[t].is_bad = 0;
+    ++out_.bad_at_lattice_step;
+  }
+
+  // Other places may rid us of more bad triangles at once, or spare the outline. Puts the first
+  // that leaves two fewer than there were, or the best of them, into best_; gives false if there is
+  // none better than what is there.
+  bool find_better(std::uint32_t t, const std::array<std::uint32_t, 3>& v, std::uint32_t shortest,
+                   const Shape& shape, Side in_the_way) {
+    if (shape.is_large) return in_the_way == kNoSide && find_more_even(t, v);
+    int growth = in_the_way == kNoSide ? best_.growth : 0;
+    bool is_found = false;
+    const LatticePoint a = at(v[after(shortest)]), b = at(v[before(shortest)]);
+    const double allowance = rounding_allowance(shape.shortest2);
+    for (const Place& place : places_.aside()) {
+      if (growth < -1) break;
+      const LatticePoint p = over(a, b, {place.along * allowance, place.away * allowance});
+      // They keep the distance from other vertices that the off-centre has by nature, the shortest
+      // edge's length, so that refinement ends as it does without them.
+      if (is_unwelcome_at(best_.cavity, p, shape.shortest2) ||
+          !is_welcome(t, p, shape.shortest2, trial_) || trial_.growth >= growth)
+        continue;
+      growth = trial_.growth;
+      is_found = true;
+      std::swap(best_, trial_);
+    }
+    return is_found;
+  }
+
+  // The same for a triangle that is too large: over each side the apex of an even triangle, and the
+  // sides' middles.
+  bool find_more_even(std::uint32_t t, const std::array<std::uint32_t, 3>& v) {
+    const double even2 = even_side_ * even_side_, min_distance2 = 0.25 * even2;
+    std::optional<LatticePoint> better;
+    int fewest = best_.flaws;
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const LatticePoint a = at(v[after(i)]), b = at(v[before(i)]);
+      const auto side2 = static_cast<double>(distance2(a, b));
+      const double leg2 = std::max(even2, 0.49 * side2);
+      const bool is_inside = (mesh_.triangles[t].beyond[i] & kOutline) == 0;
+      for (const double away : {std::sqrt(leg2 / side2 - 0.25), 0.0}) {
+        const LatticePoint p = over(a, b, {0, away});
+        if ((away == 0 && !is_inside) || is_unwelcome_at(best_.cavity, p, min_distance2)) continue;
+        const int flaws = flaws_of(p, best_.cavity, fewest, [](const Cavity::Rim&) { return 0; });
+        if (flaws < fewest) fewest = flaws, better = p;
+      }
+    }
+    if (!better || !is_welcome(t, *better, min_distance2, trial_) || trial_.growth >= best_.growth)
+      return false;
+    std::swap(best_, trial_);
+    return true;
+  }
+
+  std::uint32_t shortest_side(const std::array<std::uint32_t, 3>& v) const {
+    const LatticePoint a = at(v[0]), b = at(v[1]), c = at(v[2]);
     const std::int64_t bc = distance2(b, c), ca = distance2(c, a), ab = distance2(a, b);
     return bc <= ca && bc <= ab ? 0 : ca <= ab ? 1 : 2;
   }
 
   // The corner, if the shortest edge joins two input segments that meet there under a small angle,
-  // at the same distance from it; else kNone.
-  std::uint32_t across_small_angle(const WorkingTriangle& tri) const {
-    const std::uint32_t shortest = shortest_side(tri);
-    const std::uint32_t p = tri.v[next_side(shortest)], q = tri.v[previous_side(shortest)];
-    const std::uint32_t corner = common_small_corner(origins_[p].segment, origins_[q].segment);
-    if (corner == kNone || std::abs(distance(p, corner) - distance(q, corner)) > kSameShell)
-      return kNone;
+  // at the same distance from it; else none.
+  std::uint32_t across_small_angle(const std::array<std::uint32_t, 3>& v,
+                                   std::uint32_t shortest) const {
+    const std::uint32_t p = v[after(shortest)], q = v[before(shortest)];
+    const std::uint32_t corner = outline_.small_corner(origins_[p].segment, origins_[q].segment);
+    if (corner == RefinementOutline::kNoCorner ||
+        std::abs(distance(p, corner) - distance(q, corner)) > RefinementOutline::kSameShell)
+      return RefinementOutline::kNoCorner;
     return corner;
   }
 
@@ -434,42 +419,23 @@ class Refiner {
   // to the next but one, so that shells follow in the ratio sqrt(2).
   bool split_shells(std::uint32_t t, std::uint32_t corner) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (!mesh_.is_outline({t, i})) continue;
-      const auto [a, b] = mesh_.ends({t, i});
+      const Side s = side_number(t, i);
+      if ((mesh_.beyond(s) & kOutline) == 0) continue;
+      const auto [a, b] = mesh_.ends(s);
       const double da = distance(a, corner), db = distance(b, corner);
-      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_side({t, i}))
+      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_side(s))
         return true;
     }
     return false;
   }
 
-  // Circumcentre, or where that is nearer the off-centre on the same bisector, on the lattice.
-  std::optional<LatticePoint> circumcentre(const WorkingTriangle& tri, bool off_centre) const {
-    const std::uint32_t k = shortest_side(tri);
-    const LatticePoint p = at(tri.v[next_side(k)]), q = at(tri.v[previous_side(k)]),
-                       r = at(tri.v[k]);
-    const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
-    const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
-    const double q2 = qx * qx + qy * qy, r2 = rx * rx + ry * ry;
-    const double d = 2 * (qx * ry - qy * rx);
-    double x = (ry * q2 - qy * r2) / d, y = (qx * r2 - rx * q2) / d;
-    if (off_centre) {
-      // On a short edge rounding moves the apex by a sizeable angle: stay nearer, to see it wider.
-      const double reach = off_centre_ * (1 - std::min(0.4, kRounding / std::sqrt(q2)));
-      const double ox = 0.5 * qx - reach * qy, oy = 0.5 * qy + reach * qx;
-      const double mx = 0.5 * qx, my = 0.5 * qy;
-      if ((ox - mx) * (ox - mx) + (oy - my) * (oy - my) < (x - mx) * (x - mx) + (y - my) * (y - my))
-        x = ox, y = oy;
-    }
-    x += p.x, y += p.y;
-    if (!(std::abs(x) < kMaxCoordinate && std::abs(y) < kMaxCoordinate)) return std::nullopt;
-    return LatticePoint{static_cast<std::int32_t>(std::lrint(x)),
-                        static_cast<std::int32_t>(std::lrint(y))};
-  }
-
   Refined finish() {
+    if (out_.outcome == RefinementOutcome::kRefined && out_.bad_at_lattice_step > 0)
+      out_.outcome = RefinementOutcome::kLatticeTooCoarse;
+    out_.angle_deg = min_angle_deg_;
     out_.mesh.vertices = mesh_.points;
     out_.origins = origins_;
+    out_.segments = outline_.segments();
     out_.mesh.triangles.reserve(mesh_.triangles.size());
     for (const WorkingTriangle& t : mesh_.triangles)
       out_.mesh.triangles.push_back(t.v);
@@ -477,29 +443,69 @@ class Refiner {
   }
 
   RefinementMesh& mesh_;
+  RefinementOutline& outline_;
+  RefinementQueue& bad_;
   std::vector<VertexOrigin>& origins_;
-  std::vector<Ticket>&encroached_, &split_first_;
-  std::array<std::vector<Ticket>, 4 * 64>& bad_;
-  std::vector<std::int8_t>& is_bad_;  // by triangle: 1 if it is to be improved
-  Cavity &cavity_, &trial_;
+  std::vector<EncroachedTicket>& encroached_;
   std::vector<std::uint32_t>& fresh_;
-  std::size_t first_bad_ = 4 * 64;
-  std::vector<double> corner_angle_deg_;  // by input vertex: its material angle
-  std::vector<Place> places_;
-  double min_angle_deg_, cos2_ = 0, off_centre_ = 0, max_doubled_area_ = 0;
-  std::uint32_t max_vertices_ = 0;
+  Prospect &best_, &trial_;
+  double min_angle_deg_;
+  std::uint32_t max_vertices_;
+  PlacesUnderAngle places_;
+  ShapeLimits limits_{};
+  double even_side_ = 0;
   Refined out_;
 };
 
-}  // namespace
-
-bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double cos2) {
-  return shape_of(a, b, c, cos2).is_sharp;
+// Far more vertices than refinement to a safe angle was ever seen to need.
+std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
+                           const RefinementOptions& options) {
+  const double step2 = lattice.step_mm() * lattice.step_mm();
+  const double doubled_area_bound = std::max(2 * options.max_area_mm2 / step2, 1.0);
+  const double vertices = 10'000 + 200.0 * static_cast<double>(from.mesh.vertices.size()) +
+                          20.0 * static_cast<double>(doubled_area(from.mesh)) / doubled_area_bound;
+  return static_cast<std::uint32_t>(std::min(double{kMostVertices}, vertices));
 }
 
-Refined refine(const SliceMesh& mesh, const Lattice& lattice, const RefinementOptions& options) {
+}  // namespace
+
+bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2) {
+  return shape_of(a, b, c, {sine2, 0}).is_sharp;
+}
+
+Refined refine(const Triangulation& from, const Lattice& lattice,
+               const RefinementOptions& options) {
   thread_local Workspace memory;
-  return Refiner(mesh, lattice, options, memory).run();
+  const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
+    const RefinementOptions attempt{angle_deg, options.max_area_mm2,
+                                    std::min(max_vertices, kMostVertices)};
+    return Refiner(from, lattice, attempt, memory).run();
+  };
+  const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);
+  Refined best =
+      refine_to(safe_deg, options.max_vertices != 0 ? options.max_vertices
+                                                    : ample_budget(from, lattice, options));
+  if (safe_deg == options.min_angle_deg || best.outcome == RefinementOutcome::kVertexBudget)
+    return best;
+
+  // Above, whether it ends depends on the outline. Halves the gap until it is small.
+  const auto budget = options.max_vertices != 0
+                          ? options.max_vertices
+                          : static_cast<std::uint32_t>(kSteepBudget * best.mesh.vertices.size());
+  double unreached_deg = options.min_angle_deg;
+  for (double angle_deg = unreached_deg; unreached_deg - best.angle_deg > kAngleStep_deg;
+       angle_deg = 0.5 * (best.angle_deg + unreached_deg)) {
+    Refined steeper = refine_to(angle_deg, budget);
+    if (steeper.outcome == RefinementOutcome::kVertexBudget ||
+        steeper.bad_at_lattice_step > best.bad_at_lattice_step) {
+      unreached_deg = angle_deg;
+    } else {
+      best = std::move(steeper);
+      if (angle_deg == options.min_angle_deg) return best;
+    }
+  }
+  best.outcome = RefinementOutcome::kAngleNotReached;
+  return best;
 }
 
 }  // namespace trocar::pipeline

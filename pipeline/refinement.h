@@ -2,13 +2,16 @@
 // Delaunay refinement to a minimum angle and a largest area: Ruppert (1995) with Uengoer's
 // off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the rule of
 // Miller, Pav and Walkington (2003) that a short edge across a small input angle is left alone.
-// Every decision is exact on the lattice; Steiner points are made on it.
+// Every decision is exact on the lattice; Steiner points are made on it. Each is put into the one
+// of several allowed places that leaves fewest bad triangles (in the spirit of Erten and Uengoer's
+// locally optimal Steiner points, 2009).
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "formats/slice_mesh.h"
+#include "pipeline/triangulation.h"
 
 namespace trocar::pipeline {
 
@@ -16,12 +19,23 @@ namespace trocar::pipeline {
 /// triangle at the corner is small, rounding to the lattice decides which it gets.
 inline constexpr double kLatticeAllowance_deg = 1.5;
 
+/// Up to this angle refinement ends in practice whatever the input.
+inline constexpr double kSafeAngle_deg = 33;
+
 struct RefinementOptions {
-  double min_angle_deg = 30;  ///< up to 33 ends in practice for any input
+  double min_angle_deg = 30;
   double max_area_mm2 = 50;
-  /// Stops, with what is there, when the mesh would grow beyond this many vertices. 0: from input
-  /// and area.
+  /// Refinement stops, with what is there, when the mesh would grow beyond this many vertices. 0:
+  /// from input and area; for angles above kSafeAngle_deg from the mesh of that angle.
   std::uint32_t max_vertices = 0;
+};
+
+enum class RefinementOutcome {
+  kRefined,           ///< all within bounds but where small input angles forbid it
+  kLatticeTooCoarse,  ///< likewise, but bad triangles a few lattice steps wide were left alone
+  kAngleNotReached,   ///< the wanted angle, above kSafeAngle_deg, needs more vertices than allowed:
+                      ///< all is within bounds for the smaller one `angle_deg`
+  kVertexBudget,      ///< stopped at max_vertices; valid, but not within bounds
 };
 
 /// Refined meshes keep this of each vertex: it tells input angles from our own.
@@ -42,19 +56,19 @@ struct Refined {
     double angle_at_from_deg;  ///< in the material; 360 for all of 90 and more
   };
   std::vector<Segment> segments;
-  bool out_of_vertices = false;
-  std::uint32_t too_short =
-      0;  ///< bad triangles left because their shortest edge is near the lattice's step
+  RefinementOutcome outcome = RefinementOutcome::kRefined;
+  double angle_deg = 0;                   ///< what it was refined to
+  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles left as no lattice point betters them
 };
 
-/// Is the smallest angle of the triangle below the angle whose squared cosine is given? Exact but
-/// for one rounding. The one judgement that refinement, report and tests share.
-bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double cos2);
+/// Is the smallest angle of the triangle below the angle whose squared sine is given? Exact but for
+/// rounding in the last digits. The one judgement that refinement, report and tests share.
+bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2);
 
-/// `mesh` is valid and constrained Delaunay (triangulate()). The result is too, with each
+/// The result is valid and constrained Delaunay, as what triangulate() gives is, with each
 /// boundary edge of the input a chain of edges whose inner vertices lie on it or, where the
 /// lattice does not meet it, on its material side less than three steps away (each split rounds by
 /// less than 1.5 steps, and passes on less than half of its parent's).
-Refined refine(const SliceMesh& mesh, const Lattice& lattice, const RefinementOptions& options);
+Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

@@ -1,41 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The mesh while it is refined: flat arrays, and insertion of a point by its cavity (Bowyer;
+// The mesh while it is refined: one flat array, and insertion of a point by its cavity (Bowyer;
 // Watson, 1981).
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
-#include "formats/slice_mesh.h"
-#include "pipeline/mesh_adjacency.h"
+#include "pipeline/triangulation.h"
 
 namespace trocar::pipeline {
 
-/// Beyond a side on the outline lies, instead of a triangle, this flag and the input segment's
-/// number.
+/// Beyond a side on the outline lies, instead of a side, this flag and the input segment's number.
 inline constexpr std::uint32_t kOutline = 0x80000000;
-
-struct WorkingTriangle {
-  std::array<std::uint32_t, 3> v;       ///< counter-clockwise
-  std::array<std::uint32_t, 3> beyond;  ///< side i is opposite v[i]
-};
-
-struct Side {
-  std::uint32_t triangle, side;
-};
-
-/// Triangles that a point replaces, and their common border.
-struct Cavity {
-  struct Rim {
-    std::uint32_t a, b;    ///< the cavity is on the left
-    std::uint32_t beyond;  ///< triangle, or kOutline | segment
-    Side from;             ///< inside
-    bool is_outline() const { return (beyond & kOutline) != 0; }
-  };
-  std::vector<std::uint32_t> triangles;
-  std::vector<Rim> rim;
-};
 
 /// A triangle's circumcircle for many questions: the determinant of in_circle(), expanded by the
 /// point asked for. Exact; 64 bits do where all differences are below kReach, which nearly all are.
@@ -73,146 +51,148 @@ class Circle {
   LatticePoint origin_;
 };
 
-constexpr std::uint32_t next_side(std::uint32_t i) {
-  return i == 2 ? 0 : i + 1;
-}
-constexpr std::uint32_t previous_side(std::uint32_t i) {
-  return i == 0 ? 2 : i - 1;
-}
+/// One cache line.
+struct alignas(64) WorkingTriangle {
+  Circle circle;
+  std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
+  std::array<std::uint32_t, 3> beyond{};  ///< Side, or kOutline | segment
+  std::uint32_t visit = 0;                ///< the last search that took it
+  std::uint32_t generation : 31 = 0;      ///< grows when it is replaced
+  std::uint32_t is_bad : 1 = 0;           ///< to be improved
+};
+
+/// Triangles that a point replaces, and their common border.
+struct Cavity {
+  struct Rim {
+    std::uint32_t a, b;    ///< the cavity is on the left
+    std::uint32_t beyond;  ///< Side, or kOutline | segment
+    Side inside;           ///< of the cavity's triangle
+    // Of the triangle that replaces it: the searcher's to fill in.
+    double shortest2 = 0;
+    bool is_bad = false;
+    bool is_outline() const { return (beyond & kOutline) != 0; }
+  };
+  std::vector<std::uint32_t> triangles;
+  std::vector<Rim> rim;
+};
 
 class RefinementMesh {
  public:
   std::vector<LatticePoint> points;
   std::vector<WorkingTriangle> triangles;
-  std::vector<std::uint32_t> stamps;  ///< by triangle; grows when it is replaced
 
   /// Starts anew and keeps the memory. Sides on the outline are numbered by `segment(a, b)`.
   template <typename Segment>
-  void assign(const SliceMesh& mesh, Segment segment) {
-    points.assign(mesh.vertices.begin(), mesh.vertices.end());
-    triangles.clear();
-    const Neighbours beyond = neighbours(mesh);
-    for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-      triangles.push_back({mesh.triangles[t], beyond[t]});
-      WorkingTriangle& tri = triangles.back();
+  void assign(const Triangulation& from, Segment segment) {
+    points.assign(from.mesh.vertices.begin(), from.mesh.vertices.end());
+    triangles.resize(from.mesh.triangles.size());
+    for (std::uint32_t t = 0; t < triangles.size(); ++t) {
+      set(t, from.mesh.triangles[t], from.beyond[t]);
+      triangles[t].visit = triangles[t].generation = triangles[t].is_bad = 0;
       for (std::uint32_t i = 0; i < 3; ++i) {
-        if (tri.beyond[i] == kNoTriangle)
-          tri.beyond[i] = kOutline | segment(tri.v[next_side(i)], tri.v[previous_side(i)]);
+        if (from.beyond[t][i] == kNoSide) {
+          const auto [a, b] = ends(side_number(t, i));
+          triangles[t].beyond[i] = kOutline | segment(a, b);
+        }
       }
     }
-    circles_.clear();
-    for (const WorkingTriangle& t : triangles)
-      circles_.push_back(circle(t));
-    stamps.assign(triangles.size(), 0);
-    visit_.assign(triangles.size(), 0);
     visits_ = 0;
-    star_.assign(points.size(), kNoTriangle);
+    star_.assign(points.size(), 0);
   }
 
-  bool is_outline(Side s) const { return (triangles[s.triangle].beyond[s.side] & kOutline) != 0; }
-  std::uint32_t segment(Side s) const { return triangles[s.triangle].beyond[s.side] ^ kOutline; }
+  std::uint32_t beyond(Side s) const { return triangles[triangle_of(s)].beyond[index_of(s)]; }
   std::pair<std::uint32_t, std::uint32_t> ends(Side s) const {
-    const WorkingTriangle& t = triangles[s.triangle];
-    return {t.v[next_side(s.side)], t.v[previous_side(s.side)]};
+    const WorkingTriangle& t = triangles[triangle_of(s)];
+    return {t.v[after(index_of(s))], t.v[before(index_of(s))]};
   }
-  std::uint32_t apex(Side s) const { return triangles[s.triangle].v[s.side]; }
+  std::uint32_t apex(Side s) const { return triangles[triangle_of(s)].v[index_of(s)]; }
 
   /// in_circle() of a triangle.
   bool circumcircle_holds(std::uint32_t t, LatticePoint p) const {
-    const Circle::Answer answer = circles_[t].holds(p);
+    const Circle::Answer answer = triangles[t].circle.holds(p);
     if (answer != Circle::Answer::kTooFar) return answer == Circle::Answer::kYes;
     const std::array<std::uint32_t, 3>& v = triangles[t].v;
     return in_circle(points[v[0]], points[v[1]], points[v[2]], p) > 0;
   }
 
-  /// All triangles whose circumcircles hold p and that p sees through `start`, which it is in or
-  /// near.
-  void find_cavity(std::uint32_t start, LatticePoint p, Cavity& cavity) {
-    find_cavity(start, p, cavity, [](const Cavity::Rim&) { return true; });
-  }
-
-  /// The same, but stops and gives false where `is_welcome` of an edge of the rim does.
-  template <typename IsWelcome>
-  bool find_cavity(std::uint32_t start, LatticePoint p, Cavity& cavity, IsWelcome is_welcome) {
+  /// All triangles whose circumcircles hold p and that are linked with `start`, which p is in or
+  /// near, by such; and the edges around them, but for `except`.
+  [[gnu::noinline]] void find_cavity(std::uint32_t start, LatticePoint p, Side except,
+                                     Cavity& cavity) {
     cavity.triangles.assign(1, start);
     cavity.rim.clear();
-    visit_[start] = ++visits_;
+    const std::uint32_t visit = ++visits_;
+    triangles[start].visit = visit;
     for (std::size_t k = 0; k < cavity.triangles.size(); ++k) {
       const std::uint32_t t = cavity.triangles[k];
       const WorkingTriangle& tri = triangles[t];
       for (std::uint32_t i = 0; i < 3; ++i) {
-        const std::uint32_t n = tri.beyond[i];
-        if ((n & kOutline) == 0) {
-          if (visit_[n] == visits_) continue;
+        const std::uint32_t beyond = tri.beyond[i];
+        if ((beyond & kOutline) == 0) {
+          const std::uint32_t n = triangle_of(beyond);
+          if (triangles[n].visit == visit) continue;
           if (circumcircle_holds(n, p)) {
-            visit_[n] = visits_;
+            triangles[n].visit = visit;
             cavity.triangles.push_back(n);
             continue;
           }
         }
-        cavity.rim.push_back({tri.v[next_side(i)], tri.v[previous_side(i)], n, {t, i}});
-        if (!is_welcome(cavity.rim.back())) return false;
+        const Side inside = side_number(t, i);
+        if (inside != except)
+          cavity.rim.push_back({tri.v[after(i)], tri.v[before(i)], beyond, inside});
       }
     }
-    return true;
   }
 
-  /// Replaces the cavity by the star of a new vertex p, and gives its triangles. The rim is a
-  /// closed loop, or, where p splits a side on the outline, open at that side (`split`: its
-  /// `beyond`; else 0). Changes nothing and gives false if a triangle of the star would not be
-  /// positive.
-  bool fill_cavity(const Cavity& cavity, LatticePoint p, std::uint32_t split,
+  /// Replaces the cavity by the star of a new vertex p that lies to the left of all edges of the
+  /// rim. The rim is a closed loop, or, where p splits a side on the outline, open at that side
+  /// (`split`, else kNoSide). Edge k of the rim becomes side 0 of triangle fresh[k]. Changes
+  /// nothing and gives false if the rim is not one loop.
+  bool fill_cavity(const Cavity& cavity, LatticePoint p, Side split,
                    std::vector<std::uint32_t>& fresh) {
     const std::vector<Cavity::Rim>& rim = cavity.rim;
-    for (const Cavity::Rim& r : rim) {
-      if (orient2d(points[r.a], points[r.b], p) <= 0) return false;
-    }
     // A loop around n triangles has n + 2 edges, an open one n + 1.
-    if (rim.size() != cavity.triangles.size() + (split == 0 ? 2 : 1)) return false;
+    if (rim.size() != cavity.triangles.size() + (split == kNoSide ? 2 : 1)) return false;
+    constexpr std::uint32_t kEnd = 0xffffffff;
+    std::uint32_t open = 0;
+    if (split != kNoSide) {
+      open = beyond(split);
+      star_[ends(split).first] = kEnd;
+    }
     const auto v = static_cast<std::uint32_t>(points.size());
     points.push_back(p);
-    star_.push_back(kNoTriangle);
+    star_.push_back(0);
     fresh.assign(cavity.triangles.begin(), cavity.triangles.end());
     while (fresh.size() < rim.size()) {
       fresh.push_back(static_cast<std::uint32_t>(triangles.size()));
       triangles.emplace_back();
-      circles_.emplace_back();
-      stamps.push_back(0);
-      visit_.push_back(0);
     }
-    // The rim speaks of triangles about to be overwritten: look from outside in first.
     for (std::size_t k = 0; k < rim.size(); ++k) {
-      star_[rim[k].b] = kNoTriangle;
-      if (rim[k].is_outline()) continue;
-      WorkingTriangle& out = triangles[rim[k].beyond];
-      for (std::uint32_t i = 0; i < 3; ++i) {
-        if (out.v[next_side(i)] == rim[k].b && out.v[previous_side(i)] == rim[k].a)
-          out.beyond[i] = fresh[k];
-      }
-    }
-    const std::uint32_t open = split == 0 ? kNoTriangle : split;
-    for (std::size_t k = 0; k < rim.size(); ++k) {
-      triangles[fresh[k]] = {{v, rim[k].a, rim[k].b}, {rim[k].beyond, open, open}};
-      circles_[fresh[k]] = circle(triangles[fresh[k]]);
-      ++stamps[fresh[k]];
-      star_[rim[k].a] = fresh[k];
+      const Cavity::Rim& r = rim[k];
+      const std::uint32_t t = fresh[k];
+      set(t, {v, r.a, r.b}, {r.beyond, open, open});
+      ++triangles[t].generation;
+      star_[r.a] = t;
+      if (!r.is_outline())
+        triangles[triangle_of(r.beyond)].beyond[index_of(r.beyond)] = side_number(t, 0);
     }
     for (std::size_t k = 0; k < rim.size(); ++k) {
       const std::uint32_t next = star_[rim[k].b];  // the one that starts where this one ends
-      if (next == kNoTriangle) continue;
-      triangles[fresh[k]].beyond[1] = next;
-      triangles[next].beyond[2] = fresh[k];
+      if (next == kEnd) continue;
+      triangles[fresh[k]].beyond[1] = side_number(next, 2);
+      triangles[next].beyond[2] = side_number(fresh[k], 1);
     }
     return true;
   }
 
  private:
-  Circle circle(const WorkingTriangle& t) const {
-    return {points[t.v[0]], points[t.v[1]], points[t.v[2]]};
+  void set(std::uint32_t t, const std::array<std::uint32_t, 3>& v,
+           const std::array<std::uint32_t, 3>& beyond) {
+    triangles[t].circle = {points[v[0]], points[v[1]], points[v[2]]};
+    triangles[t].v = v;
+    triangles[t].beyond = beyond;
   }
 
-  std::vector<Circle> circles_;       // by triangle
-  std::vector<std::uint32_t> visit_;  // by triangle: the last search that took it
   std::uint32_t visits_ = 0;
   std::vector<std::uint32_t> star_;  // by vertex; scratch of fill_cavity
 };

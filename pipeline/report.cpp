@@ -42,6 +42,7 @@ json slice_measures(const MeshedSlice& slice) {
       {"triangles_below_min_angle", slice.quality.below_min_angle},
       {"triangles_below_min_angle_at_small_input_angle", slice.quality.below_at_small_input_angle},
       {"triangles_below_min_angle_unexplained", slice.quality.below_unexplained},
+      {"negative_stiffness_edges", slice.quality.negative_stiffness_edges},
       {"max_area_mm2", slice.quality.max_area_mm2},
       {"area_mm2", slice.area_mm2}};
   if (slice.mean_hu) out["mean_hu"] = *slice.mean_hu;

@@ -70,6 +70,7 @@ Field segment(Image image, Calibration calibration, const Segmentation& how) {
       v = in ? 1.0F : 0.0F;
     }
     field.iso = 0.5F;
+    field.is_mask = true;
   }
   return field;
 }

@@ -28,6 +28,7 @@ using Segmentation = std::variant<Threshold, Equalize, Labels>;
 struct Field {
   Image image;
   float iso = 0;
+  bool is_mask = false;  ///< 0 and 1 only: nothing to interpolate
 };
 
 /// Mean of the values that are material; none if there is no such pixel. The same sum, to the

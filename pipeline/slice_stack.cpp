@@ -52,27 +52,41 @@ bool natural_less(const std::string& a, const std::string& b) {
   return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
 }
 
-}  // namespace
-
-Result<std::string> digest_files(const std::vector<fs::path>& files) {
-  if (sodium_init() < 0) return bug("libsodium does not initialise");
-  crypto_generichash_state state;
-  crypto_generichash_init(&state, nullptr, 0, crypto_generichash_BYTES);
-  std::vector<char> block(1 << 20);
-  for (const fs::path& file : files) {
-    std::ifstream in(file, std::ios::binary);
-    if (!in) return refused(file.string() + ": cannot be opened");
-    while (in.read(block.data(), static_cast<std::streamsize>(block.size())), in.gcount() > 0) {
-      crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(block.data()),
-                                static_cast<unsigned long long>(in.gcount()));
-    }
-    if (in.bad()) return refused(file.string() + ": cannot be read");
-  }
+std::string hex_digest(crypto_generichash_state& state) {
   unsigned char hash[crypto_generichash_BYTES];
   crypto_generichash_final(&state, hash, sizeof hash);
   char hex[2 * sizeof hash + 1];
   sodium_bin2hex(hex, sizeof hex, hash, sizeof hash);
-  return std::string(hex);
+  return hex;
+}
+
+}  // namespace
+
+Result<std::string> digest_file(const fs::path& file) {
+  if (sodium_init() < 0) return bug("libsodium does not initialise");
+  crypto_generichash_state state;
+  crypto_generichash_init(&state, nullptr, 0, crypto_generichash_BYTES);
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return refused(file.string() + ": cannot be opened");
+  std::vector<char> block(1 << 16);
+  while (in.read(block.data(), static_cast<std::streamsize>(block.size())), in.gcount() > 0) {
+    crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(block.data()),
+                              static_cast<unsigned long long>(in.gcount()));
+  }
+  if (in.bad()) return refused(file.string() + ": cannot be read");
+  return hex_digest(state);
+}
+
+std::string digest_input(const std::vector<std::string>& file_digests) {
+  if (file_digests.empty()) return {};
+  if (file_digests.size() == 1) return file_digests[0];
+  crypto_generichash_state state;
+  crypto_generichash_init(&state, nullptr, 0, crypto_generichash_BYTES);
+  for (const std::string& digest : file_digests) {
+    crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(digest.data()),
+                              digest.size());
+  }
+  return hex_digest(state);
 }
 
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inputs,
@@ -120,10 +134,7 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   } else {
     stack = open_dicom(files, options);
   }
-  if (!stack) return stack;
-  auto digest = digest_files(files);
-  if (!digest) return digest.error();
-  (*stack)->input_digest = *digest;
+  if (stack) (*stack)->files = std::move(files);
   return stack;
 }
 

@@ -55,8 +55,8 @@ class SliceStack {
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
 
-  std::vector<Warning> warnings;  ///< what was noticed on opening
-  std::string input_digest;       ///< BLAKE2b-256 over the input's bytes, hex
+  std::vector<Warning> warnings;             ///< what was noticed on opening
+  std::vector<std::filesystem::path> files;  ///< all of the input, in order: see digest_input()
 };
 
 /// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
@@ -88,7 +88,11 @@ inline constexpr int kMaxImageSide = 1 << 15;
 /// Slices of more pixels (8192 x 8192) are refused: what a few hostile bytes can claim.
 inline constexpr long kMaxSlicePixels = 1L << 26;
 
-/// BLAKE2b-256 of the files' bytes, one after the other.
-Result<std::string> digest_files(const std::vector<std::filesystem::path>& files);
+/// BLAKE2b-256 of a file's bytes, hex.
+Result<std::string> digest_file(const std::filesystem::path& file);
+/// An input's digest: that of its file, or of several the BLAKE2b-256 of their digests one after
+/// the other (b2sum -l 256 FILES | cut -c-64 | tr -d '\n' | b2sum -l 256), so that files can be
+/// read side by side. Empty if there are none.
+std::string digest_input(const std::vector<std::string>& file_digests);
 
 }  // namespace trocar::pipeline

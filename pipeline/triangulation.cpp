@@ -13,14 +13,13 @@
 namespace trocar::pipeline {
 namespace {
 
-constexpr std::uint32_t kNone = kNoTriangle;
+constexpr std::uint32_t kNone = kNoSide;
 // A side that lies on a diagonal whose triangles are still to come: this flag and the diagonal's
 // number.
 constexpr std::uint32_t kDiagonal = 0x80000000;
 
-struct Triangulated {
-  SliceMesh mesh;
-  Neighbours neighbours;
+struct Swept {
+  Triangulation out;
   bool has_pinches = false;
 };
 
@@ -34,19 +33,19 @@ class Sweep {
  public:
   explicit Sweep(const Pslg& pslg) : pslg_(pslg) {}
 
-  Result<Triangulated> run() {
+  Result<Swept> run() {
     sort_points();
     sort_edges();
     const auto n = static_cast<std::uint32_t>(points_.size());
-    out_.mesh.triangles.reserve(n + n / 4);
-    out_.neighbours.reserve(n + n / 4);
+    mesh_.triangles.reserve(n + n / 4);
+    beyond_.reserve(n + n / 4);
     nodes_.reserve(2 * n);
     for (std::uint32_t p = 0; p < n; ++p) {
       if (!add(p)) return bug("triangulation: the outline crosses itself");
     }
     if (!status_.empty()) return bug("triangulation: the outline does not close");
-    out_.mesh.vertices = std::move(points_);
-    return std::move(out_);
+    mesh_.vertices = std::move(points_);
+    return Swept{{std::move(mesh_), std::move(beyond_)}, has_pinches_};
   }
 
  private:
@@ -55,10 +54,12 @@ class Sweep {
     std::uint32_t left, right;
     bool material_above;
   };
-  // A point on a chain, and the triangle side (3 * triangle + side) or kNone for the outline that
-  // joins it to the next one.
+  // A point on a chain, and the triangle's side, or kNone for the outline, that joins it to the
+  // next one.
   struct Node {
-    std::uint32_t point, side = kNone, previous = kNone, next = kNone;
+    std::uint32_t point;
+    Side side = kNone;
+    std::uint32_t previous = kNone, next = kNone;
   };
   struct Active {
     std::uint32_t left = 0, right = 0;
@@ -99,7 +100,7 @@ class Sweep {
       }
       vertex_of_corner_[items[i].corner] = static_cast<std::uint32_t>(points_.size() - 1);
     }
-    out_.has_pinches = points_.size() != total;
+    has_pinches_ = points_.size() != total;
   }
 
   // Edges grouped by their left ends; at one point from below.
@@ -146,25 +147,25 @@ class Sweep {
 
   // Triangle (a, p, b), the chain's nodes a and its next one b. `side_ap` and `side_pb`, where
   // known, lie beyond its other sides. Side i is opposite vertex i: 0 is pb, 1 is ba, 2 is ap.
-  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, std::uint32_t side_ap,
-                     std::uint32_t side_pb) {
-    const auto t = static_cast<std::uint32_t>(out_.mesh.triangles.size());
-    out_.mesh.triangles.push_back({nodes_[a].point, p, nodes_[b].point});
-    out_.neighbours.push_back({kNone, kNone, kNone});
-    link(3 * t + 1, nodes_[a].side);
-    link(3 * t + 2, side_ap);
-    link(3 * t, side_pb);
+  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, Side side_ap,
+                     Side side_pb) {
+    const auto t = static_cast<std::uint32_t>(mesh_.triangles.size());
+    mesh_.triangles.push_back({nodes_[a].point, p, nodes_[b].point});
+    beyond_.push_back({kNone, kNone, kNone});
+    link(side_number(t, 1), nodes_[a].side);
+    link(side_number(t, 2), side_ap);
+    link(side_number(t, 0), side_pb);
     return t;
   }
-  void link(std::uint32_t side, std::uint32_t beyond) {
+  void link(Side side, Side beyond) {
     if (beyond == kNone) return;
     if ((beyond & kDiagonal) != 0) {
-      const std::uint32_t other = std::exchange(diagonals_[beyond ^ kDiagonal], side);
+      const Side other = std::exchange(diagonals_[beyond ^ kDiagonal], side);
       if (other == kNone) return;
       beyond = other;
     }
-    out_.neighbours[side / 3][side % 3] = beyond / 3;
-    out_.neighbours[beyond / 3][beyond % 3] = side / 3;
+    beyond_[triangle_of(side)][index_of(side)] = beyond;
+    beyond_[triangle_of(beyond)][index_of(beyond)] = side;
   }
   bool sees(std::uint32_t a, std::uint32_t b, std::uint32_t p) const {
     return orient2d(points_[nodes_[a].point], points_[p], points_[nodes_[b].point]) > 0;
@@ -172,11 +173,10 @@ class Sweep {
 
   // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end
   // itself.
-  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
-                  std::uint32_t side = kNone) {
+  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, Side side = kNone) {
     while (back != front && sees(nodes_[back].previous, back, p)) {
       const std::uint32_t a = nodes_[back].previous;
-      side = 3 * emit(a, p, back, kNone, side) + 2;
+      side = side_number(emit(a, p, back, kNone, side), 2);
       back = a;
     }
     const std::uint32_t node = add_node(p);
@@ -184,11 +184,10 @@ class Sweep {
     back = node;
   }
   // The same from the lower end.
-  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
-                   std::uint32_t side = kNone) {
+  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, Side side = kNone) {
     while (front != back && sees(front, nodes_[front].next, p)) {
       const std::uint32_t b = nodes_[front].next;
-      side = 3 * emit(front, p, b, side, kNone);
+      side = side_number(emit(front, p, b, side, kNone), 0);
       front = b;
     }
     const std::uint32_t node = add_node(p);
@@ -197,10 +196,10 @@ class Sweep {
   }
   // p is joined to both ends: what is left of this material ends here.
   bool close(std::uint32_t front, std::uint32_t back, std::uint32_t p) {
-    std::uint32_t side = kNone;
+    Side side = kNone;
     for (; front != back; front = nodes_[front].next) {
       if (!sees(front, nodes_[front].next, p)) return false;
-      side = 3 * emit(front, p, nodes_[front].next, side, kNone);
+      side = side_number(emit(front, p, nodes_[front].next, side, kNone), 0);
     }
     return true;
   }
@@ -305,8 +304,10 @@ class Sweep {
   std::vector<Edge> edges_;
   std::vector<Node> nodes_;
   std::vector<Active> status_;
-  std::vector<std::uint32_t> diagonals_;  // the first side on each, or kNone
-  Triangulated out_;
+  std::vector<Side> diagonals_;  // the first side on each, or kNone
+  SliceMesh mesh_;
+  Neighbours beyond_;
+  bool has_pinches_ = false;
 };
 
 // Of the triangles abc and dcb. The angles opposite bc sum to at most 180 degrees: two that are not
@@ -318,92 +319,87 @@ bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c, Lattice
 }
 
 // Flips edges until every one that is not on the outline is locally Delaunay.
-void flip_to_delaunay(SliceMesh& mesh, Neighbours& neighbours) {
-  std::vector<std::uint32_t> stack;  // sides
-  stack.reserve(mesh.triangles.size() * 3);
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+void flip_to_delaunay(Triangulation& out) {
+  std::vector<Triangle>& triangles = out.mesh.triangles;
+  Neighbours& beyond = out.beyond;
+  std::vector<Side> stack;
+  stack.reserve(triangles.size() * 3);
+  for (std::uint32_t t = 0; t < triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (neighbours[t][i] != kNone && neighbours[t][i] > t) stack.push_back(3 * t + i);
+      if (beyond[t][i] != kNone && beyond[t][i] > side_number(t, i))
+        stack.push_back(side_number(t, i));
     }
   }
-  const auto next = [](std::uint32_t i) { return i == 2 ? 0U : i + 1; };
+  const auto connect = [&](Side side, Side other) {
+    beyond[triangle_of(side)][index_of(side)] = other;
+    if (other != kNone) beyond[triangle_of(other)][index_of(other)] = side;
+  };
   while (!stack.empty()) {
-    const std::uint32_t t = stack.back() / 3, i = stack.back() % 3;
+    const std::uint32_t t = triangle_of(stack.back()), i = index_of(stack.back());
     stack.pop_back();
-    const std::uint32_t u = neighbours[t][i];
-    if (u == kNone) continue;
-    Triangle &s = mesh.triangles[t], &r = mesh.triangles[u];
-    const std::uint32_t j = neighbours[u][0] == t && r[1] == s[next(next(i))]   ? 0
-                            : neighbours[u][1] == t && r[2] == s[next(next(i))] ? 1
-                                                                                : 2;
-    const std::uint32_t a = s[i], b = s[next(i)], c = s[next(next(i))], d = r[j];
-    if (is_locally_delaunay(mesh.vertices[a], mesh.vertices[b], mesh.vertices[c], mesh.vertices[d]))
+    if (beyond[t][i] == kNone) continue;  // the side has since become another one
+    const std::uint32_t u = triangle_of(beyond[t][i]), j = index_of(beyond[t][i]);
+    const std::uint32_t a = triangles[t][i], b = triangles[t][after(i)],
+                        c = triangles[t][before(i)], d = triangles[u][j];
+    if (is_locally_delaunay(out.mesh.vertices[a], out.mesh.vertices[b], out.mesh.vertices[c],
+                            out.mesh.vertices[d]))
       continue;
     // abc, dcb become abd, adc.
-    const std::uint32_t beyond_ca = neighbours[t][next(i)],
-                        beyond_ab = neighbours[t][next(next(i))];
-    const std::uint32_t beyond_bd = neighbours[u][next(j)],
-                        beyond_dc = neighbours[u][next(next(j))];
-    const auto repoint = [&](std::uint32_t at, std::uint32_t from, std::uint32_t p, std::uint32_t q,
-                             std::uint32_t to) {
-      if (at == kNone) return;
-      for (std::uint32_t k = 0; k < 3; ++k) {
-        if (neighbours[at][k] == from && mesh.triangles[at][next(k)] == q &&
-            mesh.triangles[at][next(next(k))] == p)
-          neighbours[at][k] = to;
-      }
-    };
-    repoint(beyond_bd, u, b, d, t);
-    repoint(beyond_ca, t, c, a, u);
-    s = {a, b, d};
-    neighbours[t] = {beyond_bd, u, beyond_ab};
-    r = {a, d, c};
-    neighbours[u] = {beyond_dc, beyond_ca, t};
-    for (const std::uint32_t side : {3 * t, 3 * t + 2, 3 * u, 3 * u + 1})
-      stack.push_back(side);
+    const Side beyond_ca = beyond[t][after(i)], beyond_ab = beyond[t][before(i)];
+    const Side beyond_bd = beyond[u][after(j)], beyond_dc = beyond[u][before(j)];
+    triangles[t] = {a, b, d};
+    triangles[u] = {a, d, c};
+    connect(side_number(t, 0), beyond_bd);
+    connect(side_number(t, 1), side_number(u, 2));
+    connect(side_number(t, 2), beyond_ab);
+    connect(side_number(u, 0), beyond_dc);
+    connect(side_number(u, 1), beyond_ca);
+    for (const Side side :
+         {side_number(t, 0), side_number(t, 2), side_number(u, 0), side_number(u, 1)}) {
+      if (beyond[triangle_of(side)][index_of(side)] != kNone) stack.push_back(side);
+    }
   }
 }
 
-}  // namespace
-
-SliceMesh split_pinches(SliceMesh mesh) {
+// Gives each fan of triangles around a point a vertex of its own, drops unused vertices.
+void split_pinches(Triangulation& out) {
   // Corners (triangle, k) around one vertex are joined across shared sides; each group is a fan.
+  const SliceMesh mesh = std::move(out.mesh);
   const auto corners = static_cast<std::uint32_t>(mesh.triangles.size() * 3);
-  const Neighbours beyond = neighbours(mesh);
   std::vector<std::uint32_t> vertex_of_corner(corners, kNone), stack;
-  SliceMesh out;
-  out.triangles = mesh.triangles;
+  out.mesh = {{}, mesh.triangles};
   for (std::uint32_t c = 0; c < corners; ++c) {
     if (vertex_of_corner[c] != kNone) continue;
     const std::uint32_t v = mesh.triangles[c / 3][c % 3];
-    const auto vertex = static_cast<std::uint32_t>(out.vertices.size());
-    out.vertices.push_back(mesh.vertices[v]);
+    const auto vertex = static_cast<std::uint32_t>(out.mesh.vertices.size());
+    out.mesh.vertices.push_back(mesh.vertices[v]);
     vertex_of_corner[c] = vertex;
     stack.assign(1, c);
     while (!stack.empty()) {
       const std::uint32_t t = stack.back() / 3, k = stack.back() % 3;
       stack.pop_back();
-      out.triangles[t][k] = vertex;
-      for (const std::uint32_t side : {(k + 1) % 3, (k + 2) % 3}) {
-        const std::uint32_t n = beyond[t][side];
-        if (n == kNoTriangle) continue;
+      out.mesh.triangles[t][k] = vertex;
+      for (const std::uint32_t side : {after(k), before(k)}) {
+        if (out.beyond[t][side] == kNone) continue;
+        const std::uint32_t n = triangle_of(out.beyond[t][side]);
         const Triangle& u = mesh.triangles[n];
         const std::uint32_t d = 3 * n + (u[0] == v ? 0U : u[1] == v ? 1U : 2U);
         if (vertex_of_corner[d] == kNone) vertex_of_corner[d] = vertex, stack.push_back(d);
       }
     }
   }
-  return out;
 }
 
-Result<SliceMesh> triangulate(const Pslg& pslg) {
-  auto out = Sweep(pslg).run();
-  if (!out) return out.error();
-  flip_to_delaunay(out->mesh, out->neighbours);
-  if (doubled_area(out->mesh) != doubled_area(pslg))
+}  // namespace
+
+Result<Triangulation> triangulate(const Pslg& pslg) {
+  auto swept = Sweep(pslg).run();
+  if (!swept) return swept.error();
+  flip_to_delaunay(swept->out);
+  if (doubled_area(swept->out.mesh) != doubled_area(pslg))
     return bug("triangulation: its area is not the outline's");
-  if (out->has_pinches) return split_pinches(std::move(out->mesh));
-  return std::move(out->mesh);
+  if (swept->has_pinches) split_pinches(swept->out);
+  return std::move(swept->out);
 }
 
 }  // namespace trocar::pipeline

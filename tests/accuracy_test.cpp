@@ -39,9 +39,9 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
     ContourKind kind;
     double mean_mm, max_mm, area;  // of the unsimplified contour
   };
-  // A pixel is 0.3125 mm: the iso-contour is good to a twentieth of one on average and a fifth at
+  // A pixel is 0.3125 mm: the iso-contour is good to a hundredth of one on average and a tenth at
   // worst, the pixel chain lies up to a pixel inside.
-  for (const Expected& e : {Expected{ContourKind::kSubpixel, 0.015, 0.06, 0.002},
+  for (const Expected& e : {Expected{ContourKind::kSubpixel, 0.004, 0.032, 0.0005},
                             Expected{ContourKind::kPixel, 0.25, 0.45, 0.15}}) {
     const Pslg full = drop_small_rings(contours(field, grid, e.kind), 1.0, kLattice);
     ASSERT_EQ(full.rings.size(), truth->rings.size());

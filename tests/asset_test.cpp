@@ -101,6 +101,18 @@ TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
 
 INSTANTIATE_TEST_SUITE_P(LatticeBits, AssetRoundTrip, testing::Values(0, 1, 4, 6, 8, 11, 14));
 
+TEST(Asset, SizesAreThoseOfTheFile) {
+  AssetSizes said;
+  const auto glb = encode_asset(make_asset(8), &said);
+  const auto found = asset_sizes(*glb, "test");
+  ASSERT_TRUE(found);
+  EXPECT_EQ(said.json_bytes, found->json_bytes);
+  EXPECT_EQ(said.triangle_bytes, found->triangle_bytes);
+  EXPECT_EQ(said.outline_bytes, found->outline_bytes);
+  EXPECT_EQ(said.triangles, found->triangles);
+  EXPECT_EQ(said.triangles, 2U * 7 * (13 + 15));
+}
+
 TEST(Asset, DecodesOnlyTheSlicesAskedFor) {
   const auto glb = encode_asset(make_asset(8));
   const auto out = decode_asset(*glb, "test", {false, {5}});

@@ -68,7 +68,7 @@ TEST(Springs, OfUnrefinedMeshesAreNegativeOnTheBoundary) {
       if (!check_pslg(outline)) continue;
       auto mesh = pipeline::triangulate(outline);
       ASSERT_TRUE(mesh) << scan.name << ": " << mesh.error().message;
-      slice.mesh = std::move(*mesh);
+      slice.mesh = std::move(mesh->mesh);
     }
     std::erase_if(scan.slices,
                   [](const AssetSlice* slice) { return slice->mesh.triangles.empty(); });

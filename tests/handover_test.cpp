@@ -54,6 +54,119 @@ TEST(Remesher, ServesAndPublishesFromItsThread) {
   EXPECT_EQ(doubled_area(to_slice_mesh(remesher.first_version(0).mesh)), whole);
 }
 
+class TwoReplicas : public testing::Test {
+ protected:
+  TwoReplicas() {
+    scene_ = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
+    remesher_ =
+        std::make_unique<Remesher>(std::move(*place_slices(scene_, test::square_asset(2), "a")));
+  }
+  void ask(std::int32_t sheet, std::uint32_t cut) {
+    Pose pose;
+    pose.p_m = {-0.015 + 0.002 * cut, 0, 0.1};
+    const Sheet& placed = remesher_->first_version(static_cast<std::size_t>(sheet));
+    ASSERT_TRUE(remesher_->request(
+        {sheet, cut,
+         outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
+  }
+  Scene scene_;
+  std::unique_ptr<Remesher> remesher_;
+};
+
+TEST_F(TwoReplicas, TheOlderIsNotWrittenBeforeTheReaderHasLetItGo) {
+  const Sheet* const first = remesher_->current(0);
+  const SheetMesh as_it_was = first->mesh;
+  ask(0, 1);
+  ask(0, 2);
+  remesher_->serve();
+  EXPECT_EQ(remesher_->records().size(), 1U) << "one version that is not published at the most";
+  EXPECT_EQ(remesher_->current(0), first);
+  EXPECT_TRUE(remesher_->publish_next());
+  EXPECT_FALSE(remesher_->publish_next());
+  for (int i = 0; i < 3; ++i)
+    remesher_->serve();
+  EXPECT_EQ(remesher_->records().size(), 1U) << "the reader has not looked yet";
+  EXPECT_EQ(first->mesh.triangles, as_it_was.triangles);
+  EXPECT_EQ(first->mesh.vertices, as_it_was.vertices);
+  const Sheet* const second = remesher_->current(0);
+  EXPECT_NE(second, first);
+  EXPECT_EQ(second->cuts, 1U);
+  remesher_->serve();
+  ASSERT_EQ(remesher_->records().size(), 2U);
+  EXPECT_TRUE(remesher_->publish_next());
+  EXPECT_EQ(remesher_->current(0), first) << "two replicas, not more";
+  EXPECT_EQ(first->cuts, 2U);
+  for (const Sheet* sheet : {first, second})
+    EXPECT_TRUE(check_sheet_mesh(sheet->mesh));
+  std::int64_t removed = 0;
+  for (const CutRecord& record : remesher_->records()) {
+    ASSERT_FALSE(record.error);
+    removed += record.cut.doubled_area_removed;
+    std::int64_t of_hole = 0;
+    for (const Ring& ring : remesher_->hole(record))
+      of_hole += doubled_area(ring);
+    EXPECT_EQ(of_hole, record.cut.doubled_area_removed);
+  }
+  EXPECT_EQ(doubled_area(to_slice_mesh(as_it_was)) - doubled_area(to_slice_mesh(first->mesh)),
+            removed);
+}
+
+TEST_F(TwoReplicas, SheetsDoNotWaitForOneAnotherAndStopServesWhatIsLeft) {
+  ask(0, 1);
+  ask(1, 1);
+  remesher_->serve();
+  EXPECT_EQ(remesher_->records().size(), 2U);
+  ask(1, 2);
+  ask(1, 3);
+  ask(0, 2);
+  remesher_->stop();
+  EXPECT_EQ(remesher_->records().size(), 5U);
+  EXPECT_EQ(remesher_->current(0)->cuts, 2U);
+  EXPECT_EQ(remesher_->current(1)->cuts, 3U);
+}
+
+TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetStaysAsItIs) {
+  const SheetMesh as_it_was = remesher_->current(0)->mesh;
+  CutRequest not_a_tool;
+  not_a_tool.sheet = 0;
+  not_a_tool.cut = 1;
+  ASSERT_TRUE(remesher_->request(not_a_tool));
+  ask(0, 2);
+  remesher_->serve();
+  EXPECT_FALSE(remesher_->publish_next());
+  ASSERT_EQ(remesher_->records().size(), 2U);
+  for (const CutRecord& record : remesher_->records())
+    EXPECT_TRUE(record.error);
+  EXPECT_EQ(remesher_->current(0)->cuts, 0U);
+  EXPECT_EQ(remesher_->current(0)->mesh.triangles, as_it_was.triangles);
+}
+
+TEST_F(TwoReplicas, TheQualityPassLeavesNoSharpAngleThatTheOutlineDoesNotAskFor) {
+  for (const double min_angle_deg : {0.0, 20.0}) {
+    Remesher remesher(std::move(*place_slices(scene_, test::square_asset(2), "a")),
+                      {min_angle_deg});
+    Pose pose;
+    pose.p_m = {0.0004, 0.0003, 0.1};
+    const Sheet& placed = remesher.first_version(0);
+    ASSERT_TRUE(remesher.request(
+        {0, 1, outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
+    remesher.stop();
+    const SliceMesh mesh = to_slice_mesh(remesher.last_version(0).mesh);
+    double smallest_deg = 90;
+    for (const Triangle& t : mesh.triangles) {
+      for (int i = 0; i < 3; ++i) {
+        const LatticePoint a = mesh.vertices[t[i]], b = mesh.vertices[t[(i + 1) % 3]],
+                           c = mesh.vertices[t[(i + 2) % 3]];
+        const double cross = static_cast<double>(orient2d(a, b, c));
+        const double dot = static_cast<double>(diametral_dot(b, c, a));
+        smallest_deg = std::min(smallest_deg, std::atan2(cross, dot) * 180 / 3.14159265358979);
+      }
+    }
+    EXPECT_EQ(smallest_deg >= 20, min_angle_deg > 0) << smallest_deg;
+    EXPECT_EQ(remesher.records()[0].quality_vertices > 0, min_angle_deg > 0);
+  }
+}
+
 TEST(SpscQueue, KeepsOrderAndCapacityBetweenTwoThreads) {
   SpscQueue<std::uint64_t, 8> small;
   for (std::uint64_t i = 0; i < 8; ++i)

@@ -2,6 +2,7 @@
 // Fields with known or awkward outlines, for the pipeline's tests.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -10,18 +11,25 @@
 
 namespace trocar::pipeline {
 
-/// Partial volume of a disc, by 16 x 16 samples a pixel, times 100; iso 50 is its rim.
-inline Field disc_field(int size, double cx, double cy, double radius) {
+/// A disc times 100; iso 50 is its rim. Sharp: the share of each pixel that it covers (exact in v,
+/// by 64 strips in u). Blurred: as read across a Gaussian edge of that many pixels.
+inline Field disc_field(int size, double cx, double cy, double radius, double blur_px = 0) {
   Field field{{size, size, {}}, 50};
   for (int y = 0; y < size; ++y) {
     for (int x = 0; x < size; ++x) {
-      int in = 0;
-      for (int j = 0; j < 16; ++j) {
-        for (int i = 0; i < 16; ++i) {
-          in += std::hypot(x + (i - 7.5) / 16 - cx, y + (j - 7.5) / 16 - cy) < radius ? 1 : 0;
+      const double outside = std::hypot(x - cx, y - cy) - radius;
+      double share = outside < 0 ? 1 : 0;
+      if (blur_px > 0) {
+        share = 0.5 * std::erfc(outside / (std::numbers::sqrt2 * blur_px));
+      } else if (std::abs(outside) < 1) {
+        share = 0;
+        for (int i = 0; i < 64; ++i) {
+          const double u = x + (i - 31.5) / 64 - cx;
+          const double half = std::sqrt(std::max(0.0, radius * radius - u * u));
+          share += std::max(0.0, std::min(y + 0.5, cy + half) - std::max(y - 0.5, cy - half)) / 64;
         }
       }
-      field.image.values.push_back(static_cast<float>(in) / 2.56F);
+      field.image.values.push_back(static_cast<float>(100 * share));
     }
   }
   return field;

@@ -34,5 +34,10 @@ if(NOT TROCAR_SANITIZE)
   endforeach()
   trocar_script_test(experiments_e2e e2e experiments_e2e_test.py
     ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/experiments)
-  set_tests_properties(assets_e2e_sample experiments_e2e PROPERTIES FIXTURES_REQUIRED scan)
+  trocar_script_test(memory_growth_test e2e memory_growth_test.py
+    ${programs} ${e2e}/scan ${e2e}/memory_growth)
+  trocar_script_test(same_bytes_test e2e same_bytes_test.py
+    ${programs} ${e2e}/scan ${e2e}/same_bytes)
+  set_tests_properties(assets_e2e_sample experiments_e2e memory_growth_test same_bytes_test
+    PROPERTIES FIXTURES_REQUIRED scan)
 endif()

@@ -47,7 +47,7 @@ void expect_what_a_scan_finds(const TriangleGrid& grid, const SheetMesh& mesh, R
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     if (mesh.in_use(t) && !apart(bounding_box(mesh, t), box)) expected.insert(t);
   }
-  grid.for_each(mesh, box, [&](std::uint32_t t) { got.insert(t); });
+  grid.for_each(box, [&](std::uint32_t t) { got.insert(t); });
   ASSERT_EQ(got, expected);
 }
 
@@ -102,15 +102,15 @@ TEST(TriangleGrid, GivesTheSameOrderWhereTheSameEditsWereMade) {
     other.update(edit, replica);
     std::vector<std::uint32_t> first, second;
     const LatticeBox all{{-30'000, -30'000}, {30'000, 30'000}};
-    one.for_each(heap.mesh, all, [&](std::uint32_t t) { first.push_back(t); });
-    other.for_each(replica, all, [&](std::uint32_t t) { second.push_back(t); });
+    one.for_each(all, [&](std::uint32_t t) { first.push_back(t); });
+    other.for_each(all, [&](std::uint32_t t) { second.push_back(t); });
     ASSERT_EQ(first, second);
   }
 }
 
 TEST(TriangleGrid, EmptyFindsNothing) {
-  TriangleGrid().for_each(SheetMesh{}, {}, [](std::uint32_t) { FAIL(); });
-  TriangleGrid(SheetMesh{}).for_each(SheetMesh{}, {}, [](std::uint32_t) { FAIL(); });
+  TriangleGrid().for_each({}, [](std::uint32_t) { FAIL(); });
+  TriangleGrid(SheetMesh{}).for_each({}, [](std::uint32_t) { FAIL(); });
 }
 
 }  // namespace

@@ -67,22 +67,24 @@ std::set<Corners> by_cgal(const Pslg& pslg) {
 
 // Equal but where four points lie on one circle and either diagonal will do.
 void expect_as_cgal(const Pslg& pslg, const std::string& what) {
-  const auto mesh = triangulate(pslg);
-  ASSERT_TRUE(mesh) << what << ": " << mesh.error().message;
+  const auto triangulation = triangulate(pslg);
+  ASSERT_TRUE(triangulation) << what << ": " << triangulation.error().message;
+  const SliceMesh* mesh = &triangulation->mesh;
   const auto ok = check_mesh_against_pslg(*mesh, pslg);
   ASSERT_TRUE(ok) << what << ": " << ok.error().message;
   ASSERT_TRUE(is_constrained_delaunay(*mesh)) << what;
   const std::set<Corners> theirs = by_cgal(pslg);
   EXPECT_EQ(mesh->triangles.size(), theirs.size()) << what;
   const Neighbours beyond = neighbours(*mesh);
+  EXPECT_EQ(triangulation->beyond, beyond) << what;
   for (std::size_t t = 0; t < mesh->triangles.size(); ++t) {
     const Triangle& v = mesh->triangles[t];
     const Corners c = {mesh->vertices[v[0]], mesh->vertices[v[1]], mesh->vertices[v[2]]};
     if (theirs.contains(rotated(c))) continue;
     bool cocircular = false;
-    for (const std::uint32_t n : beyond[t]) {
-      if (n == kNoTriangle) continue;
-      for (const std::uint32_t w : mesh->triangles[n]) {
+    for (const Side s : beyond[t]) {
+      if (s == kNoSide) continue;
+      for (const std::uint32_t w : mesh->triangles[triangle_of(s)]) {
         if (std::find(v.begin(), v.end(), w) == v.end() &&
             in_circle(c[0], c[1], c[2], mesh->vertices[w]) == 0)
           cocircular = true;

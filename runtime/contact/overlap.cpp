@@ -118,7 +118,7 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
     clip(second, corner[2], corner[0], first);
     if (first.size > 0) add_outside(first, pending, 0, covered);
   };
-  sheet.grid.for_each(sheet.mesh, box_around(outline), [&](std::uint32_t index) {
+  sheet.grid.for_each(box_around(outline), [&](std::uint32_t index) {
     const Triangle& t = sheet.mesh.triangles[index];
     const std::array<Eigen::Vector2d, 3> corner{relative(sheet.mesh.vertices[t[0]], origin),
                                                 relative(sheet.mesh.vertices[t[1]], origin),

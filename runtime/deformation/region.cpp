@@ -150,10 +150,15 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
 std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
                                             std::span<const std::uint32_t> seeds,
                                             const Ring& tool) {
+  std::vector<OutlineEdge> edges;
+  for (std::size_t i = 0; i < tool.size(); ++i) {
+    const std::array<LatticePoint, 2> ends{tool[i], tool[(i + 1) % tool.size()]};
+    edges.push_back({ends[0], ends[1], box_around(ends)});
+  }
   std::vector<std::uint32_t> out;
   for (std::uint32_t t : seeds) {
     if (t < sheet.triangles.size() && sheet.in_use(t) &&
-        contact(corners(sheet, t), tool) == Contact::kOverlaps)
+        contact(corners(sheet, t), edges) == Contact::kOverlaps)
       out.push_back(t);
   }
   return out;

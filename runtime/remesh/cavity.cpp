@@ -6,81 +6,83 @@
 namespace trocar::runtime {
 namespace {
 
-enum class Kind { kClosed, kOpen };
-
-// Has the segment cd a point in the triangle? kClosed: closed segment and closed
-// triangle; kOpen: open segment and open triangle. On the segment's parameter t
-// each side of the triangle is a linear condition f(t) > 0 (or >= 0), so the
-// answer is whether an intersection of intervals is empty. |f| <= 2^61, hence
-// the products below stay under 2^124.
-bool segment_meets(const std::array<LatticePoint, 3>& triangle, LatticePoint c, LatticePoint d,
-                   Kind kind) {
-  Int128 low_n = 0, low_d = 1, high_n = 1, high_d = 1;
+// How the segment cd and the triangle meet. Two convex sets are apart if and only if the line along
+// a side of one of them has them strictly on its two sides; their insides are apart if it has them
+// on its two sides, or on itself.
+Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
+                        LatticePoint d) {
+  bool overlaps = true;
   for (std::size_t i = 0; i < 3; ++i) {
-    const LatticePoint a = triangle[i], b = triangle[(i + 1) % 3];
-    const std::int64_t at_c = orient2d(a, b, c), at_d = orient2d(a, b, d);
-    if (at_c == at_d) {
-      if (at_c < 0 || (kind == Kind::kOpen && at_c == 0)) return false;
-    } else if (at_d > at_c) {  // t from -at_c / (at_d - at_c) on
-      const Int128 n = -Int128{at_c}, m = Int128{at_d} - at_c;
-      if (n * low_d > low_n * m) low_n = n, low_d = m;
-    } else {  // t up to at_c / (at_c - at_d)
-      const Int128 n = at_c, m = Int128{at_c} - at_d;
-      if (n * high_d < high_n * m) high_n = n, high_d = m;
-    }
+    const LatticePoint a = triangle[i], b = triangle[i == 2 ? 0 : i + 1];
+    const std::int64_t innermost = std::max(orient2d(a, b, c), orient2d(a, b, d));
+    if (innermost < 0) return Contact::kApart;
+    overlaps = overlaps && innermost > 0;
   }
-  const Int128 low = low_n * high_d, high = high_n * low_d;
-  return kind == Kind::kOpen ? low < high : low <= high;
+  const auto [low, high] = std::minmax(
+      {orient2d(c, d, triangle[0]), orient2d(c, d, triangle[1]), orient2d(c, d, triangle[2])});
+  if (low > 0 || high < 0) return Contact::kApart;
+  return overlaps && low < 0 && high > 0 ? Contact::kOverlaps : Contact::kTouches;
 }
 
 // Is the point (x, y) / scale inside the polygon? It is not on it. Even-odd
 // rule with a ray to the right.
-bool inside(std::int64_t x, std::int64_t y, std::int64_t scale, Outline polygon) {
+bool inside(std::int64_t x, std::int64_t y, std::int64_t scale,
+            std::span<const OutlineEdge> polygon) {
   bool in = false;
-  for (std::size_t i = 0, n = polygon.size(); i < n; ++i) {
-    const LatticePoint a = polygon[i], b = polygon[i + 1 == n ? 0 : i + 1];
-    const Int128 ax = scale * a.x - x, ay = scale * a.y - y;
-    const Int128 bx = scale * b.x - x, by = scale * b.y - y;
+  for (const auto& [a, b, box] : polygon) {
+    const std::int64_t ay = scale * a.y - y, by = scale * b.y - y;
     if ((ay > 0) == (by > 0)) continue;
-    const Int128 turn = ax * by - ay * bx;
+    const std::int64_t ax = scale * a.x - x, bx = scale * b.x - x;
+    const Int128 turn = Int128{ax} * by - Int128{ay} * bx;
     if ((by > ay) == (turn > 0)) in = !in;
   }
   return in;
 }
 
-bool boxes_apart(const std::array<LatticePoint, 3>& t, LatticePoint c, LatticePoint d) {
-  const auto [lx, hx] = std::minmax(c.x, d.x);
-  const auto [ly, hy] = std::minmax(c.y, d.y);
-  return std::min({t[0].x, t[1].x, t[2].x}) > hx || std::max({t[0].x, t[1].x, t[2].x}) < lx ||
-         std::min({t[0].y, t[1].y, t[2].y}) > hy || std::max({t[0].y, t[1].y, t[2].y}) < ly;
+OutlineEdge edge_of(Outline tool, std::size_t i) {
+  const LatticePoint a = tool[i], b = tool[i + 1 == tool.size() ? 0 : i + 1];
+  return {a, b, box_around(a, b)};
 }
 
 }  // namespace
 
-Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept {
+Contact contact(const std::array<LatticePoint, 3>& triangle,
+                std::span<const OutlineEdge> tool) noexcept {
+  const LatticeBox own = box_around(triangle);
   bool touches = false;
-  for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
-    const LatticePoint c = tool[i], d = tool[i + 1 == n ? 0 : i + 1];
-    if (boxes_apart(triangle, c, d) || !segment_meets(triangle, c, d, Kind::kClosed)) continue;
-    if (segment_meets(triangle, c, d, Kind::kOpen)) return Contact::kOverlaps;
-    touches = true;
+  for (const auto& [c, d, box] : tool) {
+    if (apart(own, box)) continue;
+    const Contact one = segment_contact(triangle, c, d);
+    if (one == Contact::kOverlaps) return one;
+    touches = touches || one == Contact::kTouches;
   }
   // No tool edge enters the open triangle: it lies inside the tool, or outside.
+  if (!touches) {
+    return inside(triangle[0].x, triangle[0].y, 1, tool) ? Contact::kOverlaps : Contact::kApart;
+  }
   const std::int64_t x3 = std::int64_t{triangle[0].x} + triangle[1].x + triangle[2].x;
   const std::int64_t y3 = std::int64_t{triangle[0].y} + triangle[1].y + triangle[2].y;
-  if (inside(x3, y3, 3, tool)) return Contact::kOverlaps;
-  return touches ? Contact::kTouches : Contact::kApart;
+  return inside(x3, y3, 3, tool) ? Contact::kOverlaps : Contact::kTouches;
 }
 
-bool strictly_outside(LatticePoint p, Outline tool) noexcept {
-  for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
-    const LatticePoint a = tool[i], b = tool[i + 1 == n ? 0 : i + 1];
+Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept {
+  std::array<OutlineEdge, kMaxToolCorners> edges;
+  const std::size_t n = std::min(tool.size(), kMaxToolCorners);
+  for (std::size_t i = 0; i < n; ++i)
+    edges[i] = edge_of(tool, i);
+  return contact(triangle, std::span<const OutlineEdge>(edges.data(), n));
+}
+
+bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept {
+  for (const auto& [a, b, box] : tool) {
     if (orient2d(a, b, p) == 0 && diametral_dot(a, b, p) <= 0) return false;
   }
   return !inside(p.x, p.y, 1, tool);
 }
 
 void Cavity::allocate(std::size_t max_triangles) {
+  reserve_touched(tool, kMaxToolCorners);
+  reserve_touched(near_tool, max_triangles);
   reserve_touched(triangles, max_triangles);
   reserve_touched(rim, 3 * max_triangles);
   reserve_touched(rim_vertices, 3 * max_triangles);
@@ -93,15 +95,31 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                   Cavity& cavity) noexcept {
   cavity.triangles.clear();
   cavity.members.clear();
+  cavity.tool.clear();
+  for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
+    if (!push_within(cavity.tool, edge_of(tool, i))) return Stage::kCapacity;
+  }
+  // In a large sheet none of this is in the cache: ask for all of it before the first is needed.
+  cavity.near_tool.clear();
   bool overlaps = false, fits = true;
-  grid.for_each(mesh, box_around(tool), [&](std::uint32_t t) {
-    const Contact c = contact(corners(mesh, t), tool);
-    if (c == Contact::kApart || !fits) return;
-    overlaps = overlaps || c == Contact::kOverlaps;
-    fits = push_within(cavity.triangles, t);
-    if (fits) cavity.members.insert(t, 1);
+  cavity.tool_box = box_around(tool);
+  grid.for_each(cavity.tool_box, [&](std::uint32_t t) {
+    __builtin_prefetch(&mesh.triangles[t]);
+    __builtin_prefetch(&mesh.across[t]);
+    fits = fits && push_within(cavity.near_tool, t);
   });
   if (!fits) return Stage::kCapacity;
+  for (const std::uint32_t t : cavity.near_tool) {
+    for (const std::uint32_t v : mesh.triangles[t])
+      __builtin_prefetch(&mesh.vertices[v]);
+  }
+  for (const std::uint32_t t : cavity.near_tool) {
+    const Contact c = contact(corners(mesh, t), cavity.tool);
+    if (c == Contact::kApart) continue;
+    overlaps = overlaps || c == Contact::kOverlaps;
+    cavity.triangles.push_back(t);
+    cavity.members.insert(t, 1);
+  }
   if (!overlaps) {
     cavity.triangles.clear();
     cavity.members.clear();
@@ -125,29 +143,32 @@ void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
   cavity.rim_vertices.clear();
   cavity.inner.clear();
   cavity.vertices.clear();
-  const auto list = [&cavity](std::vector<std::uint32_t>& vertices, std::uint32_t v) {
-    const std::size_t known = cavity.vertices.size();
-    cavity.vertices.insert(v, 1);
-    if (cavity.vertices.size() > known) vertices.push_back(v);
+  const auto on_rim = [&cavity](std::uint32_t v) {
+    const auto fresh = static_cast<std::uint32_t>(cavity.rim_vertices.size());
+    const std::uint32_t at = *cavity.vertices.insert(v, fresh);
+    if (at == fresh) cavity.rim_vertices.push_back(v);
+    return at;
   };
   for (const std::uint32_t t : cavity.triangles) {
     const Triangle& v = mesh.triangles[t];
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t from = v[i], to = v[(i + 1) % 3], beyond = mesh.across[t][i];
-      RimEdge edge{from, to, beyond, 0};
+      const std::uint32_t to = v[i == 2 ? 0 : i + 1], beyond = mesh.across[t][i];
+      std::uint32_t kept_side = 0;
       if (beyond != kNone) {
         if (cavity.contains(beyond)) continue;
         const Triangle& u = mesh.triangles[beyond];
-        edge.kept_side = u[0] == to ? 0 : u[1] == to ? 1 : 2;
+        kept_side = u[0] == to ? 0 : u[1] == to ? 1 : 2;
       }
-      cavity.rim.push_back(edge);
-      list(cavity.rim_vertices, from);
-      list(cavity.rim_vertices, to);
+      const std::uint32_t from = on_rim(v[i]);
+      cavity.rim.push_back({from, on_rim(to), beyond, kept_side});
     }
   }
   for (const std::uint32_t t : cavity.triangles) {
-    for (const std::uint32_t v : mesh.triangles[t])
-      list(cavity.inner, v);
+    for (const std::uint32_t v : mesh.triangles[t]) {
+      const std::size_t known = cavity.vertices.size();
+      cavity.vertices.insert(v, Cavity::kInner);
+      if (cavity.vertices.size() > known) cavity.inner.push_back(v);
+    }
   }
 }
 

@@ -17,8 +17,16 @@
 
 namespace trocar::runtime {
 
+inline constexpr std::size_t kMaxToolCorners = 32;
+
 /// A simple polygon, counter-clockwise.
 using Outline = std::span<const LatticePoint>;
+
+/// One of its edges, with the box around it.
+struct OutlineEdge {
+  LatticePoint a, b;
+  LatticeBox box;
+};
 
 /// How a stage of a cut ended.
 enum class Stage : std::uint8_t {
@@ -35,25 +43,33 @@ enum class Contact : std::uint8_t {
 };
 
 /// How the triangle (counter-clockwise) and the tool meet. O(tool size).
+Contact contact(const std::array<LatticePoint, 3>& triangle,
+                std::span<const OutlineEdge> tool) noexcept;
+
+/// The same for a single question; the tool has at most kMaxToolCorners.
 Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
 /// Is p neither inside the polygon nor on it? O(tool size).
-bool strictly_outside(LatticePoint p, Outline tool) noexcept;
+bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 
 /// A directed edge of the cavity's boundary, the cavity on its left.
 struct RimEdge {
-  std::uint32_t from, to;   ///< vertices of the sheet
+  std::uint32_t from, to;   ///< into Cavity::rim_vertices
   std::uint32_t kept;       ///< the triangle that stays beyond it; kNone on the sheet's boundary
   std::uint32_t kept_side;  ///< the edge, as a side of `kept`
 };
 
 struct Cavity {
+  std::vector<OutlineEdge> tool;  ///< what it was made for
+  LatticeBox tool_box;
+  std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes meet the tool's
   std::vector<std::uint32_t> triangles;     ///< ascending
   std::vector<RimEdge> rim;                 ///< in the order of `triangles`
   std::vector<std::uint32_t> rim_vertices;  ///< each once
   std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles go, off the rim
   FlatTable members;                        ///< the triangles
-  FlatTable vertices;                       ///< of the rim, and inner ones
+  FlatTable vertices;                       ///< places in rim_vertices, or kInner
+  static constexpr std::uint32_t kInner = kNone - 1;
 
   void allocate(std::size_t max_triangles);
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }

@@ -40,7 +40,7 @@ Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
   if (work.cavity.triangles.empty()) return stage;
   while (stage == Stage::kDone) {
     trace_rim(mesh, work.cavity);
-    stage = settle_overlay(mesh, grid, work.cavity, tool, work.overlay);
+    stage = settle_overlay(mesh, grid, work.cavity, work.overlay);
     std::span<const std::uint32_t> absorb = work.overlay.absorb;
     if (stage == Stage::kDone) {
       stage = make_patch(work.overlay, work.patch);
@@ -107,23 +107,22 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   if (stage != Stage::kDone) return failure(stage, "rim and tool are not planar");
   if (work.cavity.triangles.empty()) return report;
 
-  stage = outline_hole(mesh, work.cavity, work.overlay, work.patch, work.hole);
+  stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
   if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
-  bool full = false;
-  const char* disproof =
-      disprove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof, full);
-  if (full) return failure(Stage::kCapacity, nullptr);
-  if (disproof != nullptr) return failure(Stage::kBug, disproof);
-  report.doubled_area_removed = doubled_area_removed(mesh, work.cavity, work.overlay, work.patch);
+  const Proof proof =
+      prove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof);
+  if (proof.full) return failure(Stage::kCapacity, nullptr);
+  if (proof.bug != nullptr) return failure(Stage::kBug, proof.bug);
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
   if (stage == Stage::kDone)
-    stage = restore_delaunay(mesh, work.stitch.created, work.flips, edit, report.flips);
+    stage = restore_delaunay(mesh, work.stitch.rim_sides, work.flips, edit, report.flips);
   if (stage != Stage::kDone) {
     edit.undo(mesh);
     return failure(stage, nullptr);
   }
   report.outcome = CutOutcome::kCut;
+  report.doubled_area_removed = proof.doubled_area_removed;
   report.triangles_removed = static_cast<std::uint32_t>(work.cavity.triangles.size());
   report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
   report.obtuse_boundary_sides = count_obtuse_boundary_sides(mesh, edit);

@@ -17,8 +17,6 @@
 
 namespace trocar::runtime {
 
-inline constexpr std::size_t kMaxToolCorners = 32;
-
 enum class CutOutcome : std::uint8_t {
   kCut,         ///< the sheet has the hole
   kNothingMet,  ///< tool and sheet have no area in common

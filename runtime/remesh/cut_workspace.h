@@ -42,7 +42,7 @@ struct CutWorkspace {
  private:
   void allocate(const CutCapacity& capacity) {
     cavity.allocate(capacity.triangles);
-    overlay.allocate(capacity.points, capacity.edges);
+    overlay.allocate(capacity.triangles, capacity.points, capacity.edges);
     patch.allocate(capacity.points);
     hole.allocate(capacity.points, capacity.edges);
     proof.allocate(capacity.edges);

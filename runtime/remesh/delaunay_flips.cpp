@@ -11,6 +11,13 @@ std::uint32_t side_beyond(const SheetMesh& mesh, std::uint32_t t, std::uint32_t 
   return u[0] == to ? 0 : u[1] == to ? 1 : 2;
 }
 
+bool is_delaunay(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
+  const Triangle& u = mesh.triangles[mesh.across[t][i]];
+  const LatticePoint apex = mesh.vertices[u[(side_beyond(mesh, t, i) + 2) % 3]];
+  const auto [a, b, c] = corners(mesh, t);
+  return in_circle(a, b, c, apex) <= 0;
+}
+
 void tell(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::uint32_t now,
           SheetEdit& edit) {
   if (neighbour == kNone) return;
@@ -21,8 +28,8 @@ void tell(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::u
 }
 
 // Turns the side (a, b) between (a, b, p) and (b, a, q) into (p, q).
-void flip(SheetMesh& mesh, std::uint32_t t, std::uint32_t i, std::uint32_t j, SheetEdit& edit) {
-  const std::uint32_t u = mesh.across[t][i];
+void flip(SheetMesh& mesh, std::uint32_t t, std::uint32_t i, SheetEdit& edit) {
+  const std::uint32_t u = mesh.across[t][i], j = side_beyond(mesh, t, i);
   edit.touch_triangle(mesh, t);
   edit.touch_triangle(mesh, u);
   const Triangle old_t = mesh.triangles[t], old_u = mesh.triangles[u];
@@ -46,7 +53,7 @@ void FlipSpace::allocate(std::size_t max_triangles) {
   waits.allocate(max_triangles);
 }
 
-Stage restore_delaunay(SheetMesh& mesh, std::span<const std::uint32_t> seeds, FlipSpace& space,
+Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleSide> sides, FlipSpace& space,
                        SheetEdit& edit, std::uint32_t& flips) noexcept {
   space.waiting.clear();
   space.waits.clear();
@@ -61,19 +68,17 @@ Stage restore_delaunay(SheetMesh& mesh, std::span<const std::uint32_t> seeds, Fl
       space.waiting.push_back(t);
     }
   };
-  for (std::size_t k = seeds.size(); k-- > 0;)
-    suspect(seeds[k]);
+  for (const auto& [t, i] : sides) {
+    if (!is_delaunay(mesh, t, i)) suspect(t);
+  }
   while (!space.waiting.empty() && fits) {
     const std::uint32_t t = space.waiting.back();
     space.waiting.pop_back();
     *space.waits.insert(t, 0) = 0;
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t u = mesh.across[t][i];
-      if (u == kNone) continue;
-      const std::uint32_t j = side_beyond(mesh, t, i);
-      const auto [a, b, c] = corners(mesh, t);
-      if (in_circle(a, b, c, mesh.vertices[mesh.triangles[u][(j + 2) % 3]]) <= 0) continue;
-      flip(mesh, t, i, j, edit);
+      if (u == kNone || is_delaunay(mesh, t, i)) continue;
+      flip(mesh, t, i, edit);
       ++flips;
       suspect(u);
       suspect(t);

@@ -19,12 +19,12 @@ struct FlipSpace {
   void allocate(std::size_t max_triangles);
 };
 
-/// Flips until every side of the triangles `seeds`, and of all that this changes, is locally
-/// Delaunay, exactly. If all other sides between two triangles of a valid sheet are so already,
-/// then all are. Each flip turns the diagonal of a strictly convex quadrangle, so the sheet stays
-/// valid; it ends because the lifted surface sinks with every one. `flips` counts them. kCapacity:
-/// more triangles than `space` has room for; `edit` can undo what has been done.
-Stage restore_delaunay(SheetMesh& mesh, std::span<const std::uint32_t> seeds, FlipSpace& space,
+/// Flips until all of `sides`, and of what this changes, are locally Delaunay, exactly. If all
+/// other sides between two triangles of a valid sheet are so already, then all are. Each flip turns
+/// the diagonal of a strictly convex quadrangle, so the sheet stays valid; it ends because the
+/// lifted surface sinks with every one. `flips` counts them. kCapacity: more triangles than `space`
+/// has room for; `edit` can undo what has been done.
+Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleSide> sides, FlipSpace& space,
                        SheetEdit& edit, std::uint32_t& flips) noexcept;
 
 }  // namespace trocar::runtime

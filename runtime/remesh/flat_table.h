@@ -74,7 +74,7 @@ class FlatTable {
   }
 
  private:
-  static constexpr std::size_t kFewest = 64;  ///< slots
+  static constexpr std::size_t kFewest = 256;  ///< slots
 
   struct Entry {
     std::uint64_t key;
@@ -106,7 +106,7 @@ class FlatTable {
   std::vector<std::uint32_t> slots_ = std::vector<std::uint32_t>(kFewest, 0);  ///< entry + 1, or 0
   std::size_t capacity_ = 0;
   std::size_t mask_ = kFewest - 1;
-  int shift_ = 58;
+  int shift_ = 56;
 };
 
 inline std::uint64_t pair_key(std::uint32_t a, std::uint32_t b) noexcept {

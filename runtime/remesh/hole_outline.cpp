@@ -46,18 +46,15 @@ bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
 }
 
 // Rim, less the patch's own boundary.
-bool collect_edges(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
-                   const Patch& patch, HoleOutline& hole) noexcept {
+bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                   HoleOutline& hole) noexcept {
   hole.edges.clear();
   hole.edge_at.clear();
   bool fits = true;
-  for (const RimEdge& e : cavity.rim) {
-    const std::uint32_t from = overlay.point_at.find(Overlay::key(mesh.vertices[e.from]));
-    const std::uint32_t to = overlay.point_at.find(Overlay::key(mesh.vertices[e.to]));
-    const bool in_order = overlay.points[from] < overlay.points[to];
-    const std::uint32_t s =
-        overlay.strand_at.find(in_order ? pair_key(from, to) : pair_key(to, from));
-    const bool whole = !overlay.strands[s].gone;
+  for (std::size_t e = 0; e < cavity.rim.size(); ++e) {
+    const std::uint32_t from = overlay.rim_point[cavity.rim[e].from];
+    const std::uint32_t to = overlay.rim_point[cavity.rim[e].to];
+    const bool whole = !overlay.strands[overlay.rim_strand[e]].gone;
     fits = fits && (whole ? add(hole, from, to) : add_in_pieces(overlay, from, to, hole));
   }
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
@@ -175,11 +172,11 @@ void HoleOutline::allocate(std::size_t max_points, std::size_t max_edges) {
   reserve_touched(unsorted_rings, max_edges);
 }
 
-Stage outline_hole(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
-                   const Patch& patch, HoleOutline& hole) noexcept {
+Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                   HoleOutline& hole) noexcept {
   hole.points.clear();
   hole.ring_end.clear();
-  if (!collect_edges(mesh, cavity, overlay, patch, hole)) return Stage::kCapacity;
+  if (!collect_edges(cavity, overlay, patch, hole)) return Stage::kCapacity;
   if (!list_by_point(overlay.points, hole)) return Stage::kCapacity;
   if (!walk(overlay.points, hole)) return Stage::kBug;
   write_sorted(overlay.points, hole);

@@ -42,7 +42,7 @@ struct HoleOutline {
 };
 
 /// kBug: rim and patch do not bound anything.
-Stage outline_hole(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
-                   const Patch& patch, HoleOutline& hole) noexcept;
+Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                   HoleOutline& hole) noexcept;
 
 }  // namespace trocar::runtime

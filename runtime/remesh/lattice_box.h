@@ -23,6 +23,15 @@ inline LatticeBox box_around(std::span<const LatticePoint> points) noexcept {
   return box;
 }
 
+inline LatticeBox box_around(LatticePoint a, LatticePoint b) noexcept {
+  return {{std::min(a.x, b.x), std::min(a.y, b.y)}, {std::max(a.x, b.x), std::max(a.y, b.y)}};
+}
+
+inline bool contains(const LatticeBox& outer, const LatticeBox& inner) noexcept {
+  return outer.lowest.x <= inner.lowest.x && outer.lowest.y <= inner.lowest.y &&
+         outer.highest.x >= inner.highest.x && outer.highest.y >= inner.highest.y;
+}
+
 inline bool apart(const LatticeBox& a, const LatticeBox& b) noexcept {
   return a.lowest.x > b.highest.x || a.highest.x < b.lowest.x || a.lowest.y > b.highest.y ||
          a.highest.y < b.lowest.y;

@@ -32,7 +32,7 @@ constexpr double kLargestAngle_deg = 30;
 // A shorter side is not improved upon: rounding to the lattice would decide the angles.
 constexpr double kShortestSide = 4;
 // Boundary sides are not split into shorter ones.
-constexpr double kShortestPiece = 2;
+constexpr double kShortestPiece = 1;
 // By how many steps an off-centre is drawn nearer to its side, for rounding not to make its angle
 // too small.
 constexpr double kRounding = 1.5;

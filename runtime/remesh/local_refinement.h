@@ -1,19 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // Delaunay refinement of a part of a sheet, in place: to a minimum angle and to a size that may
-// grow with the distance from something. After Ruppert (1995), with Uengoer's off-centres (2004);
-// points for size are placed as Rebay (1993) does, at the wanted distance from the finest side.
+// grow with the distance from something. After Ruppert (1995), with Uengoer's off-centres (2004)
+// and, as in Chew's second algorithm (1993), inner vertices that crowd the boundary removed; points
+// for size are placed as by Rebay (1993), at the wanted distance from the finest side.
 //
 // Laws (tests/local_refinement_test.cpp), for a mesh that is a valid SheetMesh:
 //  1. It stays one; where every interior side was locally Delaunay, every one still is.
 //  2. The area is unchanged, exactly, but for `doubled_area_lost`; that is 0 without
 //     `split_outline`. No material is added anywhere.
-//  3. Vertices are only added. What is written is listed in the SheetEdit. Triangles that are
-//     neither seeds nor replaced are not looked at; the cost depends on what is added.
-//  4. It ends, at the latest with the budget, and never allocates. Same mesh, seeds and options:
+//  3. Vertices on the boundary stay; inner ones may be removed where a boundary side is obtuse (the
+//     angle opposite it above 90 degrees, its spring's stiffness negative) or a triangle sharp on
+//     their account. All that is written is listed in the SheetEdit.
+//  4. Triangles that are neither seeds nor replaced are not looked at: time depends on the seeds
+//     and on what is added.
+//  5. It ends, at the latest with the budget, and never allocates. Same mesh, seeds and options:
 //     same result.
-//  5. Without `split_outline` no boundary side is made obtuse (the angle opposite it above 90
-//     degrees, its spring's stiffness negative) that was not. With it and the outcome kDone, none
-//     is left in the triangles looked at.
+//  6. Without `split_outline` each boundary side is part of an old one, and obtuse only if that one
+//     was. With it and the outcome kDone no boundary side of the triangles looked at is obtuse,
+//     unless it is a kept one.
 #pragma once
 
 #include <cstddef>
@@ -22,6 +26,7 @@
 #include <span>
 #include <vector>
 
+#include "runtime/remesh/function_view.h"
 #include "runtime/remesh/point_insertion.h"
 #include "runtime/remesh/sheet_edit.h"
 #include "runtime/remesh/sheet_mesh.h"
@@ -38,28 +43,6 @@ struct GradedSize {
   double growth = 0;                                           ///< length per distance
   double largest = std::numeric_limits<double>::infinity();
   double operator()(double x, double y) const noexcept;
-};
-
-/// A reference to a function; it must outlive what it is given to. Empty by default.
-template <typename Signature>
-class FunctionView;
-template <typename R, typename... Arguments>
-class FunctionView<R(Arguments...)> {
- public:
-  FunctionView() = default;
-  template <typename F>
-  FunctionView(const F& f) noexcept  // NOLINT(bugprone-forwarding-reference-overload)
-      : f_(&f), call_([](const void* g, Arguments... arguments) noexcept -> R {
-          return (*static_cast<const F*>(g))(arguments...);
-        }) {}
-  template <typename F>
-  FunctionView(const F&&) = delete;  // would be gone before it is called
-  explicit operator bool() const noexcept { return call_ != nullptr; }
-  R operator()(Arguments... arguments) const noexcept { return call_(f_, arguments...); }
-
- private:
-  const void* f_ = nullptr;
-  R (*call_)(const void*, Arguments...) noexcept = nullptr;
 };
 
 struct LocalRefinementOptions {

@@ -55,7 +55,10 @@ SplitAim aim_split(const SheetMesh& mesh, std::uint32_t t, std::uint32_t side,
   const LatticePoint before = mesh.vertices[previous_on_boundary(mesh, t, side)];
   const LatticePoint after = mesh.vertices[next_on_boundary(mesh, t, side)];
   const bool acute_at_a = is_acute(a, b, before), acute_at_b = is_acute(b, after, a);
-  if (acute_at_a == acute_at_b) return {static_cast<double>(pieces / 2) / pieces, false, false};
+  if (acute_at_a == acute_at_b) {
+    const int before_it = pieces / 2;
+    return {static_cast<double>(before_it) / pieces, false, false};
+  }
   const double length = std::sqrt(static_cast<double>(distance2(a, b)));
   double shell = 1;  // the power of two in (1/3, 2/3] of the length
   while (shell <= length / 3)

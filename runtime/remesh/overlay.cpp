@@ -19,21 +19,25 @@ bool boxes_apart(const Strand& s, const Strand& t) {
   return sh < tl || th < sl;
 }
 
-// An end of one segment inside the other.
-std::optional<LatticePoint> touching(const Strand& s, const Strand& t) {
-  if (strictly_between(s.first, s.second, t.first)) return t.first;
-  if (strictly_between(s.first, s.second, t.second)) return t.second;
-  if (strictly_between(t.first, t.second, s.first)) return s.first;
-  if (strictly_between(t.first, t.second, s.second)) return s.second;
-  return std::nullopt;
-}
+enum class Meeting { kApart, kTouches, kCrosses };
 
-bool cross_properly(const Strand& s, const Strand& t) {
-  const std::int64_t a = orient2d(s.first, s.second, t.first);
-  const std::int64_t b = orient2d(s.first, s.second, t.second);
-  const std::int64_t c = orient2d(t.first, t.second, s.first);
-  const std::int64_t d = orient2d(t.first, t.second, s.second);
-  return ((a < 0 && b > 0) || (a > 0 && b < 0)) && ((c < 0 && d > 0) || (c > 0 && d < 0));
+// kTouches: `at` is an end of one of them, inside the other. kCrosses: in a point inside both.
+Meeting meet(const Strand& s, const Strand& t, LatticePoint& at) {
+  const std::int64_t t1 = orient2d(s.first, s.second, t.first);
+  const std::int64_t t2 = orient2d(s.first, s.second, t.second);
+  if ((t1 > 0 && t2 > 0) || (t1 < 0 && t2 < 0)) return Meeting::kApart;
+  const std::int64_t s1 = orient2d(t.first, t.second, s.first);
+  const std::int64_t s2 = orient2d(t.first, t.second, s.second);
+  if ((s1 > 0 && s2 > 0) || (s1 < 0 && s2 < 0)) return Meeting::kApart;
+  const auto inside = [&at](const Strand& other, std::int64_t side, LatticePoint p) {
+    if (side != 0 || diametral_dot(other.first, other.second, p) >= 0) return false;
+    at = p;
+    return true;
+  };
+  if (inside(s, t1, t.first) || inside(s, t2, t.second) || inside(t, s1, s.first) ||
+      inside(t, s2, s.second))
+    return Meeting::kTouches;
+  return t1 != 0 && t2 != 0 && s1 != 0 && s2 != 0 ? Meeting::kCrosses : Meeting::kApart;
 }
 
 // Is p on the material's side of the strand's piece of rim, or on it?
@@ -82,6 +86,8 @@ class Settling {
     out.point_at.clear();
     out.strand_at.clear();
     out.pending.clear();
+    out.rim_point.clear();
+    out.rim_strand.clear();
   }
 
   bool full() const { return full_; }
@@ -96,21 +102,21 @@ class Settling {
     return *at;
   }
 
-  // `like` says what runs from `from` to `to`.
-  void add(LatticePoint from, LatticePoint to, const Strand& like, bool settled = false) {
+  // `like` says what runs from one point to the other. The strand that stands for it now.
+  std::uint32_t add(std::uint32_t from, std::uint32_t to, const Strand& like) {
     Strand strand = like;
     strand.gone = false;
-    strand.first = from;
-    strand.second = to;
-    if (to < from) {
+    strand.a = from;
+    strand.b = to;
+    strand.first = out_.points[from];
+    strand.second = out_.points[to];
+    if (strand.second < strand.first) {
+      std::swap(strand.a, strand.b);
       std::swap(strand.first, strand.second);
       strand.rim = -strand.rim;
       strand.tool = -strand.tool;
       strand.kept_right = !strand.kept_right;
     }
-    strand.a = point(strand.first);
-    strand.b = point(strand.second);
-    if (full_) return;
     const auto fresh = static_cast<std::uint32_t>(out_.strands.size());
     std::uint32_t* at = out_.strand_at.insert(pair_key(strand.a, strand.b), fresh);
     if (at != nullptr && *at != fresh && !out_.strands[*at].gone) {
@@ -119,11 +125,21 @@ class Settling {
       out_.strands[*at].tool += strand.tool;
     } else if (at == nullptr || !push_within(out_.strands, strand)) {
       full_ = true;
-      return;
+      return 0;
     } else {
       *at = fresh;
     }
-    if (!settled) wait(*at);
+    return *at;
+  }
+
+  // First in, first out; what has been taken out makes room when the list is full.
+  void wait(std::uint32_t strand) {
+    std::vector<std::uint32_t>& pending = out_.pending;
+    if (pending.size() == pending.capacity() && next_ > 0) {
+      pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(next_));
+      next_ = 0;
+    }
+    if (!push_within(pending, strand)) full_ = true;
   }
 
   void settle() {
@@ -139,29 +155,20 @@ class Settling {
   }
 
  private:
-  // First in, first out; what has been taken out makes room when the list is full.
-  void wait(std::uint32_t strand) {
-    std::vector<std::uint32_t>& pending = out_.pending;
-    if (pending.size() == pending.capacity() && next_ > 0) {
-      pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(next_));
-      next_ = 0;
-    }
-    if (!push_within(pending, strand)) full_ = true;
-  }
-
   void absorb(std::uint32_t triangle) {
     if (!push_within(out_.absorb, triangle)) full_ = true;
   }
 
   // Makes an end of what crosses or touches; false if there was nothing to do.
   bool resolve(std::uint32_t i, std::uint32_t j) {
-    const Strand s = out_.strands[i], t = out_.strands[j];
-    std::optional<LatticePoint> p = touching(s, t);
-    const bool bends = !p && cross_properly(s, t);
-    if (!p && !bends) return false;
+    LatticePoint p;
+    const Meeting meeting = meet(out_.strands[i], out_.strands[j], p);
+    if (meeting == Meeting::kApart) return false;
+    const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
+    const bool bends = meeting == Meeting::kCrosses;
     if (bends) p = bend_point(s, t);
-    const bool split_s = *p != s.first && *p != s.second;
-    const bool split_t = *p != t.first && *p != t.second;
+    const bool split_s = p != s.first && p != s.second;
+    const bool split_t = p != t.first && p != t.second;
     // A shared edge stays; the bend waits for the next round.
     bool held = false;
     for (const auto& [strand, is_split] : {std::pair{&s, split_s}, std::pair{&t, split_t}}) {
@@ -170,8 +177,8 @@ class Settling {
       held = true;
     }
     if (held) return false;
-    if (split_s) split(i, s, *p);
-    if (split_t) split(j, t, *p);
+    if (split_s) split(i, s, p);
+    if (split_t) split(j, t, p);
     if (!split_s) wait(i);
     if (!split_t) wait(j);
     return true;
@@ -180,8 +187,11 @@ class Settling {
   void split(std::uint32_t index, const Strand& s, LatticePoint p) {
     if (!recedes(s, p)) absorb_swept(s, p);
     out_.strands[index].gone = true;
-    add(s.first, p, s);
-    add(p, s.second, s);
+    const std::uint32_t middle = point(p);
+    if (full_) return;
+    wait(add(s.a, middle, s));
+    if (full_) return;
+    wait(add(middle, s.b, s));
   }
 
   // The rare bend outwards (law 1) must not run over material that stays.
@@ -192,7 +202,7 @@ class Settling {
       return q != s.first && q != s.second && q != p && orient2d(swept[0], swept[1], q) >= 0 &&
              orient2d(swept[1], swept[2], q) >= 0 && orient2d(swept[2], swept[0], q) >= 0;
     };
-    grid_.for_each(mesh_, box_around(swept), [&](std::uint32_t k) {
+    grid_.for_each(box_around(swept), [&](std::uint32_t k) {
       if (cavity_.contains(k)) return;
       const std::array<LatticePoint, 3> c = corners(mesh_, k);
       for (std::size_t i = 0; i < 3; ++i) {
@@ -217,29 +227,37 @@ class Settling {
 
 }  // namespace
 
-void Overlay::allocate(std::size_t max_points, std::size_t max_strands) {
+void Overlay::allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands) {
   reserve_touched(points, max_points);
   reserve_touched(strands, max_strands);
   reserve_touched(absorb, max_strands);
   reserve_touched(pending, 2 * max_strands);
+  reserve_touched(rim_point, 3 * max_triangles);
+  reserve_touched(rim_strand, 3 * max_triangles);
   point_at.allocate(max_points);
   strand_at.allocate(max_strands);
 }
 
 Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
-                     Outline tool, Overlay& out) noexcept {
+                     Overlay& out) noexcept {
   Settling settling(mesh, grid, cavity, out);
+  for (const std::uint32_t v : cavity.rim_vertices)
+    out.rim_point.push_back(settling.point(mesh.vertices[v]));
   Strand rim;
   rim.rim = 1;
   rim.kept_right = true;
   for (const RimEdge& e : cavity.rim) {
+    if (settling.full()) return Stage::kCapacity;
     rim.kept = e.kept;
-    settling.add(mesh.vertices[e.from], mesh.vertices[e.to], rim, true);
+    out.rim_strand.push_back(settling.add(out.rim_point[e.from], out.rim_point[e.to], rim));
   }
   Strand edge;
   edge.tool = 1;
-  for (std::size_t i = 0, n = tool.size(); i < n; ++i)
-    settling.add(tool[i], tool[i + 1 == n ? 0 : i + 1], edge);
+  for (const OutlineEdge& e : cavity.tool) {
+    const std::uint32_t a = settling.point(e.a), b = settling.point(e.b);
+    if (settling.full()) return Stage::kCapacity;
+    settling.wait(settling.add(a, b, edge));
+  }
   settling.settle();
   if (settling.full()) return Stage::kCapacity;
   if (!out.absorb.empty()) return Stage::kAgain;
@@ -248,7 +266,7 @@ Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavi
   // sake, unless a bend ran through them.
   for (const std::uint32_t v : cavity.inner) {
     const LatticePoint p = mesh.vertices[v];
-    if (!strictly_outside(p, tool)) continue;
+    if (!strictly_outside(p, cavity.tool)) continue;
     const bool on_edge = std::any_of(out.strands.begin(), out.strands.end(), [p](const Strand& s) {
       return !s.gone && strictly_between(s.first, s.second, p);
     });

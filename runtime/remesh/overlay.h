@@ -47,7 +47,10 @@ struct Overlay {
   FlatTable strand_at;                 ///< the latest strand between two points, the smaller first
   std::vector<std::uint32_t> pending;  ///< scratch: strands to be held against the others
 
-  void allocate(std::size_t max_points, std::size_t max_strands);
+  std::vector<std::uint32_t> rim_point;   ///< of Cavity::rim_vertices
+  std::vector<std::uint32_t> rim_strand;  ///< of Cavity::rim: what it began as
+
+  void allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands);
   static std::uint64_t key(LatticePoint p) noexcept {
     return pair_key(static_cast<std::uint32_t>(p.x), static_cast<std::uint32_t>(p.y));
   }
@@ -56,6 +59,6 @@ struct Overlay {
 /// O(c^2) for c edges of rim and tool, with c the few dozens of a puncture. kAgain: only `absorb`
 /// is valid.
 Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
-                     Outline tool, Overlay& out) noexcept;
+                     Overlay& out) noexcept;
 
 }  // namespace trocar::runtime

@@ -32,13 +32,13 @@ struct ProofSpace {
   void allocate(std::size_t max_edges);
 };
 
-/// Null if all holds; else what does not, in words. `full`: the workspace was too small to tell.
-const char* disprove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
-                     const Overlay& overlay, const Patch& patch, const HoleOutline& hole,
-                     ProofSpace& space, bool& full) noexcept;
-
-/// Twice the area of (cavity minus patch).
-std::int64_t doubled_area_removed(const SheetMesh& mesh, const Cavity& cavity,
-                                  const Overlay& overlay, const Patch& patch) noexcept;
+struct Proof {
+  const char* bug = nullptr;              ///< null if all holds; else what does not, in words
+  bool full = false;                      ///< the workspace was too small to tell
+  std::int64_t doubled_area_removed = 0;  ///< of (cavity minus patch); only if all holds
+};
+Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+            const Overlay& overlay, const Patch& patch, const HoleOutline& hole,
+            ProofSpace& space) noexcept;
 
 }  // namespace trocar::runtime

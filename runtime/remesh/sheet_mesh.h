@@ -2,9 +2,12 @@
 // The mesh of a sheet that can be edited in place: slots of fixed capacity with the triangles'
 // neighbours beside them, so that an edit costs what it touches and never allocates.
 //
-// A structure of our own rather than OpenMesh: OpenMesh's kernel grows its property arrays as it
-// adds, marks deleted elements until a garbage collection that touches the whole mesh, and cannot
-// be copied slot by slot into a second mesh that a reader uses meanwhile.
+// A structure of our own rather than OpenMesh 9: reserve() spares its arrays the growing, but a
+// deleted vertex, edge or face is only marked, and its place comes back by a garbage collection
+// that goes through the whole mesh and renumbers it, so a mesh that is cut again and again must
+// allocate or do that; a half-edge mesh has one fan of faces at a vertex, so where a cut leaves
+// several, faces must be deleted and added anew; and nothing lists what an edit has written, which
+// is what undoing it and making it on a replica take. Here all three are one array access each.
 #pragma once
 
 #include <array>
@@ -58,6 +61,10 @@ struct SheetMesh {
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
+};
+
+struct TriangleSide {
+  std::uint32_t triangle, side;
 };
 
 inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t t) noexcept {

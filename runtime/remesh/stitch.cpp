@@ -18,16 +18,15 @@ bool list_run(const SheetMesh& mesh, const Cavity& cavity, std::uint32_t v, std:
   StitchSpace::Run run{v, static_cast<std::uint32_t>(space.corners.size()), 0};
   const auto number = static_cast<std::uint32_t>(space.runs.size());
   for (const std::uint32_t turn : {2U, 0U}) {  // counter-clockwise, then clockwise
-    std::uint32_t t = triangle;
+    std::uint32_t t = triangle, last = triangle;
     do {
       const std::uint32_t i = corner_of(mesh.triangles[t], v);
-      if (t != triangle || turn == 2) {
-        if (!push_within(space.corners, {t, i}) ||
-            space.run_at.insert(pair_key(t, v), number) == nullptr)
-          return false;
-      }
+      if ((t != triangle || turn == 2) && !push_within(space.corners, {t, i})) return false;
+      last = t;
       t = mesh.across[t][(i + turn) % 3];
     } while (t != kNone && t != triangle && !cavity.contains(t));
+    // Only the ends of a run lie beside the cavity.
+    if (space.run_at.insert(pair_key(last, v), number) == nullptr) return false;
   }
   run.end = static_cast<std::uint32_t>(space.corners.size());
   return push_within(space.runs, run);
@@ -40,7 +39,7 @@ bool list_runs(const SheetMesh& mesh, const Cavity& cavity, StitchSpace& space) 
   space.run_at.clear();
   for (const RimEdge& e : cavity.rim) {
     if (e.kept == kNone) continue;
-    for (const std::uint32_t v : {e.from, e.to}) {
+    for (const std::uint32_t v : {cavity.rim_vertices[e.from], cavity.rim_vertices[e.to]}) {
       if (space.run_at.contains(pair_key(e.kept, v))) continue;
       if (!list_run(mesh, cavity, v, e.kept, space)) return false;
     }
@@ -76,6 +75,7 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t j = (i + 1) % 3;
       if (const std::uint32_t u = patch.across[t][i]; u != kNone) {
+        if (u < t) continue;  // seen from there
         const Triangle& beyond = patch.triangles[u];
         join(space, node(space, t, i), node(space, u, corner_of(beyond, patch.triangles[t][i])));
         join(space, node(space, t, j), node(space, u, corner_of(beyond, patch.triangles[t][j])));
@@ -160,6 +160,7 @@ void number_vertices(SheetMesh& mesh, StitchSpace& space, SheetEdit& edit) {
 
 void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& edit) {
   space.created.clear();
+  space.rim_sides.clear();
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     Triangle v{};
     for (std::uint32_t i = 0; i < 3; ++i)
@@ -173,6 +174,7 @@ void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& 
         mesh.across[slot][i] = space.created[patch.across[t][i]];
       } else if (const std::uint32_t k = patch.kept[t][i]; k != kNone) {
         mesh.across[slot][i] = k;
+        space.rim_sides.push_back({slot, i});
         const std::uint32_t to = mesh.triangles[slot][(i + 1) % 3];
         mesh.across[k][corner_of(mesh.triangles[k], to)] = slot;
       }
@@ -192,6 +194,7 @@ void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
   taken.allocate(3 * max_triangles);
   reserve_touched(fresh, 3 * max_created);
   reserve_touched(created, max_created);
+  reserve_touched(rim_sides, 3 * max_created);
 }
 
 Stage stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay, const Patch& patch,

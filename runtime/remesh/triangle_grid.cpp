@@ -68,7 +68,7 @@ void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
   const std::size_t cell =
       level.cell(level.row(*this, box.lowest.y), level.column(*this, box.lowest.x));
   const std::uint32_t next = head_[cell];
-  link_[t] = {next, kNone, static_cast<std::uint32_t>(cell)};
+  link_[t] = {box, next, kNone, static_cast<std::uint32_t>(cell)};
   if (next != kNone) link_[next].before = t;
   head_[cell] = t;
 }

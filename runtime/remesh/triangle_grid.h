@@ -37,9 +37,9 @@ class TriangleGrid {
   /// Follows an edit: to be called once, with the edited mesh. Time proportional to the edit.
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
 
-  /// Calls visit(triangle slot), law 1. `mesh` is the one that the grid follows. No allocation.
+  /// Calls visit(triangle slot), law 1. No allocation.
   template <typename Visit>
-  void for_each(const SheetMesh& mesh, const LatticeBox& box, Visit&& visit) const {
+  void for_each(const LatticeBox& box, Visit&& visit) const {
     for (const Level& level : levels_) {
       if (level.triangles == 0) continue;
       const std::int64_t left = std::max<std::int64_t>(level.column(*this, box.lowest.x) - 1, 0);
@@ -48,9 +48,8 @@ class TriangleGrid {
       const std::int64_t top = level.row(*this, box.highest.y);
       for (std::int64_t r = bottom; r <= top; ++r) {
         for (std::int64_t c = left; c <= right; ++c) {
-          std::uint32_t t = head_[level.cell(r, c)];
-          for (; t != kNone; t = link_[t].next) {
-            if (!apart(bounding_box(mesh, t), box)) visit(t);
+          for (std::uint32_t t = head_[level.cell(r, c)]; t != kNone; t = link_[t].next) {
+            if (!apart(link_[t].box, box)) visit(t);
           }
         }
       }
@@ -81,6 +80,7 @@ class TriangleGrid {
     }
   };
   struct Link {
+    LatticeBox box;                              ///< the triangle's
     std::uint32_t next = kNone, before = kNone;  ///< in its cell's list
     std::uint32_t cell = kNone;                  ///< kNone: in none
   };

@@ -95,7 +95,7 @@ struct Counts {
     if (!m.refined.mesh.triangles.empty())
       min_angle_deg = std::min(min_angle_deg, m.quality.min_angle_deg);
     simplification_error_mm = std::max(simplification_error_mm, m.simplification_error_mm);
-    out_of_vertices = out_of_vertices || m.refined.out_of_vertices;
+    out_of_vertices = out_of_vertices || m.refined.outcome == RefinementOutcome::kVertexBudget;
   }
 
   void put(json& row) const {
@@ -164,20 +164,19 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
     }
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");
-  const double encode_ms = median_cpu_ms(repetitions, [&] { glb = encode_asset(asset); });
+  AssetSizes sizes;
+  const double encode_ms = median_cpu_ms(repetitions, [&] { glb = encode_asset(asset, &sizes); });
   if (!glb) return glb.error();
-  const auto sizes = asset_sizes(*glb, "the asset");
-  if (!sizes) return sizes.error();
 
   put_errors(errors, row);
   counts.put(row);
-  row["triangles"] = sizes->triangles;
+  row["triangles"] = sizes.triangles;
   row["asset_bytes"] = glb->size();
-  row["triangle_bytes"] = sizes->triangle_bytes;
-  row["outline_bytes"] = sizes->outline_bytes;
-  row["json_bytes"] = sizes->json_bytes;
-  row["bytes_per_triangle"] = static_cast<double>(sizes->triangle_bytes) /
-                              std::max(1.0, static_cast<double>(sizes->triangles));
+  row["triangle_bytes"] = sizes.triangle_bytes;
+  row["outline_bytes"] = sizes.outline_bytes;
+  row["json_bytes"] = sizes.json_bytes;
+  row["bytes_per_triangle"] = static_cast<double>(sizes.triangle_bytes) /
+                              std::max(1.0, static_cast<double>(sizes.triangles));
   row.update(stage_times(times, encode_ms / scan.stack.size()));
   return row;
 }

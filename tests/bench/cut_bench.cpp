@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: Apache-2.0
+// cut_bench [Google Benchmark's options]: a cut of a tool that meets about 30 triangles, in sheets
+// of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread; against CGAL's
+// constrained Delaunay triangulation of the whole slice with the hole and of the cavity alone, in
+// the same run. Ends with a table of quantiles and ratios.
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <map>
+#include <memory>
+#include <random>
+#include <string>
+
+#include "runtime/remesh/cut.h"
+#include "runtime/remesh/local_refinement.h"
+#include "tests/bench/synthetic_sheet.h"
+
+namespace trocar::bench {
+namespace {
+
+using namespace trocar::runtime;
+
+constexpr int kSpacing = 512;        // steps: 2 mm
+constexpr double kToolRadius = 900;  // steps; meets about 30 triangles
+constexpr double kMinAngle_deg = 20;
+
+double thread_us() {
+  timespec now{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
+}
+
+Ring hexagon(double x, double y, double turn_rad) {
+  Ring ring;
+  for (int i = 0; i < 6; ++i) {
+    const double angle = turn_rad + i * 1.0471975511965976;
+    ring.push_back({static_cast<std::int32_t>(std::lround(x + kToolRadius * std::cos(angle))),
+                    static_cast<std::int32_t>(std::lround(y + kToolRadius * std::sin(angle)))});
+  }
+  return ring;
+}
+
+// CPU times of one thing, in us.
+struct Samples {
+  std::vector<double> us;
+  double at(double share) {
+    if (us.empty()) return std::nan("");
+    const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(us.size() - 1));
+    std::nth_element(us.begin(), us.begin() + k, us.end());
+    return us[static_cast<std::size_t>(k)];
+  }
+};
+
+// A sheet with its replica, as the remesher has them.
+class Subject {
+ public:
+  explicit Subject(int vertices)
+      : sheet(jittered_sheet(vertices, kSpacing, 7)),
+        pristine_(*make_sheet_mesh(sheet, 4096, 8192)),
+        pristine_grid_(pristine_),
+        edit_(pristine_),
+        work_(capacity_for(pristine_)),
+        refinement_(pristine_) {
+    for (const LatticePoint p : sheet.vertices)
+      extent_ = {std::max(extent_.x, p.x), std::max(extent_.y, p.y)};
+    cuts_to_reset_ = std::min(vertices / 200, 300);
+    reset();
+  }
+
+  Ring random_tool() {
+    const auto unit = [this] { return static_cast<double>(random_() >> 11U) * 0x1p-53; };
+    const double margin = 2 * kToolRadius;
+    return hexagon(margin + unit() * (extent_.x - 2 * margin),
+                   margin + unit() * (extent_.y - 2 * margin), unit());
+  }
+
+  // One cut as the remesher makes it; the time up to the hand-over in us.
+  double cut() {
+    if (++cuts_ % cuts_to_reset_ == 0) reset();
+    const Ring tool = random_tool();
+    const double start = thread_us();
+    const CutReport report = cut_in_place(mesh_, grid_, tool, work_, edit_);
+    const double is_cut = thread_us();
+    LocalRefinementOptions options;
+    options.min_angle_deg = kMinAngle_deg;
+    const RefinementResult refined =
+        refine_locally(mesh_, edit_, work_.stitch.created, options, refinement_);
+    const double is_refined = thread_us();
+    grid_.update(edit_, mesh_);
+    const double ready = thread_us();
+    edit_.copy_to(mesh_, replica_);
+    replica_grid_.update(edit_, replica_);
+    const double is_copied = thread_us();
+    if (report.outcome != CutOutcome::kCut) std::abort();
+    cut_us.us.push_back(is_cut - start);
+    refine_us.us.push_back(is_refined - is_cut);
+    grid_us.us.push_back(ready - is_refined);
+    replica_us.us.push_back(is_copied - ready);
+    all_us.us.push_back(ready - start);
+    triangles.us.push_back(report.triangles_removed);
+    added.us.push_back(refined.vertices_added);
+    return is_cut - start;
+  }
+
+  // CGAL on the local PSLG of a cut that is not made.
+  double cgal_cavity() {
+    if (++cuts_ % cuts_to_reset_ == 0) reset();
+    cut_in_place(mesh_, grid_, random_tool(), work_, edit_);
+    edit_.undo(mesh_);
+    const CgalPslg input = local_pslg(work_.overlay);
+    const double start = thread_us();
+    benchmark::DoNotOptimize(cgal_cdt(input));
+    cavity_us.us.push_back(thread_us() - start);
+    return cavity_us.us.back();
+  }
+
+  double cgal_slice() {
+    const CgalPslg input = slice_with_hole(sheet, random_tool());
+    const double start = thread_us();
+    benchmark::DoNotOptimize(cgal_cdt(input));
+    slice_us.us.push_back(thread_us() - start);
+    return slice_us.us.back();
+  }
+
+  SliceMesh sheet;
+  Samples cut_us, refine_us, grid_us, replica_us, all_us, triangles, added, cavity_us, slice_us;
+
+ private:
+  void reset() {
+    mesh_ = pristine_;
+    replica_ = pristine_;
+    grid_ = pristine_grid_;
+    replica_grid_ = pristine_grid_;
+  }
+
+  SheetMesh pristine_, mesh_, replica_;
+  TriangleGrid pristine_grid_, grid_, replica_grid_;
+  SheetEdit edit_;
+  CutWorkspace work_;
+  LocalRefinementWorkspace refinement_;
+  LatticePoint extent_{};
+  std::mt19937_64 random_{11};
+  int cuts_ = 0, cuts_to_reset_ = 1;
+};
+
+void print_row(const char* what, Samples& samples) {
+  std::printf("  %-34s %8.2f %8.2f %8.2f %8.2f %8zu\n", what, samples.at(0.5), samples.at(0.99),
+              samples.at(0.999), samples.at(1), samples.us.size());
+}
+
+int run(int count, char** words) {
+  benchmark::Initialize(&count, words);
+  std::map<int, std::unique_ptr<Subject>> subjects;
+  for (const int vertices : {10'000, 200'000}) {
+    Subject& subject = *(subjects[vertices] = std::make_unique<Subject>(vertices));
+    const auto add = [&](const std::string& name, double (Subject::*one)()) {
+      return benchmark::RegisterBenchmark((name + "/" + std::to_string(vertices)).c_str(),
+                                          [&subject, one](benchmark::State& state) {
+                                            for (auto _ : state)
+                                              state.SetIterationTime((subject.*one)() * 1e-6);
+                                          })
+          ->UseManualTime()
+          ->Unit(benchmark::kMicrosecond);
+    };
+    add("cut", &Subject::cut);
+    add("cgal_cavity", &Subject::cgal_cavity);
+    add("cgal_slice", &Subject::cgal_slice)->Iterations(vertices > 100'000 ? 3 : 30);
+  }
+  benchmark::RunSpecifiedBenchmarks();
+
+  for (auto& [vertices, subject] : subjects) {
+    std::printf(
+        "\n%zu vertices, %zu triangles; a cut replaces %.0f, the quality pass adds %.1f "
+        "vertices\n  %-34s %8s %8s %8s %8s %8s\n",
+        subject->sheet.vertices.size(), subject->sheet.triangles.size(), subject->triangles.at(0.5),
+        subject->added.at(0.5), "CPU time in us", "p50", "p99", "p99.9", "max", "samples");
+    print_row("cut and re-triangulation, proved", subject->cut_us);
+    print_row("quality pass, 20 degrees", subject->refine_us);
+    print_row("grid", subject->grid_us);
+    print_row("all three: ready to hand over", subject->all_us);
+    print_row("replica, after the hand-over", subject->replica_us);
+    print_row("CGAL CDT of the cavity", subject->cavity_us);
+    print_row("CGAL CDT of the slice", subject->slice_us);
+    const double own = subject->cut_us.at(0.5);
+    std::printf("  cut against CGAL: cavity x %.1f, slice x %.0f\n",
+                subject->cavity_us.at(0.5) / own, subject->slice_us.at(0.5) / own);
+  }
+  Subject &small = *subjects[10'000], &large = *subjects[200'000];
+  std::printf("\n200,000 against 10,000 vertices: cut x %.2f, ready to hand over x %.2f\n",
+              large.cut_us.at(0.5) / small.cut_us.at(0.5),
+              large.all_us.at(0.5) / small.all_us.at(0.5));
+  return 0;
+}
+
+}  // namespace
+}  // namespace trocar::bench
+
+int main(int count, char** words) {
+  return trocar::bench::run(count, words);
+}

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""same_bytes_test.py PROGRAMS SCAN WORK: the same scan gives the same asset, byte by byte, with 1, 2 and 16 threads and from
+the programs of another build, if TROCAR_OTHER_BIN names their folder. Scans: the sample as PNG, DICOM and NIfTI; L3 (folder
+TROCAR_REAL_CT) and the head CT (file TROCAR_HEAD_CT) where they are there. With clang, for example:
+
+    cmake -S . -B build/clang -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=clang++-14
+    ninja -C build/clang trocar-mesh
+    TROCAR_OTHER_BIN=$PWD/build/clang/bin ctest --test-dir build/release -R same_bytes -V"""
+import hashlib
+import os
+import pathlib
+import shutil
+import sys
+
+from e2e import check, failures, run
+
+
+def scans(sample):
+    grey = ("--spacing", "0.3125,0.3125,1", "--threshold", "95.2")
+    yield "sample, PNG", sample / "png", grey
+    yield "sample, PNG, paper", sample / "png", (*grey[:2], "--preset", "paper")
+    yield "sample, DICOM", sample / "dicom", ()
+    yield "sample, NIfTI", sample / "sample.nii.gz", ()
+    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3"
+    yield "L3", l3 / "sub-ct_label-22_ct.nii.gz", ()
+    yield "L3, labels", l3 / "sub-ct_seg-vert_label-22_msk.nii.gz", ("--labels", "22")
+    yield "head", pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent"), ()
+
+
+def main():
+    programs, sample, work = map(pathlib.Path, sys.argv[1:4])
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    other = os.environ.get("TROCAR_OTHER_BIN")
+    makers = [(f"{jobs} threads", programs, jobs) for jobs in (1, 2, 16)]
+    if other:
+        makers.append((other, pathlib.Path(other), 2))
+    for name, scan, options in scans(sample):
+        if not scan.exists():
+            print(f"{name}: not there")
+            continue
+        digests = {}
+        for maker, folder, jobs in makers:
+            asset = work / "asset.glb"
+            run(folder / "trocar-mesh", scan, "-o", asset, "--quiet", "--jobs", jobs, *options)
+            digests.setdefault(hashlib.sha256(asset.read_bytes()).hexdigest(), []).append(maker)
+        check(len(digests) == 1, f"{name}: different bytes: {digests}")
+        print(f"{name}: {len(makers)} runs, {next(iter(digests))[:16]}")
+    print("compared with the programs of", other or "no other build")
+    shutil.rmtree(work)
+    for failure in failures:
+        print("FAILED", failure)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
