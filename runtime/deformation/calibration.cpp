@@ -64,7 +64,7 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ri
 
   const double scatter = circle.radius;
   const double half = kReachesAround * reach_steps + 2 * circle.radius + scatter;
-  if (!(half < kMaxCoordinate / 2)) return refused("the tool is too large for the lattice");
+  if (!(half < kMaxCoordinate / 2.0)) return refused("the tool is too large for the lattice");
   const auto sheet = make_sheet_mesh(two_triangles(static_cast<std::int32_t>(half)), 0, 0);
   if (!sheet) return sheet.error();
   ResponseOptions options;

@@ -25,6 +25,7 @@ Circle circle_around(const Ring& tool) noexcept;
 /// A directed side, the part on its left, the rest of the sheet on its right.
 struct OuterSide {
   LatticePoint from, to;
+  // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
   friend auto operator<=>(const OuterSide&, const OuterSide&) = default;
 };
 

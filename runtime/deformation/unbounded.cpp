@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <string>
 #include <vector>
 
 #include "runtime/deformation/disc.h"
@@ -44,7 +45,8 @@ std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per
     return u < 0 ? graded : 1 - graded;
   };
   for (std::size_t k = 0; k < outline.size(); ++k) {
-    const Vector2d a = outline[k], side = outline[(k + 1) % outline.size()] - a;
+    const Vector2d& a = outline[k];
+    const Vector2d side = outline[(k + 1) % outline.size()] - a;
     const Vector2d normal = Vector2d(side.y(), -side.x()) / side.norm();
     for (int i = 0; i < panels_per_side; ++i) {
       Panel panel{a + place(i) * side, a + place(i + 1) * side, normal};
