@@ -61,7 +61,8 @@ std::string to_string(const Endpoint& endpoint) {
 
 Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port) {
   const std::size_t colon = text.rfind(':');
-  const std::string quoted = "\"" + std::string(text.substr(0, 256)) + "\"";
+  std::string quoted = "\"";
+  quoted.append(text.substr(0, 256)).append("\"");
   if (colon == std::string_view::npos || colon == 0) {
     return usage(quoted + ": must be HOST:PORT, for instance 127.0.0.1:4840");
   }
