@@ -187,7 +187,6 @@ class Server {
     while (!stop_requested.load() && !is_done()) {
       socket_.wait(in_.holds_any() || out_.holds_any() ? 1e-3 : 0.1);
       serve();
-      die_if_due();
     }
   }
 
@@ -204,6 +203,7 @@ class Server {
       Drive::Answer answer;
       bool from_host = false;
       drive_.receive(datagram.view(), now, answer, from_host);
+      die_if_due();
       if (from_host) host_ = datagram.peer;
       send(answer, datagram.peer);
     };
