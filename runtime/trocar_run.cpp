@@ -257,23 +257,19 @@ class Progress {
   std::thread thread_;
 };
 
-/// Shows progress on a terminal while it lives, if the session is one to be watched.
-class Watching {
- public:
-  Watching(const Arguments& arguments, SessionOptions& options) : options_(options) {
-    if (options.clock != Clock::kReal || arguments.quiet || ::isatty(STDERR_FILENO) == 0) return;
-    options.live = &live_;
-    progress_.emplace(live_, options.duration_s);
+/// `run()` with progress on the terminal, if there is one and the session is one to be watched.
+template <typename Run>
+Result<SessionReport> watched(const Arguments& arguments, SessionOptions& options, Run&& run) {
+  TripleBuffer<RecordingRow> live;
+  std::optional<Progress> progress;
+  if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0) {
+    options.live = &live;
+    progress.emplace(live, options.duration_s);
   }
-  ~Watching() { options_.live = nullptr; }
-  Watching(const Watching&) = delete;
-  Watching& operator=(const Watching&) = delete;
-
- private:
-  SessionOptions& options_;
-  TripleBuffer<RecordingRow> live_;
-  std::optional<Progress> progress_;
-};
+  Result<SessionReport> report = run();
+  options.live = nullptr;
+  return report;
+}
 
 Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loaded,
                                  Remesher& remesher, SessionOptions& options, LinkCounts& packets) {
@@ -288,13 +284,12 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
   auto device = UdpDevice::connect(link);
   if (!device) return device.error();
-  const Watching watching(arguments, options);
-  Result<SessionReport> report = run_session(
-      loaded.scene, loaded.description, remesher, **device,
-      [&](double) {
-        if (link.clock == LinkClock::kLockStep) (*device)->wait_for_answer();
-      },
-      options);
+  const auto advance = [&](double) {
+    if (link.clock == LinkClock::kLockStep) (*device)->wait_for_answer();
+  };
+  Result<SessionReport> report = watched(arguments, options, [&] {
+    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
+  });
   packets = (*device)->packets();
   return report;
 }
@@ -312,10 +307,10 @@ Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& 
   }
   // The simulated world stands still while the machine does something else: no gap is dangerous.
   options.limits.gap_max_s = 0;
-  const Watching watching(arguments, options);
-  return run_session(
-      loaded.scene, loaded.description, remesher, *device, [&](double dt_s) { device->step(dt_s); },
-      options);
+  const auto advance = [&](double dt_s) { device->step(dt_s); };
+  return watched(arguments, options, [&] {
+    return run_session(loaded.scene, loaded.description, remesher, *device, advance, options);
+  });
 }
 
 /// The summary's "link": packets by what became of them.

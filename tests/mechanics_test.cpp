@@ -139,7 +139,7 @@ TEST(Mechanics, MassAndBiasAreThoseOfTheMovingPoints) {
 
 SimulatedDevice make(const DeviceDescription& device, const MechanicsOptions& mechanics,
                      const HandTrajectory& hand, const HandImpedance& impedance,
-                     std::optional<Pose> start = std::nullopt) {
+                     const std::optional<Pose>& start = std::nullopt) {
   SimulatedDeviceOptions options;
   options.mechanics = mechanics;
   options.T_device_plate_start = start;

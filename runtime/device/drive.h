@@ -109,15 +109,15 @@ class Drive {
   std::optional<Session> session_;
   std::array<std::optional<Session>, kOffers> offers_;
   std::size_t next_offer_ = 0;
-  DriveMode mode_ = DriveMode::kReady;
-  bool stop_pressed_ = false;
   DeviceCommand command_;
-  std::uint8_t motor_faults_ = 0;
   std::array<double, kMotors> not_following_s_{};
   std::array<std::optional<double>, kEncoders> stuck_at_rad_;
-  bool falls_ = false;  ///< the felt force, after a peak
   double peak_N_ = 0, peak_t_s_ = 0, valley_N_ = 0;
   DriveReport report_;
+  DriveMode mode_ = DriveMode::kReady;
+  std::uint8_t motor_faults_ = 0;
+  bool stop_pressed_ = false;
+  bool falls_ = false;  ///< the felt force, after a peak
 };
 
 }  // namespace trocar::runtime
