@@ -32,7 +32,9 @@ constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "torque_not_finite",
                                                           "deadline_missed",
                                                           "remesh_backlog",
-                                                          "tool_tilt"};
+                                                          "tool_tilt",
+                                                          "emergency_stop",
+                                                          "motor_fault"};
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",

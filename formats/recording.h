@@ -40,8 +40,10 @@ enum class Fault : std::uint8_t {
   kDeadlineMissed,    ///< the gap between two ticks was too long
   kRemeshBacklog,     ///< more cuts wait for their mesh than can be kept track of
   kToolTilt,          ///< the tool's axis is too far from upright
+  kEmergencyStop,     ///< the device's emergency stop is pressed
+  kMotorFault,        ///< the device reports a motor that does not give its torque
 };
-inline constexpr int kFaults = 13;
+inline constexpr int kFaults = 15;
 
 const char* to_word(ContactPhase phase);
 const char* to_word(Fault fault);

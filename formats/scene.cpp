@@ -204,6 +204,17 @@ SceneHand read_hand(const nlohmann::json& value, JsonErrors& errors) {
   hand.damping_N_s_per_m = optional("damping_N_s_per_m", 0.0, 1e4);
   hand.rotation_stiffness_Nm_per_rad = optional("rotation_stiffness_Nm_per_rad", 0.0, 1e4);
   hand.rotation_damping_Nm_s_per_rad = optional("rotation_damping_Nm_s_per_rad", 0.0, 1e3);
+  hand.mass_kg = optional("mass_kg", 0.0, 10.0);
+  hand.let_go_t_s = optional("let_go_t_s", 0.0, kMaxDuration_s);
+  if (object.has("grip")) {
+    const std::string grip = object.string("grip");
+    if (grip != "firm" && grip != "light" && grip != "stiff") {
+      errors.add(object.path("grip"), "must be \"firm\", \"light\" or \"stiff\"");
+    }
+    hand.grip = grip == "light"   ? HandGrip::kLight
+                : grip == "stiff" ? HandGrip::kStiff
+                                  : HandGrip::kFirm;
+  }
   if (const nlohmann::json* frames = object.array("trajectory", 1, kMaxKeyframes)) {
     for (std::size_t i = 0; i < frames->size(); ++i) {
       StrictObject frame((*frames)[i], object.path("trajectory") + "/" + std::to_string(i), errors);

@@ -108,13 +108,18 @@ struct TipKeyframe {
   std::array<double, 3> rotation_deg{};  ///< wanted rotation of the plate: axis times angle, in {B}
 };
 
+enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
+
 /// The simulated hand: an impedance that pulls the tool tip along a trajectory. What is not
-/// given is the simulated device's default.
+/// given is the grip's (runtime/device/hand.h).
 struct SceneHand {
+  HandGrip grip = HandGrip::kFirm;
   std::optional<double> stiffness_N_per_m;
   std::optional<double> damping_N_s_per_m;
   std::optional<double> rotation_stiffness_Nm_per_rad;
   std::optional<double> rotation_damping_Nm_s_per_rad;
+  std::optional<double> mass_kg;        ///< moves with the tip
+  std::optional<double> let_go_t_s;     ///< from here on there is no hand
   std::vector<TipKeyframe> trajectory;  ///< >= 1, in ascending time, the first at 0
 };
 

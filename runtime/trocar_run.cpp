@@ -12,6 +12,7 @@
 #include <exception>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -19,6 +20,8 @@
 #include "formats/file_io.h"
 #include "formats/nearest_name.h"
 #include "formats/scene.h"
+#include "runtime/device/link_key.h"
+#include "runtime/device/udp_device.h"
 #include "runtime/loop/display.h"
 #include "runtime/loop/replay_device.h"
 #include "runtime/loop/scene_needs.h"
@@ -38,7 +41,7 @@ void request_stop(int) {
 }
 
 struct Arguments {
-  std::string scene, asset, device = "inproc", description, clock = "real", force_law;
+  std::string scene, asset, device = "inproc", key_file, description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
   bool check = false, quiet = false;
@@ -62,7 +65,10 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/scene.schema.json)")
       ->required();
   app.add_option("--device", arguments.device,
-                 "inproc: simulated in the process; udp:HOST:PORT: a device process (inproc)");
+                 "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"
+                 "trocar-device-sim (inproc)");
+  app.add_option("--key-file", arguments.key_file,
+                 "of the link to a device process: the file it was started with");
   app.add_option("--clock", arguments.clock,
                  "real: wall clock; virtual: as fast as it goes, deterministic (real)");
   app.add_option("--rate", arguments.rate_Hz,
@@ -90,12 +96,20 @@ void declare(CLI::App& app, Arguments& arguments) {
       "a fault; 1 a bug. Ctrl-C ends a session with torques at zero and its files written.");
 }
 
+constexpr std::string_view kRemote = "udp:";
+
+bool is_remote(const Arguments& arguments) {
+  return arguments.device.starts_with(kRemote);
+}
+
 Result<void> check_arguments(const Arguments& a) {
-  if (a.device.rfind("udp:", 0) == 0) {
-    return usage("--device " + a.device + ": this version has only inproc");
-  }
-  if (a.device != "inproc") {
+  if (is_remote(a)) {
+    if (a.key_file.empty()) return usage("--device " + a.device + ": needs --key-file");
+    if (!a.replay.empty()) return usage("--replay: has no device; leave --device out");
+  } else if (a.device != "inproc") {
     return usage("--device " + a.device + ": must be inproc or udp:HOST:PORT");
+  } else if (!a.key_file.empty()) {
+    return usage("--key-file: is for --device udp:HOST:PORT only");
   }
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
@@ -207,6 +221,43 @@ class Progress {
   std::thread thread_;
 };
 
+/// `run()` with progress on the terminal, if there is one and the session is one to be watched.
+template <typename Run>
+Result<SessionReport> watched(const Arguments& arguments, SessionOptions& options, Run&& run) {
+  TripleBuffer<RecordingRow> live;
+  std::optional<Progress> progress;
+  if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0) {
+    options.live = &live;
+    progress.emplace(live, options.duration_s);
+  }
+  Result<SessionReport> report = run();
+  options.live = nullptr;
+  return report;
+}
+
+Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loaded,
+                                 Remesher& remesher, SessionOptions& options, LinkCounts& packets) {
+  UdpDeviceOptions link;
+  const Result<Endpoint> peer = parse_endpoint(arguments.device.substr(kRemote.size()), 1);
+  if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
+  const Result<LinkKey> key = read_link_key(arguments.key_file);
+  if (!key) return key.error();
+  link.peer = *peer;
+  link.key = *key;
+  link.period_s = 1 / options.rate_Hz;
+  link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
+  auto device = UdpDevice::connect(link);
+  if (!device) return device.error();
+  const auto advance = [&](double) {
+    if (link.clock == LinkClock::kLockStep) (*device)->wait_for_answer();
+  };
+  Result<SessionReport> report = watched(arguments, options, [&] {
+    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
+  });
+  packets = (*device)->packets();
+  return report;
+}
+
 Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& remesher,
                           SessionOptions& options) {
   if (!loaded.replay.empty()) {
@@ -220,24 +271,28 @@ Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& 
   }
   // The simulated world stands still while the machine does something else: no gap is dangerous.
   options.limits.gap_max_s = 0;
-  TripleBuffer<RecordingRow> live;
-  std::optional<Progress> progress;
-  if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0) {
-    options.live = &live;
-    progress.emplace(live, options.duration_s);
+  const auto advance = [&](double dt_s) { device->step(dt_s); };
+  return watched(arguments, options, [&] {
+    return run_session(loaded.scene, loaded.description, remesher, *device, advance, options);
+  });
+}
+
+/// The summary's "link": packets by what became of them.
+nlohmann::json describe(const LinkCounts& packets) {
+  nlohmann::json refused = nlohmann::json::object();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    refused[to_word(static_cast<LinkRefusal>(i))] = packets.by_refusal[i];
   }
-  Result<SessionReport> report = run_session(
-      loaded.scene, loaded.description, remesher, *device, [&](double dt_s) { device->step(dt_s); },
-      options);
-  options.live = nullptr;
-  return report;
+  return {{"packets_accepted", packets.accepted()}, {"packets_refused", refused}};
 }
 
 Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
                            const SessionOptions& options, const SessionReport& report,
-                           const Remesher& remesher) {
+                           const Remesher& remesher, const LinkCounts& packets) {
   if (!arguments.summary.empty()) {
-    const std::string text = summarize(loaded.scene, options, report, remesher).dump(2) + "\n";
+    nlohmann::json summary = summarize(loaded.scene, options, report, remesher);
+    if (is_remote(arguments)) summary["link"] = describe(packets);
+    const std::string text = summary.dump(2) + "\n";
     if (Result<void> done = write_file_atomically(arguments.summary, text); !done) return done;
   }
   if (!arguments.meshes.empty()) {
@@ -286,7 +341,10 @@ int session(const Arguments& arguments) {
     };
   }
   Remesher remesher(std::move(loaded->sheets));
-  const Result<SessionReport> report = run(arguments, *loaded, remesher, options);
+  LinkCounts packets;
+  const Result<SessionReport> report =
+      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, packets)
+                           : run(arguments, *loaded, remesher, options);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {
     print_outcome(*report, options);
@@ -294,7 +352,8 @@ int session(const Arguments& arguments) {
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
     }
   }
-  if (const Result<void> written = write_outputs(arguments, *loaded, options, *report, remesher);
+  if (const Result<void> written =
+          write_outputs(arguments, *loaded, options, *report, remesher, packets);
       !written) {
     return fail(written.error());
   }

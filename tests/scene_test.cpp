@@ -40,6 +40,9 @@ json fullest() {
   scene["hand"]["damping_N_s_per_m"] = 90;
   scene["hand"]["rotation_stiffness_Nm_per_rad"] = 10;
   scene["hand"]["rotation_damping_Nm_s_per_rad"] = 0.2;
+  scene["hand"]["grip"] = "light";
+  scene["hand"]["mass_kg"] = 0.25;
+  scene["hand"]["let_go_t_s"] = 1.5;
   scene["hand"]["trajectory"].push_back(
       {{"t_s", 1.5}, {"tip_m", {0, 0, 0.1}}, {"rotation_deg", {1, 2, 3}}});
   return scene;
@@ -102,6 +105,9 @@ TEST(Scene, EveryFieldIsRead) {
   EXPECT_EQ(*scene->hand.stiffness_N_per_m, 3000);
   EXPECT_EQ(*scene->hand.damping_N_s_per_m, 90);
   EXPECT_EQ(*scene->hand.rotation_stiffness_Nm_per_rad, 10);
+  EXPECT_EQ(scene->hand.grip, HandGrip::kLight);
+  EXPECT_EQ(*scene->hand.mass_kg, 0.25);
+  EXPECT_EQ(*scene->hand.let_go_t_s, 1.5);
   EXPECT_EQ(*scene->hand.rotation_damping_Nm_s_per_rad, 0.2);
   ASSERT_EQ(scene->hand.trajectory.size(), 2U);
   EXPECT_EQ(scene->hand.trajectory[1].t_s, 1.5);
@@ -226,7 +232,9 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"/hand/trajectory/0/t_s", 0.1, "/hand/trajectory/0/t_s"},
         Refusal{"/hand/trajectory/1/t_s", 0, "/hand/trajectory/1/t_s"},
         Refusal{"/hand/trajectory/1/tip_m", json::array({0, 0, 2}), "/hand/trajectory/1/tip_m/2"},
-        Refusal{"/hand/grip", 1, "unknown key \"grip\""}));
+        Refusal{"/hand/glove", 1, "unknown key \"glove\""},
+        Refusal{"/hand/grip", "loose", "/hand/grip"}, Refusal{"/hand/mass_kg", -1, "/hand/mass_kg"},
+        Refusal{"/hand/let_go_t_s", "never", "/hand/let_go_t_s"}));
 
 TEST(Scene, MissingKeysAreNamed) {
   for (const char* key : {"schema", "name", "asset", "duration_s", "slices", "hand"}) {

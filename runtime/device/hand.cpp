@@ -65,12 +65,13 @@ Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& i
   }
   const double parts[] = {impedance.stiffness_N_per_m, impedance.damping_Ns_per_m,
                           impedance.rotational_stiffness_Nm_per_rad,
-                          impedance.rotational_damping_Nms_per_rad};
+                          impedance.rotational_damping_Nms_per_rad, impedance.mass_kg};
   for (const double part : parts) {
     if (!std::isfinite(part) || part < 0) {
-      return refused("hand: stiffness and damping must be finite and not negative");
+      return refused("hand: stiffness, damping and mass must be finite and not negative");
     }
   }
+  if (std::isnan(impedance.let_go_t_s)) return refused("hand: the time to let go is not a number");
   return {};
 }
 

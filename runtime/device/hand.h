@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "formats/result.h"
@@ -37,7 +38,20 @@ struct HandImpedance {
   double damping_Ns_per_m = 100;
   double rotational_stiffness_Nm_per_rad = 20;
   double rotational_damping_Nms_per_rad = 0.3;
+  /// Moves with the tool's tip, rigidly gripped; has no weight, since the arm carries it.
+  double mass_kg = 0;
+  /// From here on there is no hand: it let go.
+  double let_go_t_s = std::numeric_limits<double>::infinity();
 };
+
+/// Two grips beside the firm one above. Assumed, in the range that the literature gives for fingers
+/// and for a tensed arm.
+constexpr HandImpedance light_grip() noexcept {
+  return {300, 3, 2, 0.02, 0.05};
+}
+constexpr HandImpedance stiff_grip() noexcept {
+  return {20000, 300, 60, 0.6, 0.5};
+}
 
 struct HandTarget {
   Pose T_device_tool;
@@ -53,7 +67,7 @@ Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
                    const Pose& T_device_tool, const Twist& twist_tool) noexcept;
 
 /// Refused: times that do not increase, what is not finite, quaternions not of
-/// unit length, negative impedances.
+/// unit length, negative impedances or masses, a time to let go that is not a number.
 Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance);
 
 }  // namespace trocar::runtime

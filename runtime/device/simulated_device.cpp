@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/simulated_device.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -20,10 +21,34 @@ Vector3d plate_inertia(const DeviceDescription& device) noexcept {
                   device.plate_inertia_kg_m2[2]);
 }
 
-double kinetic_energy(const DeviceDescription& device, const Pose& T, const Twist& twist) noexcept {
+double plate_energy(const DeviceDescription& device, const Pose& T, const Twist& twist) noexcept {
   const Vector3d omega_plate = T.q.conjugate() * Vector3d(twist.tail<3>());
   return 0.5 * (device.plate_mass_kg * twist.head<3>().squaredNorm() +
                 omega_plate.dot(plate_inertia(device).cwiseProduct(omega_plate)));
+}
+
+/// Roughly normal with standard deviation 1, from one word of random bits: the sum of four
+/// uniform ones (which reaches 3.5). No library's distribution, so the same everywhere.
+double rough_normal(std::uint64_t word) noexcept {
+  double sum = 0;
+  for (int i = 0; i < 4; ++i)
+    sum += (static_cast<double>((word >> (16 * i)) & 0xffff) + 0.5) / 65536 - 0.5;
+  return sum * std::numbers::sqrt3;
+}
+
+Result<void> check_mechanics(const SimulatedDeviceOptions& options) {
+  if (!options.mechanics) return {};
+  const MechanicsOptions& m = *options.mechanics;
+  const auto good = [](double value) { return std::isfinite(value) && value >= 0; };
+  if (!std::all_of(m.link_mass_kg.begin(), m.link_mass_kg.end(), good) ||
+      !good(m.rotor_inertia_kg_m2) || !good(m.coulomb_friction_Nm) || !good(m.presliding_rad) ||
+      !(m.presliding_rad > 0) || !good(m.presliding_damping_s) || !good(m.current_lag_s) ||
+      !good(m.encoder_noise_rad)) {
+    return refused(
+        "simulated device: masses, friction, lag and noise must be finite and not "
+        "negative, the presliding angle positive");
+  }
+  return {};
 }
 
 Twist moved_to(const Twist& twist, const Vector3d& lever_m) noexcept {
@@ -39,6 +64,7 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
                                               const HandImpedance& impedance,
                                               const SimulatedDeviceOptions& options) {
   if (auto checked = check_hand(trajectory, impedance); !checked) return checked.error();
+  if (auto checked = check_mechanics(options); !checked) return checked.error();
   SimulatedDevice simulated(device, trajectory, impedance, options);
   Pose& T = simulated.truth_.T_device_plate;
   if (options.T_device_plate_start) {
@@ -56,12 +82,18 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
                    std::to_string(start.status.joint) + ")");
   }
   simulated.truth_.joints = start.joints;
+  simulated.hand_mass_rides_ = simulated.hand_holds(0);
+  if (options.mechanics) simulated.noise_.seed(options.mechanics->seed);
   return simulated;
 }
 
 DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
   state.t_s = truth_.t_s;
   state.encoder_rad = encoder_angles(truth_.joints);
+  if (options_.mechanics && options_.mechanics->encoder_noise_rad > 0) {
+    for (double& angle : state.encoder_rad)
+      angle += options_.mechanics->encoder_noise_rad * rough_normal(noise_());
+  }
   if (device_.encoder_counts_per_revolution > 0) {
     const double count_rad = 2 * std::numbers::pi / device_.encoder_counts_per_revolution;
     for (double& angle : state.encoder_rad)
@@ -90,10 +122,17 @@ bool SimulatedDevice::step(double dt_s) noexcept {
       std::max(device_.minimum_substeps, static_cast<int>(std::min<double>(wanted, kMostSubsteps)));
   const double h_s = dt_s / substeps;
   truth_.at_stop = false;
-  for (int i = 0; i < substeps; ++i)
-    substep(truth_.t_s + i * h_s, h_s);
+  for (int i = 0; i < substeps; ++i) {
+    const double t_s = truth_.t_s + i * h_s;
+    if (hand_mass_rides_ && !hand_holds(t_s)) let_go();
+    if (uses_mechanics()) {
+      midpoint_substep(t_s, h_s);
+    } else {
+      substep(t_s, h_s);
+    }
+  }
   truth_.t_s += dt_s;
-  truth_.kinetic_J = kinetic_energy(device_, truth_.T_device_plate, truth_.twist_device);
+  truth_.kinetic_J = kinetic_energy();
   return true;
 }
 
@@ -106,11 +145,12 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   // defined ratio to the plate's motion; it counts as an end of reach.
   const JacobianResult motion = jacobian(device_, T, truth_.joints);
   const Jacobian G = motion.status ? motion.G : Jacobian::Zero();
+  truth_.tau_applied_Nm = truth_.tau_motor_Nm;
   truth_.wrench_motors = G.transpose() * truth_.tau_motor_Nm;
   const Wrench friction =
       -device_.joint_viscous_friction_Nms_per_rad * (G.transpose() * (G * before));
   truth_.wrench_hand.setZero();
-  if (!trajectory_.keyframes.empty()) {
+  if (hand_holds(t_s)) {
     truth_.wrench_hand = hand_wrench(impedance_, hand_target(trajectory_, t_s),
                                      T * options_.T_plate_tool, moved_to(before, lever_m));
   }
@@ -145,7 +185,7 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
 
   const InverseResult reached = inverse_kinematics(device_, moved);
   if (!motion.status || !reached.status) {
-    work.stop_J -= kinetic_energy(device_, T, after);
+    work.stop_J -= plate_energy(device_, T, after);
     truth_.twist_device.setZero();
     truth_.at_stop = true;
     return;
@@ -154,6 +194,115 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   truth_.T_device_plate = moved;
   truth_.twist_device = after;
   truth_.joints = reached.joints;
+}
+
+/// What acts at one stage of the midpoint rule.
+struct SimulatedDevice::Forces {
+  Mechanics mechanics;
+  MotorVector tau_Nm = MotorVector::Zero(), presliding_rad = MotorVector::Zero();
+  Wrench motors = Wrench::Zero(), friction = Wrench::Zero(), hand_at_tip = Wrench::Zero(),
+         hand = Wrench::Zero();
+  Twist acceleration = Twist::Zero();
+};
+
+/// `since_s`: how long after the substep's start, to which presliding and lag belong.
+SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles& joints,
+                                                const Twist& twist, double t_s,
+                                                double since_s) const noexcept {
+  const MechanicsOptions options = options_.mechanics.value_or(MechanicsOptions::none());
+  const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
+  Forces result;
+  result.mechanics =
+      trocar::runtime::mechanics(device_, options, T, joints, twist, hand_mass_kg(), lever_m);
+  if (!result.mechanics.status) return result;
+  const Jacobian& G = result.mechanics.G;
+
+  const double left = options.current_lag_s > 0 ? std::exp(-since_s / options.current_lag_s) : 0;
+  result.tau_Nm = truth_.tau_motor_Nm + left * (truth_.tau_applied_Nm - truth_.tau_motor_Nm);
+  result.motors = G.transpose() * result.tau_Nm;
+
+  // Dry friction is a spring that slips where it would pull with more than Coulomb's torque, so
+  // it is defined, and holds, at rest.
+  const MotorVector rate = G * twist;
+  result.presliding_rad = (presliding_rad_ + since_s * rate)
+                              .cwiseMin(options.presliding_rad)
+                              .cwiseMax(-options.presliding_rad);
+  const MotorVector dry_share = (result.presliding_rad + options.presliding_damping_s * rate)
+                                    .cwiseMin(options.presliding_rad)
+                                    .cwiseMax(-options.presliding_rad) /
+                                options.presliding_rad;
+  result.friction = -G.transpose() * (device_.joint_viscous_friction_Nms_per_rad * rate +
+                                      options.coulomb_friction_Nm * dry_share);
+  if (hand_holds(t_s)) {
+    result.hand_at_tip = hand_wrench(impedance_, hand_target(trajectory_, t_s),
+                                     T * options_.T_plate_tool, moved_to(twist, lever_m));
+    result.hand = moved_by(result.hand_at_tip, lever_m);
+  }
+  const Wrench total = result.motors + result.friction + result.hand + result.mechanics.weight;
+  result.acceleration = result.mechanics.mass.ldlt().solve(total - result.mechanics.bias);
+  return result;
+}
+
+void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
+  const Pose T = truth_.T_device_plate;
+  const Twist before = truth_.twist_device;
+  const auto moved = [&](const Twist& twist, double dt_s) {
+    return Pose{T.p_m + dt_s * twist.head<3>(),
+                (from_rotation_vector(dt_s * twist.tail<3>()) * T.q).normalized()};
+  };
+  const auto stop = [&] {
+    truth_.work.stop_J -= kinetic_energy();
+    truth_.twist_device.setZero();
+    truth_.at_stop = true;
+  };
+
+  const Forces first = forces(T, truth_.joints, before, t_s, 0);
+  const Twist middle = before + h_s / 2 * first.acceleration;
+  const Pose T_middle = moved(before, h_s / 2);
+  const InverseResult joints_middle = inverse_kinematics(device_, T_middle);
+  if (!first.mechanics.status || !joints_middle.status) return stop();
+  const Forces half = forces(T_middle, joints_middle.joints, middle, t_s + h_s / 2, h_s / 2);
+  const Pose T_after = moved(middle, h_s);
+  const InverseResult joints_after = inverse_kinematics(device_, T_after);
+
+  EnergyBook& work = truth_.work;
+  work.hand_J += h_s * half.hand.dot(middle);
+  work.motors_J += h_s * half.motors.dot(middle);
+  work.friction_J += h_s * half.friction.dot(middle);
+  work.gravity_J += h_s * half.mechanics.weight.dot(middle);
+  truth_.wrench_motors = half.motors;
+  truth_.wrench_hand = half.hand_at_tip;
+
+  const MechanicsOptions options = options_.mechanics.value_or(MechanicsOptions::none());
+  const double left = options.current_lag_s > 0 ? std::exp(-h_s / options.current_lag_s) : 0;
+  truth_.tau_applied_Nm =
+      truth_.tau_motor_Nm + left * (truth_.tau_applied_Nm - truth_.tau_motor_Nm);
+  truth_.twist_device = before + h_s * half.acceleration;
+  if (!half.mechanics.status || !joints_after.status) return stop();
+  presliding_rad_ = (presliding_rad_ + h_s * (half.mechanics.G * middle))
+                        .cwiseMin(options.presliding_rad)
+                        .cwiseMax(-options.presliding_rad);
+  truth_.T_device_plate = T_after;
+  truth_.joints = joints_after.joints;
+}
+
+/// The hand's mass leaves with the speed it has, and its energy with it.
+void SimulatedDevice::let_go() noexcept {
+  const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
+  const Twist tip = moved_to(truth_.twist_device, lever_m);
+  truth_.work.hand_J -= 0.5 * impedance_.mass_kg * tip.head<3>().squaredNorm();
+  hand_mass_rides_ = false;
+}
+
+double SimulatedDevice::kinetic_energy() const noexcept {
+  const Twist& twist = truth_.twist_device;
+  if (!uses_mechanics()) return plate_energy(device_, truth_.T_device_plate, twist);
+  const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
+  const Mechanics all = trocar::runtime::mechanics(
+      device_, options_.mechanics.value_or(MechanicsOptions::none()), truth_.T_device_plate,
+      truth_.joints, twist, hand_mass_kg(), lever_m);
+  return all.status ? 0.5 * twist.dot(all.mass * twist)
+                    : plate_energy(device_, truth_.T_device_plate, twist);
 }
 
 }  // namespace trocar::runtime

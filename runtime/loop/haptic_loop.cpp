@@ -21,6 +21,10 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
     case DeviceStatus::kEndOfData:
       result.end_of_data = true;
       return Fault::kNone;
+    case DeviceStatus::kEmergencyStop:
+      return Fault::kEmergencyStop;
+    case DeviceStatus::kMotorFault:
+      return Fault::kMotorFault;
     case DeviceStatus::kLinkLost:
       break;
   }

@@ -82,9 +82,10 @@ struct SessionReport {
   std::int64_t replay_first_difference = -1;
 };
 
-/// The device of the scene's hand, at the hand's first keyframe.
-Result<SimulatedDevice> make_simulated_device(const Scene& scene,
-                                              const DeviceDescription& description);
+/// The device of the scene's hand, at the hand's first keyframe; without mechanics the light model.
+Result<SimulatedDevice> make_simulated_device(
+    const Scene& scene, const DeviceDescription& description,
+    const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
 /// Ends with torques at zero. Errors: the recording cannot be written (unwritable); by `network`, a

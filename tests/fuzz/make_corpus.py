@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
+import device_link  # noqa: E402
 import dicom_variants_test as dicom  # noqa: E402
 
 dicom.COLUMNS, dicom.ROWS, dicom.SLICES = 17, 12, 3
@@ -80,15 +81,32 @@ def write_assets(folder, mesh):
             subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", *options], check=True)
 
 
+def write_packets(folder):
+    """What fuzz_packet.cpp holds for true, made by another program."""
+    key = bytes((7 * i + 1) % 256 for i in range(32))
+    host, drive = bytes([1, 2, 3] + 13 * [0]), bytes([4, 5, 6] + 13 * [0])
+    session, of_session = int.from_bytes(drive[:8], "little"), device_link.session_key(key, host, drive)
+    torques, angles = [0.25 * i - 1 for i in range(8)], [0.125 * i - 1 for i in range(16)]
+    packets = {
+        "hello": device_link.hello(key, host, 1e-3, True, 1000),
+        "welcome": device_link.welcome(key, host, drive, 2.5e-4, 1, 2000),
+        "command": device_link.command(of_session, session, 1, device_link.TORQUE, torques, 1, 3000),
+        "state": device_link.state(of_session, session, 1, device_link.TORQUE_ON, 0, 1, angles, 4000),
+    }
+    for name, data in packets.items():
+        (folder / f"{name}.bin").write_bytes(data)
+
+
 def main():
     programs, corpus = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
     folders = {}
-    for kind in ("dicom", "nifti", "image", "glb"):
+    for kind in ("dicom", "nifti", "image", "glb", "packet"):
         folders[kind] = corpus / kind
         folders[kind].mkdir(parents=True, exist_ok=True)
     write_dicom(folders["dicom"])
     write_nifti(folders["nifti"])
     write_images(folders["image"])
+    write_packets(folders["packet"])
     write_assets(folders["glb"], programs / "trocar-mesh")
 
 

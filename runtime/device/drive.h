@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// The drive's side of the device link: session, watchdog and supervision in front of the simulated
+// device, with faults to order. Knows no socket: datagrams come in and go out as bytes.
+//
+// Laws (tests/drive_test.cpp):
+//  1. Torques are other than zero only while the newest accepted command is one of mode torque, not
+//     older than the watchdog's time (real clock), and no emergency stop is pressed.
+//  2. A refused datagram changes nothing but a count.
+//  3. While a session is alive no other one begins.
+//  4. Lock-step: time goes on by one of the host's periods a torque command, and by nothing else.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "formats/device_protocol.h"
+#include "runtime/device/fault_plan.h"
+#include "runtime/device/simulated_device.h"
+
+namespace trocar::runtime {
+
+struct DriveOptions {
+  LinkKey key;
+  LinkClock clock = LinkClock::kReal;
+  double period_s = 2.5e-4;  ///< of the drive's own clock
+  /// Silence of commands after which torques are zero; for a slow host 2.5 of its periods, if that
+  /// is longer.
+  double watchdog_s = 0.01;
+  /// Silence after which a session is over: nothing is sent to it any more. Lock-step: after which
+  /// another host may have the drive.
+  double session_s = 1;
+  FaultPlan faults;
+};
+
+/// A time at which the hand felt a force give way.
+struct FeltPeak {
+  double t_s = 0;
+  double force_N = 0;
+};
+
+/// What happened at the drive, and what the simulated hand felt of it.
+struct DriveReport {
+  std::uint64_t sessions = 0;
+  LinkCounts packets;
+  std::uint64_t watchdog_trips = 0;  ///< that took a torque away
+  std::uint64_t emergency_stops = 0;
+  double largest_torque_Nm = 0;     ///< applied
+  double largest_hand_force_N = 0;  ///< of the hand on the tool's tip, any direction
+  std::vector<FeltPeak> peaks;      ///< the first kMaxPeaks
+  static constexpr std::size_t kMaxPeaks = 4096;
+};
+
+class Drive {
+ public:
+  /// Sessions that want a fresh world get a copy of `model`.
+  Drive(const DriveOptions& options, SimulatedDevice model);
+
+  struct Answer {
+    std::array<std::uint8_t, kLargestPacketBytes> bytes{};
+    std::size_t size = 0;  ///< 0: no answer
+    std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
+  };
+
+  /// One datagram; `answer` is for its sender. kNone: it was taken; `from_host` then says whether
+  /// it was a command of the session, whose sender is where states belong.
+  LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
+                      bool& from_host) noexcept;
+
+  /// Real clock: `periods` of the drive's periods have gone by (held-up ones are made up for, as
+  /// the world does not wait). `answer`: the state for the host, if there is a session.
+  void tick(std::int64_t now_ns, int periods, Answer& answer) noexcept;
+
+  bool in_session() const noexcept { return session_.has_value(); }
+  double session_time_s() const noexcept { return model_.truth().t_s; }
+  DriveMode mode() const noexcept { return mode_; }
+  /// A `kill` of the plan is due.
+  bool must_die() const noexcept;
+  const SimulatedDevice& model() const noexcept { return model_; }
+  const DriveReport& report() const noexcept { return report_; }
+
+ private:
+  struct Session {
+    LinkKey key;
+    std::uint64_t number = 0;
+    double period_s = 0;    ///< the host's
+    double watchdog_s = 0;  ///< for it
+    bool fresh = false;
+    std::uint64_t last_command = 0, last_state = 0;
+    std::int64_t last_command_ns = 0;
+  };
+  bool is_alive(std::int64_t now_ns) const noexcept;
+  void offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept;
+  void begin(const Session& offered) noexcept;
+  void take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept;
+  void end_session() noexcept;
+  void advance(double dt_s) noexcept;
+  void judge_stop() noexcept;
+  void supervise(double dt_s) noexcept;
+  void feel() noexcept;
+  void send_state(Answer& answer) noexcept;
+
+  static constexpr std::size_t kOffers = 4;
+
+  DriveOptions options_;
+  SimulatedDevice fresh_, model_;
+  std::optional<Session> session_;
+  std::array<std::optional<Session>, kOffers> offers_;
+  std::size_t next_offer_ = 0;
+  DeviceCommand command_;
+  std::array<double, kMotors> not_following_s_{};
+  std::array<std::optional<double>, kEncoders> stuck_at_rad_;
+  double peak_N_ = 0, peak_t_s_ = 0, valley_N_ = 0;
+  DriveReport report_;
+  DriveMode mode_ = DriveMode::kReady;
+  std::uint8_t motor_faults_ = 0;
+  bool stop_pressed_ = false;
+  bool falls_ = false;  ///< the felt force, after a peak
+};
+
+}  // namespace trocar::runtime

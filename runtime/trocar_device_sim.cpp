@@ -1,0 +1,373 @@
+// SPDX-License-Identifier: Apache-2.0
+// trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
+// lock-step with its host. The work is in runtime/device/drive.h; here are options, socket and
+// clock.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+#include <exception>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+#include "formats/device_description.h"
+#include "formats/file_io.h"
+#include "formats/nearest_name.h"
+#include "formats/scene.h"
+#include "runtime/device/drive.h"
+#include "runtime/device/link_key.h"
+#include "runtime/device/udp_socket.h"
+#include "runtime/loop/realtime_thread.h"
+#include "runtime/loop/session.h"
+
+namespace trocar::runtime {
+namespace {
+
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);  // it is set in a signal handler
+
+void request_stop(int) {
+  stop_requested.store(true);
+}
+
+struct Arguments {
+  std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
+  std::string faults, description, summary;
+  double rate_Hz = 4000, noise_rad = 0;
+  std::uint64_t seed = 1, sessions = 0;
+  bool quiet = false;
+};
+
+int fail(const Error& error) {
+  std::fprintf(stderr, "trocar-device-sim: %s\n", error.message.c_str());
+  return static_cast<int>(error.code);
+}
+
+std::string version() {
+  return "trocar-device-sim " TROCAR_VERSION " (Eigen " + std::to_string(EIGEN_WORLD_VERSION) +
+         "." + std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION) +
+         ", nlohmann-json " + std::to_string(NLOHMANN_JSON_VERSION_MAJOR) + "." +
+         std::to_string(NLOHMANN_JSON_VERSION_MINOR) + "." +
+         std::to_string(NLOHMANN_JSON_VERSION_PATCH) + ", CLI11 " CLI11_VERSION ", libsodium)";
+}
+
+void declare(CLI::App& app, Arguments& a) {
+  app.add_option("SCENE", a.scene, "whose hand holds the tool (JSON); without it nobody does");
+  app.add_option("--listen", a.listen,
+                 "ADDRESS:PORT; port 0: any free one (127.0.0.1:4840). Beyond this machine only\n"
+                 "with a key file that is there already");
+  app.add_option("--key-file", a.key_file, "the link's key, mode 0600; made if it is not there")
+      ->required();
+  app.add_option("--clock", a.clock,
+                 "real: wall clock; lock-step: one host's period a command, for\n"
+                 "trocar-run --clock virtual (real)");
+  app.add_option("--rate", a.rate_Hz, "of the drive, in Hz, 100 to 10000 (4000)");
+  app.add_option("--model", a.model,
+                 "light: a plate with viscous friction; full: links, rotors, dry friction,\n"
+                 "current lag too (light)");
+  app.add_option("--encoder-noise", a.noise_rad, "standard deviation in rad; needs full (0)");
+  app.add_option("--faults", a.faults,
+                 "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... in s of the session: loss:P delay:P:MS\n"
+                 "duplicate:P reorder:P flip:P (command-loss:P, state-loss:P: one way only)\n"
+                 "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
+  app.add_option("--seed", a.seed, "of faults and noise (1)");
+  app.add_option("--sessions", a.sessions, "end after so many; 0: run until stopped (0)");
+  app.add_option("--device-description", a.description,
+                 "a device description (JSON) in the place of the scene's");
+  app.add_option("--summary", a.summary, "write what happened and what the hand felt: JSON");
+  app.add_flag("--quiet", a.quiet, "print errors and the address only");
+  app.set_help_flag("-h,--help", "print this");
+  app.set_version_flag("--version", version(), "print the version");
+  app.footer(
+      "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 could not be\n"
+      "written, or the address cannot be had; 1 a bug. The protocol: formats/device_protocol.md.");
+}
+
+Result<void> check_arguments(const Arguments& a) {
+  if (a.clock != "real" && a.clock != "lock-step") {
+    return usage("--clock " + a.clock + ": must be real or lock-step");
+  }
+  if (a.model != "light" && a.model != "full") {
+    return usage("--model " + a.model + ": must be light or full");
+  }
+  // Written so that nan is refused too.
+  if (!(a.rate_Hz >= 100 && a.rate_Hz <= 10000)) {
+    return usage("--rate: must be within 100 and 10000 Hz");
+  }
+  if (!(a.noise_rad >= 0 && a.noise_rad <= 0.1)) {
+    return usage("--encoder-noise: must be within 0 and 0.1 rad");
+  }
+  if (a.noise_rad > 0 && a.model != "full") return usage("--encoder-noise: needs --model full");
+  return {};
+}
+
+Result<LinkKey> load_key(const Arguments& arguments, const Endpoint& local) {
+  if (Result<void> started = start_link(); !started) return started.error();
+  std::error_code ignored;
+  if (!std::filesystem::exists(std::filesystem::symlink_status(arguments.key_file, ignored))) {
+    if (local.is_loopback()) return make_link_key(arguments.key_file);
+    return usage("--listen " + arguments.listen +
+                 ": beyond this machine only with a key file that is there already; " +
+                 arguments.key_file + " is not");
+  }
+  return read_link_key(arguments.key_file);
+}
+
+Result<SimulatedDevice> load_model(const Arguments& arguments) {
+  std::optional<MechanicsOptions> mechanics;
+  if (arguments.model == "full") {
+    mechanics.emplace();
+    mechanics->encoder_noise_rad = arguments.noise_rad;
+    mechanics->seed = arguments.seed;
+  }
+  std::optional<Scene> scene;
+  std::string description_file = arguments.description;
+  if (!arguments.scene.empty()) {
+    Result<Scene> read = read_scene(arguments.scene);
+    if (!read) return read.error();
+    scene = std::move(*read);
+    if (description_file.empty() && scene->device) description_file = scene->device->string();
+  }
+  DeviceDescription description = default_device_description();
+  if (!description_file.empty()) {
+    Result<DeviceDescription> read = read_device_description(description_file);
+    if (!read) return read.error();
+    description = std::move(*read);
+  }
+  if (scene) {
+    Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);
+    if (!made) return Error{made.error().code, arguments.scene + ": " + made.error().message};
+    return made;
+  }
+  SimulatedDeviceOptions options;
+  options.mechanics = mechanics;
+  return SimulatedDevice::make(description, {}, {}, options);
+}
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+/// A drive behind a socket, with a faulty link in between.
+class Server {
+ public:
+  Server(const DriveOptions& options, SimulatedDevice model, UdpSocket socket, std::uint64_t seed,
+         std::uint64_t sessions)
+      : drive_(options, std::move(model)),
+        socket_(std::move(socket)),
+        in_(options.faults, LinkWay::kCommands, 2 * seed),
+        out_(options.faults, LinkWay::kStates, 2 * seed + 1),
+        sessions_(sessions),
+        period_s_(options.period_s) {}
+
+  RealtimeReport run_real() {
+    RealtimeOptions realtime;
+    realtime.rate_Hz = 1 / period_s_;
+    realtime.priority = 70;  // below the loop's own
+    realtime.stop = &stop_requested;
+    return run_realtime(realtime, [this](double gap_s) {
+      const double skipped = std::clamp(std::round(gap_s / period_s_), 1.0, kMostCaughtUp);
+      serve();
+      Drive::Answer state;
+      drive_.tick(now_ns(), static_cast<int>(skipped), state);
+      send(state, host_);
+      die_if_due();
+      return !is_done();
+    });
+  }
+
+  void run_in_lock_step() {
+    while (!stop_requested.load() && !is_done()) {
+      socket_.wait(in_.holds_any() || out_.holds_any() ? 1e-3 : 0.1);
+      serve();
+    }
+  }
+
+  const Drive& drive() const { return drive_; }
+
+ private:
+  /// What a held-up process makes up for at most, in periods: beyond it the world stood still.
+  static constexpr double kMostCaughtUp = 200;
+  static constexpr int kMostDatagrams = 512;
+
+  void serve() {
+    const std::int64_t now = now_ns();
+    const auto handle = [&](const FaultyLink::Datagram& datagram) {
+      Drive::Answer answer;
+      bool from_host = false;
+      drive_.receive(datagram.view(), now, answer, from_host);
+      die_if_due();
+      if (from_host) host_ = datagram.peer;
+      send(answer, datagram.peer);
+    };
+    in_.release_due(now, handle);
+    out_.release_due(now,
+                     [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
+    FaultyLink::Datagram datagram;
+    for (int i = 0; i < kMostDatagrams; ++i) {
+      const auto got = socket_.receive(datagram.bytes, datagram.size, datagram.peer);
+      if (got == UdpSocket::Outcome::kNothing) break;
+      if (got == UdpSocket::Outcome::kGone) continue;  // a host is gone: its error, once
+      // A longer one is refused for its size, which cutting it does not change.
+      datagram.size = std::min(datagram.size, datagram.bytes.size());
+      in_.pass(datagram, drive_.session_time_s(), now, handle);
+    }
+  }
+
+  void send(const Drive::Answer& answer, const Endpoint& to) {
+    if (answer.size == 0) return;
+    FaultyLink::Datagram datagram;
+    std::copy(answer.view().begin(), answer.view().end(), datagram.bytes.begin());
+    datagram.size = answer.size;
+    datagram.peer = to;
+    out_.pass(datagram, drive_.session_time_s(), now_ns(),
+              [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
+  }
+
+  void die_if_due() const {
+    if (drive_.must_die()) ::raise(SIGKILL);
+  }
+  bool is_done() const {
+    return sessions_ > 0 && drive_.report().sessions >= sessions_ && !drive_.in_session();
+  }
+
+  Drive drive_;
+  UdpSocket socket_;
+  FaultyLink in_, out_;
+  Endpoint host_;
+  std::uint64_t sessions_;
+  double period_s_;
+};
+
+nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
+                         const RealtimeReport& realtime) {
+  const DriveReport& report = drive.report();
+  const SimulatedTruth& truth = drive.model().truth();
+  nlohmann::json refused = nlohmann::json::object(), peaks = nlohmann::json::array();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    refused[to_word(static_cast<LinkRefusal>(i))] = report.packets.by_refusal[i];
+  }
+  for (const FeltPeak& peak : report.peaks)
+    peaks.push_back({{"t_s", peak.t_s}, {"force_N", peak.force_N}});
+  return {{"program", "trocar-device-sim " TROCAR_VERSION},
+          {"clock", arguments.clock},
+          {"model", arguments.model},
+          {"rate_Hz", arguments.rate_Hz},
+          {"sessions", report.sessions},
+          {"packets", {{"accepted", report.packets.accepted()}, {"refused", refused}}},
+          {"watchdog_trips", report.watchdog_trips},
+          {"emergency_stops", report.emergency_stops},
+          {"torque_max_Nm", report.largest_torque_Nm},
+          {"hand_force_max_N", report.largest_hand_force_N},
+          {"hand_peaks", peaks},
+          {"session_time_s", truth.t_s},
+          {"energy_J",
+           {{"kinetic", truth.kinetic_J},
+            {"by_hand", truth.work.hand_J},
+            {"by_motors", truth.work.motors_J},
+            {"by_friction", truth.work.friction_J},
+            {"by_gravity", truth.work.gravity_J},
+            {"by_stops", truth.work.stop_J}}},
+          {"realtime_priority", realtime.fifo},
+          {"missed_deadlines", realtime.missed_deadlines},
+          {"wake_us",
+           {{"p50", realtime.wake.quantile_us(0.5)},
+            {"p99", realtime.wake.quantile_us(0.99)},
+            {"p999", realtime.wake.quantile_us(0.999)},
+            {"max", realtime.wake.max_us()}}}};
+}
+
+int serve(const Arguments& arguments) {
+  if (const auto writable = check_writable(arguments.summary); !writable) {
+    return fail(writable.error());
+  }
+  DriveOptions options;
+  options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
+  options.period_s = 1 / arguments.rate_Hz;
+  Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
+  if (!faults) return fail(faults.error());
+  options.faults = std::move(*faults);
+  const Result<Endpoint> local = parse_endpoint(arguments.listen, 0);
+  if (!local) return fail(usage("--listen " + local.error().message));
+  Result<SimulatedDevice> model = load_model(arguments);
+  if (!model) return fail(model.error());
+  const Result<LinkKey> key = load_key(arguments, *local);
+  if (!key) return fail(key.error());
+  options.key = *key;
+  Result<UdpSocket> socket = UdpSocket::listen(*local);
+  if (!socket) return fail(socket.error());
+
+  std::printf("ready on %s\n", to_string(socket->local()).c_str());
+  std::fflush(stdout);
+  Server server(options, std::move(*model), std::move(*socket), arguments.seed, arguments.sessions);
+  RealtimeReport realtime;
+  if (options.clock == LinkClock::kReal) {
+    realtime = server.run_real();
+  } else {
+    server.run_in_lock_step();
+  }
+  const DriveReport& report = server.drive().report();
+  if (!arguments.quiet) {
+    std::printf(
+        "%llu sessions, %llu packets accepted, %llu refused; the hand felt %.3f N at most\n",
+        static_cast<unsigned long long>(report.sessions),
+        static_cast<unsigned long long>(report.packets.accepted()),
+        static_cast<unsigned long long>(report.packets.refused()), report.largest_hand_force_N);
+    if (!realtime.note.empty()) {
+      std::fprintf(stderr, "trocar-device-sim: note: %s\n", realtime.note.c_str());
+    }
+  }
+  if (!arguments.summary.empty()) {
+    const std::string text = summarize(arguments, server.drive(), realtime).dump(2) + "\n";
+    if (const auto done = write_file_atomically(arguments.summary, text); !done) {
+      return fail(done.error());
+    }
+  }
+  return 0;
+}
+
+int main_without_exceptions(int count, char** words) {
+  Arguments arguments;
+  CLI::App app("The simulated device behind the device link, a process of its own.",
+               "trocar-device-sim");
+  declare(app, arguments);
+  try {
+    app.parse(count, words);
+  } catch (const CLI::CallForHelp&) {
+    std::fputs(app.help().c_str(), stdout);
+    return 0;
+  } catch (const CLI::CallForVersion&) {
+    std::puts(version().c_str());
+    return 0;
+  } catch (const CLI::ExtrasError&) {
+    return fail(usage(unexpected_word(app)));
+  } catch (const CLI::ParseError& error) {
+    return fail(usage(std::string(error.what()) + "; see trocar-device-sim --help"));
+  }
+  if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    ::sigaction(signal, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  return serve(arguments);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  try {
+    return trocar::runtime::main_without_exceptions(argc, argv);
+  } catch (const std::exception& failure) {
+    std::fprintf(stderr, "trocar-device-sim: unexpected: %s\n", failure.what());
+    return static_cast<int>(trocar::ExitCode::kBug);
+  }
+}
