@@ -16,7 +16,7 @@
 //     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
 //  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), whatever the pose, with
 //     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min); where scale = 1 and the pose
-//     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 71 for eight equal motors.
+//     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 142 for eight equal motors.
 //
 // Why a reserve. At the end of what is feasible a single torque vector gives the wrench, and
 // where several rows of the null space are nearly parallel (all four upper motors at any upright,
@@ -36,7 +36,7 @@
 namespace trocar::runtime {
 
 /// Of every limit: kept back so that torques move at a bounded rate (laws 4 to 6).
-inline constexpr double kTorqueReserve = 0.02;
+inline constexpr double kTorqueReserve = 0.01;
 
 enum class Allocation : std::uint8_t {
   kMinimumNorm,  ///< law 3
