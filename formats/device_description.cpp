@@ -70,9 +70,19 @@ void read_motors_and_joints(StrictObject& root, DeviceDescription& device, JsonE
   StrictObject motors(section(root, "motors", errors), "/motors", errors);
   device.motor_peak_torque_Nm = motors.number("peak_torque_Nm", 1e-3, 1e3);
   device.motor_continuous_torque_Nm = motors.number("continuous_torque_Nm", 1e-3, 1e3);
+  device.motor_torque_constant_Nm_per_A = motors.number("torque_constant_Nm_per_A", 1e-4, 100);
+  device.motor_gear_ratio = motors.number("gear_ratio", 0.1, 1e3);
+  device.upper_bevel_ratio = motors.number("upper_bevel_ratio", 0.1, 10);
+  device.motor_peak_current_A = motors.number("peak_current_A", 1e-3, 1e3);
+  device.motor_continuous_current_A = motors.number("continuous_current_A", 1e-3, 1e3);
+  device.motor_peak_time_s = motors.number("peak_time_s", 0.1, 60);
+  device.joint_coulomb_friction_Nm = motors.number("joint_coulomb_friction_Nm", 0, 10);
   motors.finish();
   if (device.motor_continuous_torque_Nm > device.motor_peak_torque_Nm) {
     errors.add(motors.path("continuous_torque_Nm"), "must not be above peak_torque_Nm");
+  }
+  if (device.motor_continuous_current_A > device.motor_peak_current_A) {
+    errors.add(motors.path("continuous_current_A"), "must not be above peak_current_A");
   }
   StrictObject limits(section(root, "joint_limits_deg", errors), "/joint_limits_deg", errors);
   for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
@@ -145,6 +155,13 @@ DeviceDescription default_device_description() {
                      .branch_theta4 = 1};
   device.motor_peak_torque_Nm = 6;
   device.motor_continuous_torque_Nm = 3;
+  device.motor_torque_constant_Nm_per_A = 0.06;
+  device.motor_gear_ratio = 18;
+  device.upper_bevel_ratio = 1;
+  device.motor_peak_current_A = 6;
+  device.motor_continuous_current_A = 3;
+  device.motor_peak_time_s = 2;
+  device.joint_coulomb_friction_Nm = 0;
   device.joint_limit = {limit_from_deg(190, 300), limit_from_deg(-180, 0), limit_from_deg(-60, 60),
                         limit_from_deg(-65, 0),   limit_from_deg(-180, 0), limit_from_deg(-60, 60)};
   device.plate_mass_kg = 0.35;

@@ -44,8 +44,15 @@ inline constexpr std::size_t kJointsPerLeg = 6;
 struct DeviceDescription {
   std::string name;
   DeviceGeometry geometry;
-  double motor_peak_torque_Nm = 0;                    ///< at the joint, every motor
-  double motor_continuous_torque_Nm = 0;              ///< at the joint; not above the peak
+  double motor_peak_torque_Nm = 0;            ///< at the joint, every motor
+  double motor_continuous_torque_Nm = 0;      ///< at the joint; not above the peak
+  double motor_torque_constant_Nm_per_A = 0;  ///< at the rotor
+  double motor_gear_ratio = 0;                ///< rotor's turns per turn of the joint
+  double upper_bevel_ratio = 0;               ///< of theta1's bevel gears, in series with the gear
+  double motor_peak_current_A = 0;            ///< of the drive
+  double motor_continuous_current_A = 0;      ///< of motor and drive; not above the peak
+  double motor_peak_time_s = 0;               ///< how long a cold motor bears the peak current
+  double joint_coulomb_friction_Nm = 0;       ///< at each of the eight motor joints
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
   double plate_mass_kg = 0;                           ///< plate, sensor and grip
   std::array<double, 3> plate_inertia_kg_m2{};        ///< principal, about {T}'s origin and axes

@@ -3,6 +3,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
@@ -16,6 +17,7 @@ using Eigen::Vector3d;
 
 // How near to stretched or folded a chain may be: sine of the angle left.
 constexpr double kSmallestSine = 1e-6;
+constexpr double kSmallestRank = 1e-9;  // of R's diagonal, relative: rank deficient below
 
 KinematicsStatus singular(int leg, int joint) noexcept {
   return {KinematicsFailure::kSingular, static_cast<std::int8_t>(leg + 1),
@@ -44,29 +46,15 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
                         const JointAngles& joints) noexcept {
   JacobianResult result;
   const DeviceGeometry& g = device.geometry;
-  const double k = g.l5_m / g.l2_m;
   for (int m = 0; m < kLegs; ++m) {
-    const double th1 = joints.theta_rad[m][0], th4 = joints.theta_rad[m][3];
     const Vector3d r = T_device_plate.q * leg::plate_joint(g, m);
     const Vector3d C = leg::to_leg(m, T_device_plate.p_m + r);
-    const Vector3d E = leg::elbow(g, th1);
-    const Vector3d upper = C - E;
-    const Vector3d lower = leg::link_joint(g, E, C) - leg::lower_elbow(g, th4);
-    const Vector3d E_th1 = g.l1_m * leg::upper_derivative(th1);
-    const Vector3d F_th4 = g.l3_m * leg::lower_derivative(th4);
-
-    const double upper_arm = upper.dot(E_th1), lower_arm = lower.dot(F_th4);
-    if (!(std::abs(upper_arm) > kSmallestSine * g.l1_m * g.l2_m)) {
-      result.status = singular(m, 1);
+    Vector3d w1, w4;
+    const auto& theta = joints.theta_rad[m];
+    if (const auto status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4); !status) {
+      result.status = singular(m, status.joint);
       return result;
     }
-    if (!(std::abs(lower_arm) > kSmallestSine * g.l3_m * g.l4_m)) {
-      result.status = singular(m, 4);
-      return result;
-    }
-    // th1' = w1 . C'; D' = (1 - k) E_th1 th1' + k C'; th4' = lower . D' / lower_arm.
-    const Vector3d w1 = upper / upper_arm;
-    const Vector3d w4 = ((1 - k) * lower.dot(E_th1) * w1 + k * lower) / lower_arm;
     result.G.row(motor_index(m, 0)) = point_row(leg::from_leg(m, w1), r);
     result.G.row(motor_index(m, 1)) = point_row(leg::from_leg(m, w4), r);
   }
@@ -81,8 +69,8 @@ JacobianResult influence_jacobian(const DeviceDescription& device, const Pose& T
   for (int m = 0; m < kLegs; ++m) {
     const auto& th = joints.theta_rad[m];
     Matrix3d R_device_leg;
-    R_device_leg << leg::kCosAzimuth[m], -leg::kSinAzimuth[m], 0,  //
-        leg::kSinAzimuth[m], leg::kCosAzimuth[m], 0,               //
+    R_device_leg << leg::kAzimuth[m].cosine, -leg::kAzimuth[m].sine, 0,  //
+        leg::kAzimuth[m].sine, leg::kAzimuth[m].cosine, 0,               //
         0, 0, 1;
 
     // Eq. 9: C' = G_uth_c th_u', by columns for th1, th2, th3.
@@ -125,16 +113,43 @@ JacobianResult influence_jacobian(const DeviceDescription& device, const Pose& T
   return result;
 }
 
-double inverse_condition(const Jacobian& G, double characteristic_length_m) noexcept {
+SingularRange singular_range(const Jacobian& G, double characteristic_length_m) noexcept {
   Jacobian scaled = G;
   scaled.rightCols<3>() /= characteristic_length_m;
-  if (!scaled.allFinite()) return 0;
+  if (!scaled.allFinite()) return {};
   const Eigen::Matrix<double, 6, 6> normal = scaled.transpose() * scaled;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver(normal,
                                                                           Eigen::EigenvaluesOnly);
-  if (solver.info() != Eigen::Success) return 0;
-  const double smallest = solver.eigenvalues()[0], largest = solver.eigenvalues()[5];
-  return largest > 0 ? std::sqrt(std::max(0.0, smallest) / largest) : 0;
+  if (solver.info() != Eigen::Success) return {};
+  return {std::sqrt(std::max(0.0, solver.eigenvalues()[0])),
+          std::sqrt(std::max(0.0, solver.eigenvalues()[5]))};
+}
+
+double inverse_condition(const Jacobian& G, double characteristic_length_m) noexcept {
+  const SingularRange range = singular_range(G, characteristic_length_m);
+  return range.largest > 0 ? range.smallest / range.largest : 0;
+}
+
+TwistResult twist_from_motor_rates(const Jacobian& G, const MotorVector& motor_rad_per_s) noexcept {
+  TwistResult result;
+  Jacobian scaled = G;
+  scaled.rightCols<3>() /= kCharacteristicLength_m;
+  if (!scaled.allFinite() || !motor_rad_per_s.allFinite()) {
+    result.status.failure = KinematicsFailure::kBadInput;
+    return result;
+  }
+  const Eigen::HouseholderQR<Jacobian> qr(scaled);
+  const auto diagonal = qr.matrixQR().diagonal().cwiseAbs();
+  if (!(diagonal.minCoeff() > kSmallestRank * diagonal.maxCoeff())) {
+    result.status.failure = KinematicsFailure::kSingular;
+    return result;
+  }
+  const MotorVector in_Q = qr.householderQ().transpose() * motor_rad_per_s;
+  result.twist_device =
+      qr.matrixQR().topRows<6>().triangularView<Eigen::Upper>().solve(in_Q.head<6>());
+  result.twist_device.tail<3>() /= kCharacteristicLength_m;
+  result.residual_rad_per_s = in_Q.tail<kMotors - 6>().norm() / std::sqrt(double{kMotors});
+  return result;
 }
 
 }  // namespace trocar::runtime

@@ -31,9 +31,34 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
 JacobianResult influence_jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                                   const JointAngles& joints) noexcept;
 
-/// Smallest over largest singular value of G with rotation made commensurate by
-/// a characteristic length (columns of omega divided by it). 0 at a singularity
-/// or if G is not finite; at most 1.
-double inverse_condition(const Jacobian& G, double characteristic_length_m = 0.05) noexcept;
+/// What weighs rotation against translation: about the plate's radius.
+inline constexpr double kCharacteristicLength_m = 0.05;
+
+/// Least and largest singular value of G with rotation made commensurate by a
+/// characteristic length (columns of omega divided by it). Both 0 if G is not finite.
+struct SingularRange {
+  double smallest = 0, largest = 0;
+};
+SingularRange singular_range(const Jacobian& G,
+                             double characteristic_length_m = kCharacteristicLength_m) noexcept;
+
+/// Smallest over largest of these. 0 at a singularity or if G is not finite; at most 1.
+/// More measures: singularity.h.
+double inverse_condition(const Jacobian& G,
+                         double characteristic_length_m = kCharacteristicLength_m) noexcept;
+
+/// Motor rates in rad/s of a plate's motion.
+inline MotorVector motor_rates(const Jacobian& G, const Twist& twist_device) noexcept {
+  return G * twist_device;
+}
+
+struct TwistResult {
+  KinematicsStatus status;  ///< kBadInput if not finite; kSingular if G lacks full rank
+  Twist twist_device = Twist::Zero();
+  double residual_rad_per_s = 0;  ///< root mean square of what no motion of the plate explains
+};
+/// The plate's twist that fits eight motor rates best (least squares; the answer does
+/// not depend on units). Rates of a real motion are fitted exactly.
+TwistResult twist_from_motor_rates(const Jacobian& G, const MotorVector& motor_rad_per_s) noexcept;
 
 }  // namespace trocar::runtime

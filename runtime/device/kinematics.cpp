@@ -4,7 +4,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "runtime/device/leg.h"
 
@@ -13,7 +12,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kUnitTolerance = 1e-9;   // of a quaternion's squared length
 constexpr double kSmallestSpan_m = 1e-9;  // below it a direction means nothing
 constexpr double kLargestStep_m = 0.02;   // Gauss-Newton's trust region
@@ -23,65 +21,34 @@ KinematicsStatus failure(KinematicsFailure why, int leg, int joint) noexcept {
   return {why, static_cast<std::int8_t>(leg + 1), static_cast<std::int8_t>(joint)};
 }
 
-double wrapped_near(double angle, double centre) noexcept {
-  return angle - kTurn * std::round((angle - centre) / kTurn);
-}
-
-double middle(const JointLimit& limit) noexcept {
-  return (limit.min_rad + limit.max_rad) / 2;
-}
-
-// A two-link chain whose first link (length a) turns in the plane of coordinates
-// (px, py) and whose second (length b) may also leave it, by pn along the normal.
-// Gives the first joint's angle, the second's relative to it, and the lift.
-struct ChainAngles {
-  double first = 0, second = 0, lift = 0;
-};
-KinematicsFailure solve_chain(double px, double py, double pn, double a, double b, int branch,
-                              ChainAngles& out, bool& lift_failed) noexcept {
-  const double sine = pn / b;
-  lift_failed = !(std::abs(sine) < 1);
-  if (lift_failed) return KinematicsFailure::kOutOfReach;
-  const double reach = b * std::sqrt((1 - sine) * (1 + sine));  // second link within the plane
-  const double span = std::hypot(px, py);
-  if (span < kSmallestSpan_m) return KinematicsFailure::kSingular;
-  const double cosine = (span * span + a * a - reach * reach) / (2 * a * span);
-  if (!(std::abs(cosine) <= 1)) return KinematicsFailure::kOutOfReach;
-  out.lift = std::asin(sine);
-  out.first = std::atan2(py, px) + branch * std::acos(cosine);
-  out.second = std::atan2(py - a * std::sin(out.first), px - a * std::cos(out.first)) - out.first;
-  return KinematicsFailure::kOk;
-}
-
-KinematicsStatus inverse_leg(const DeviceDescription& device, int leg, const Vector3d& C,
-                             std::array<double, kJointsPerLeg>& theta) noexcept {
-  const DeviceGeometry& g = device.geometry;
-  ChainAngles angles;
-  bool lift_failed = false;
-
-  const Vector3d p = C - leg::upper_motor(g);
-  auto why = solve_chain(p.x(), p.z(), p.y(), g.l1_m, g.l2_m, g.branch_theta1, angles, lift_failed);
-  if (why != KinematicsFailure::kOk) return failure(why, leg, lift_failed ? 3 : 1);
-  theta[0] = angles.first;
-  theta[1] = angles.second;
-  theta[2] = angles.lift;
-
-  const Vector3d D = leg::link_joint(g, leg::elbow(g, theta[0]), C);
-  const Vector3d q = D - leg::lower_motor(g);
-  why = solve_chain(q.x(), q.y(), q.z(), g.l3_m, g.l4_m, g.branch_theta4, angles, lift_failed);
-  if (why != KinematicsFailure::kOk) return failure(why, leg, lift_failed ? 6 : 4);
-  theta[3] = angles.first;
-  theta[4] = angles.second;
-  theta[5] = angles.lift;
-
-  for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
-    theta[j] = wrapped_near(theta[j], middle(device.joint_limit[j]));
-  }
-  return {};
+bool is_good_pose(const Pose& T) noexcept {
+  return is_finite(T) && std::abs(T.q.squaredNorm() - 1) <= kUnitTolerance;
 }
 
 bool inside(const JointLimit& limit, double angle, double margin) noexcept {
   return angle >= limit.min_rad + margin && angle <= limit.max_rad - margin;  // false for NaN
+}
+
+// Whether the pose that the iteration found belongs to the assembly of the last one.
+KinematicsStatus same_branch(const DeviceDescription& device, const MotorVector& motor_rad,
+                             const Pose& T_last, const GaussNewtonOptions& options,
+                             const ForwardResult& found) noexcept {
+  const DeviceGeometry& g = device.geometry;
+  const Pose& T = found.T_device_plate;
+  for (int m = 0; m < kLegs; ++m) {
+    const Vector3d C = leg::to_leg(m, T * leg::plate_joint(g, m));
+    const LegBranch branch =
+        leg::branch_of(g, C, motor_rad[motor_index(m, 0)], motor_rad[motor_index(m, 1)]);
+    if (branch.theta1 != g.branch_theta1) return failure(KinematicsFailure::kOtherBranch, m, 1);
+    if (branch.theta4 != g.branch_theta4) return failure(KinematicsFailure::kOtherBranch, m, 4);
+  }
+  const double travel_m =
+      std::hypot((T.p_m - T_last.p_m).norm(),
+                 kPlateLength_m * rotation_vector(T.q * T_last.q.conjugate()).norm());
+  if (!(travel_m <= options.travel_max_m) || !(found.residual_m <= options.residual_max_m)) {
+    return {KinematicsFailure::kOtherBranch, 0, 0};
+  }
+  return {};
 }
 
 }  // namespace
@@ -100,6 +67,8 @@ const char* to_string(KinematicsFailure failure) noexcept {
       return "beyond limit";
     case KinematicsFailure::kNotConverged:
       return "not converged";
+    case KinematicsFailure::kOtherBranch:
+      return "on another assembly branch";
   }
   return "unknown";
 }
@@ -134,16 +103,41 @@ MotorVector motor_angles(const std::array<double, kEncoders>& encoder_rad) noexc
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept {
   InverseResult result;
-  if (!is_finite(T_device_plate) || std::abs(T_device_plate.q.squaredNorm() - 1) > kUnitTolerance) {
+  if (!is_good_pose(T_device_plate)) {
     result.status.failure = KinematicsFailure::kBadInput;
     return result;
   }
+  const LegBranch branch{device.geometry.branch_theta1, device.geometry.branch_theta4};
   for (int m = 0; m < kLegs; ++m) {
     const Vector3d C = T_device_plate * leg::plate_joint(device.geometry, m);
-    result.status = inverse_leg(device, m, leg::to_leg(m, C), result.joints.theta_rad[m]);
-    if (!result.status) return result;
+    const leg::Status status =
+        leg::inverse(device, leg::to_leg(m, C), branch, result.joints.theta_rad[m]);
+    if (!status) {
+      result.status = failure(status.failure, m, status.joint);
+      return result;
+    }
   }
   return result;
+}
+
+std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription& device,
+                                                        const Pose& T_device_plate,
+                                                        int leg) noexcept {
+  std::array<LegAssembly, kBranchesPerLeg> all;
+  const bool good = is_good_pose(T_device_plate) && leg >= 0 && leg < kLegs;
+  for (int b = 0; b < kBranchesPerLeg; ++b) {
+    LegAssembly& each = all[b];
+    each.branch = {b < 2 ? 1 : -1, b % 2 == 0 ? 1 : -1};
+    if (!good) {
+      each.status.failure = KinematicsFailure::kBadInput;
+      continue;
+    }
+    const Vector3d C = T_device_plate * leg::plate_joint(device.geometry, leg);
+    const leg::Status status =
+        leg::inverse(device, leg::to_leg(leg, C), each.branch, each.theta_rad);
+    if (!status) each.status = failure(status.failure, leg, status.joint);
+  }
+  return all;
 }
 
 KinematicsStatus check_joint_limits(const DeviceDescription& device, const JointAngles& joints,
@@ -222,8 +216,7 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
                                              const GaussNewtonOptions& options) noexcept {
   ForwardResult result;
   const DeviceGeometry& g = device.geometry;
-  if (!motor_rad.allFinite() || !is_finite(T_device_plate_last) ||
-      std::abs(T_device_plate_last.q.squaredNorm() - 1) > kUnitTolerance) {
+  if (!motor_rad.allFinite() || !is_good_pose(T_device_plate_last)) {
     result.status.failure = KinematicsFailure::kBadInput;
     return result;
   }
@@ -275,6 +268,9 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
     T.p_m += step.head<3>();
     T.q = (from_rotation_vector(step.tail<3>() / kPlateLength_m) * T.q).normalized();
     if (largest <= options.step_m) result.status.failure = KinematicsFailure::kOk;
+  }
+  if (result.status) {
+    result.status = same_branch(device, motor_rad, T_device_plate_last, options, result);
   }
   return result;
 }

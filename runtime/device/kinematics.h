@@ -33,6 +33,7 @@ enum class KinematicsFailure : std::uint8_t {
   kSingular,      ///< the joint's direction or rate is not determined
   kBeyondLimit,   ///< outside the description's joint limits
   kNotConverged,  ///< the iteration met its bound
+  kOtherBranch,   ///< the iteration ended on another assembly branch, or may have
 };
 /// A word for logs, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
@@ -62,9 +63,32 @@ struct InverseResult {
 };
 
 /// All 24 joint angles of a pose, in closed form, on the description's branches.
-/// Limits are not judged here: see check_joint_limits.
+/// Limits are not judged here: see check_joint_limits. A failure names the first
+/// leg and joint that cannot follow.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
+
+/// How a leg is assembled: the sign of acos in th1 and in th4 (DeviceGeometry).
+struct LegBranch {
+  int theta1 = 1, theta4 = 1;
+  friend bool operator==(const LegBranch&, const LegBranch&) = default;
+};
+inline constexpr int kBranchesPerLeg = 4;
+
+struct LegAssembly {
+  LegBranch branch;
+  KinematicsStatus status;
+  std::array<double, kJointsPerLeg> theta_rad{};  ///< valid only if status holds
+};
+
+/// Every way to assemble leg 0..3 at a pose: (th1, th4) = ++, +-, -+, --. The legs
+/// choose independently, so that a pose has up to 4^4 = 256 assemblies, of which
+/// the device is built in one; inverse_kinematics gives that one. (The passive
+/// joints add none: th3 and pi - th3 with th2 half a turn on are the same links
+/// in the same place, and so are th6 and th5.)
+std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription& device,
+                                                        const Pose& T_device_plate,
+                                                        int leg) noexcept;
 
 /// The first joint outside its limits narrowed by margin_rad at both ends, or
 /// not finite. The second form judges th1..th4 only.
@@ -91,11 +115,22 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
 struct GaussNewtonOptions {
   int max_iterations = 20;
   double step_m = 1e-12;  ///< converged when no component moves the plate further than this
+  /// Beyond either of these the pose is not taken for the last one's continuation
+  /// (kOtherBranch). The defaults let no wrong landing pass from starts up to 100 mm
+  /// and 60 deg away (tests/kinematics_test.cpp). To search from afar, raise the first.
+  double travel_max_m = 0.01;  ///< of the plate since the last pose; a radian counts as 0.05 m
+  double residual_max_m = 3e-4;
 };
 /// The pose from the eight motor angles alone, by Gauss-Newton on the eight
 /// constraints |C - E| = l2, |D - F| = l4 from the last pose, which picks among
-/// the mechanism's several solutions. residual_m is the root mean square of the
-/// constraints' errors at the end. Each iteration moves at most 20 mm and 0.4 rad an axis.
+/// the mechanism's several solutions. Eight angles for six freedoms leave few exact
+/// solutions but many near ones, in which an iteration that starts far away can end.
+/// kOtherBranch says that it did, or may have: with leg and joint where a chain has
+/// changed to the side that is not the description's; with leg 0 where the plate has
+/// travelled too far, or the angles fit the pose too badly, for it to be the last
+/// one's continuation (or an encoder is wrong); the pose found is given. residual_m is the root
+/// mean square of the constraints' errors at the end. Each iteration moves at most 20 mm and 0.4
+/// rad an axis.
 ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
                                              const MotorVector& motor_rad,
                                              const Pose& T_device_plate_last,

@@ -1,33 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
 // One leg of the mechanism in its own frame: x radially outward, y tangential,
 // z up, origin at {B}. Points A, B, C, D, E, F as in README.md. Internal to the
-// kinematics; the haptic thread calls all of it.
+// kinematics; the haptic thread calls all of it. Legs may stand at any azimuth:
+// the four-legged device is kAzimuth, other rings are for comparison only
+// (leg_ring.h).
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
 
 #include "formats/device_description.h"
 #include "runtime/device/device.h"
+#include "runtime/device/kinematics.h"
 
 namespace trocar::runtime::leg {
 
-// Azimuths are multiples of a right angle, so turning is exact.
-inline constexpr double kCosAzimuth[kLegs] = {1, 0, -1, 0};
-inline constexpr double kSinAzimuth[kLegs] = {0, 1, 0, -1};
+struct Azimuth {
+  double cosine = 1, sine = 0;
+};
+/// Of the device's legs: multiples of a right angle, so that turning is exact.
+inline constexpr std::array<Azimuth, kLegs> kAzimuth = {Azimuth{1, 0}, Azimuth{0, 1},
+                                                        Azimuth{-1, 0}, Azimuth{0, -1}};
 
+inline Eigen::Vector3d to_leg(const Azimuth& a, const Eigen::Vector3d& v) noexcept {
+  return {a.cosine * v.x() + a.sine * v.y(), a.cosine * v.y() - a.sine * v.x(), v.z()};
+}
+inline Eigen::Vector3d from_leg(const Azimuth& a, const Eigen::Vector3d& v) noexcept {
+  return {a.cosine * v.x() - a.sine * v.y(), a.sine * v.x() + a.cosine * v.y(), v.z()};
+}
+/// The plate's ball joint C in the plate's frame {T}.
+inline Eigen::Vector3d plate_joint(const DeviceGeometry& g, const Azimuth& a) noexcept {
+  return {g.R_T_m * a.cosine, g.R_T_m * a.sine, 0};
+}
 inline Eigen::Vector3d to_leg(int leg, const Eigen::Vector3d& v) noexcept {
-  const double c = kCosAzimuth[leg], s = kSinAzimuth[leg];
-  return {c * v.x() + s * v.y(), c * v.y() - s * v.x(), v.z()};
+  return to_leg(kAzimuth[leg], v);
 }
 inline Eigen::Vector3d from_leg(int leg, const Eigen::Vector3d& v) noexcept {
-  const double c = kCosAzimuth[leg], s = kSinAzimuth[leg];
-  return {c * v.x() - s * v.y(), s * v.x() + c * v.y(), v.z()};
+  return from_leg(kAzimuth[leg], v);
 }
-
-/// The plate's ball joint C in the plate's frame {T}.
 inline Eigen::Vector3d plate_joint(const DeviceGeometry& g, int leg) noexcept {
-  return {g.R_T_m * kCosAzimuth[leg], g.R_T_m * kSinAzimuth[leg], 0};
+  return plate_joint(g, kAzimuth[leg]);
 }
 
 /// A, on the axis of theta1.
@@ -70,6 +83,40 @@ inline Eigen::Vector3d upper_tip(const DeviceGeometry& g, double th1, double th2
 inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d& E,
                                   const Eigen::Vector3d& C) noexcept {
   return E + (g.l5_m / g.l2_m) * (C - E);
+}
+
+/// What went wrong in one leg, and at which joint (1..6, theta's index).
+struct Status {
+  KinematicsFailure failure = KinematicsFailure::kOk;
+  int joint = 0;
+  explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
+};
+
+/// theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`,
+/// each within half a turn of its limits' middle.
+Status inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
+               std::array<double, kJointsPerLeg>& theta) noexcept;
+
+/// The side on which each chain is assembled, from where its links stand: the
+/// branch whose inverse gives these th1 and th4. 0 where the chain is stretched
+/// or folded, which belongs to both.
+LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
+                    double th4) noexcept;
+
+/// th1' = w1 . C' and th4' = w4 . C', all in the leg's frame.
+Status motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
+                   Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
+
+/// Distance in m of a chain's end point to the nearest one at which its branches
+/// meet (the acos saturates). (px, py) lie in the first link's plane, pn along its
+/// normal, from the motor's axis; a and b are the links. The second link's end
+/// moves on a sphere about the first's, so the chain reaches exactly the points
+/// inside the circle of radius b about (a, 0) and outside the one about (-a, 0)
+/// in the half plane of (radius, pn), and the branches meet on these circles.
+/// Negative: out of reach by that much.
+inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
+  const double span = std::hypot(px, py);
+  return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);
 }
 
 }  // namespace trocar::runtime::leg

@@ -15,6 +15,9 @@ using NullSpace = Eigen::Matrix<double, kMotors, 2>;  // orthonormal columns: G^
 // Rotation's columns are scaled to metres before factoring; the answer does not
 // depend on it, the rounding does.
 constexpr double kPlateLength_m = 0.05;
+constexpr double kParallel = 1e-8;
+constexpr int kMostSteps = 50;
+constexpr int kMostHalvings = 30;
 constexpr double kSmallestRank = 1e-9;  // of R's diagonal, relative: G counts as rank deficient
 
 double cross(const Vector2d& a, const Vector2d& b) noexcept {
@@ -38,8 +41,8 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
         const double weight = std::abs(lambda_i) * limit[i] + std::abs(lambda_j) * limit[j] +
                               std::abs(lambda_k) * limit[k];
         const double demand = std::abs(lambda_i * tau[i] + lambda_j * tau[j] + lambda_k * tau[k]);
-        // Three nearly parallel rows say nothing that other triples do not.
-        if (weight > 1e-14 * (limit[i] + limit[j] + limit[k]))
+        // Three nearly parallel rows say nothing that other triples do not, and say it badly.
+        if (weight > kParallel * (limit[i] + limit[j] + limit[k]))
           load = std::max(load, demand / weight);
       }
     }
@@ -47,66 +50,62 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
   return load;
 }
 
-// A convex polygon of null-space coordinates. Each half plane adds at most one vertex.
-struct Polygon {
-  std::array<Vector2d, 4 + 2 * kMotors> vertex;
-  int size = 0;
+// The law 5 problem in null-space coordinates: c + N y, at least |y|^2 + penalty. A convex,
+// piecewise quadratic function of two unknowns.
+struct Penalty {
+  const MotorVector& c;
+  const NullSpace& N;
+  const MotorVector& working;
+  const MotorVector& stiffness;
+
+  // Signed excess of every torque over its working limit.
+  MotorVector excess(const Vector2d& y) const noexcept {
+    const MotorVector tau = c + N * y;
+    return tau - tau.cwiseMin(working).cwiseMax(-working);
+  }
+  double cost(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
+    return y.squaredNorm() + stiffness.dot(excess_Nm.cwiseAbs2());
+  }
+  // Newton's step from y, exact if no torque crosses its working limit on the way.
+  Vector2d step(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
+    Eigen::Matrix2d H = Eigen::Matrix2d::Identity();
+    Vector2d slope = y;
+    for (int i = 0; i < kMotors; ++i) {
+      if (excess_Nm[i] == 0) continue;
+      const Vector2d n = N.row(i).transpose();
+      H += stiffness[i] * n * n.transpose();
+      slope += stiffness[i] * excess_Nm[i] * n;
+    }
+    return -(H.inverse() * slope);
+  }
 };
 
-// Keeps what satisfies n . y <= bound (Sutherland and Hodgman, one edge).
-void clip(Polygon& polygon, const Vector2d& n, double bound) noexcept {
-  Polygon kept;
-  for (int i = 0; i < polygon.size; ++i) {
-    const Vector2d& a = polygon.vertex[i];
-    const Vector2d& b = polygon.vertex[i + 1 < polygon.size ? i + 1 : 0];
-    const double over_a = n.dot(a) - bound, over_b = n.dot(b) - bound;
-    const auto push = [&kept](const Vector2d& y) {
-      if (kept.size < static_cast<int>(kept.vertex.size())) kept.vertex[kept.size++] = y;
-    };
-    if (over_a <= 0) push(a);
-    if ((over_a < 0 && over_b > 0) || (over_a > 0 && over_b < 0)) {
-      push(a + (over_a / (over_a - over_b)) * (b - a));
+bool same_signs(const MotorVector& a, const MotorVector& b) noexcept {
+  return ((a.array() > 0) == (b.array() > 0)).all() && ((a.array() < 0) == (b.array() < 0)).all();
+}
+
+// The minimum by Newton's method: a full step that stays on its quadratic piece ends there; one
+// that would not lower the cost is halved. Random trials take at most a dozen steps.
+Vector2d least_cost(const Penalty& penalty) noexcept {
+  Vector2d y = Vector2d::Zero();
+  MotorVector excess = penalty.excess(y);
+  double cost = penalty.cost(y, excess);
+  for (int iteration = 0; iteration < kMostSteps; ++iteration) {
+    Vector2d step = penalty.step(y, excess);
+    MotorVector next = penalty.excess(y + step);
+    if (same_signs(next, excess)) return y + step;
+    double next_cost = penalty.cost(y + step, next);
+    for (int halvings = 0; !(next_cost < cost) && halvings < kMostHalvings; ++halvings) {
+      step /= 2;
+      next = penalty.excess(y + step);
+      next_cost = penalty.cost(y + step, next);
     }
+    if (!(next_cost < cost)) return y;  // a torque sits on its working limit, up to rounding
+    y += step;
+    excess = next;
+    cost = next_cost;
   }
-  polygon = kept;
-}
-
-// The point of a non-empty convex counter-clockwise polygon nearest to the origin.
-Vector2d nearest_to_origin(const Polygon& polygon) noexcept {
-  bool origin_inside = polygon.size > 2;
-  Vector2d nearest = polygon.vertex[0];
-  for (int i = 0; i < polygon.size; ++i) {
-    const Vector2d& a = polygon.vertex[i];
-    const Vector2d& b = polygon.vertex[i + 1 < polygon.size ? i + 1 : 0];
-    const Vector2d edge = b - a;
-    if (cross(edge, -a) < 0) origin_inside = false;
-    const double length2 = edge.squaredNorm();
-    const double along = length2 > 0 ? std::clamp(-a.dot(edge) / length2, 0.0, 1.0) : 0;
-    const Vector2d candidate = a + along * edge;
-    if (candidate.squaredNorm() < nearest.squaredNorm()) nearest = candidate;
-  }
-  return origin_inside ? Vector2d::Zero() : nearest;
-}
-
-// Null-space coordinates of least norm that bring tau + N y within the limits.
-bool within_limits(const MotorVector& tau, const NullSpace& N, const MotorVector& limit,
-                   Vector2d& y) noexcept {
-  // |y| = |N y| <= |tau + N y| + |tau|: this square holds every feasible point.
-  const double reach = 2 * (limit.norm() + tau.norm());
-  Polygon polygon;
-  polygon.size = 4;
-  polygon.vertex[0] = {-reach, -reach};
-  polygon.vertex[1] = {reach, -reach};
-  polygon.vertex[2] = {reach, reach};
-  polygon.vertex[3] = {-reach, reach};
-  for (int i = 0; i < kMotors && polygon.size > 0; ++i) {
-    const Vector2d n = N.row(i).transpose();
-    clip(polygon, n, limit[i] - tau[i]);
-    clip(polygon, -n, limit[i] + tau[i]);
-  }
-  if (polygon.size == 0) return false;
-  y = nearest_to_origin(polygon);
-  return true;
+  return y;
 }
 
 }  // namespace
@@ -134,30 +133,27 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
   const MotorVector minimum_norm = Q.leftCols<6>() * in_Q;
   if (!minimum_norm.allFinite()) return result;
 
+  const MotorVector working = (1 - kTorqueReserve) * limit_Nm;
   MotorVector& tau = result.tau_motor_Nm;
-  if ((minimum_norm.array().abs() <= limit_Nm.array()).all()) {
+  result.scale = 1;
+  if ((minimum_norm.array().abs() <= working.array()).all()) {
     result.kind = Allocation::kMinimumNorm;
-    result.scale = 1;
     tau = minimum_norm;
   } else {
     const NullSpace N = Q.rightCols<2>();
-    const double load = least_load(minimum_norm, N, limit_Nm);
-    const bool feasible = load <= 1 - kScaleMargin;
-    result.kind = feasible ? Allocation::kNullSpace : Allocation::kScaled;
-    result.scale = feasible ? 1 : (1 - kScaleMargin) / load;
-    tau = result.scale * minimum_norm;
-    Vector2d y;
-    if (within_limits(tau, N, limit_Nm, y)) {
-      tau += N * y;
-    } else {
-      // Rounding emptied the polygon (kScaleMargin is there against it): the
-      // minimum-norm torques scaled down alone are always feasible.
+    const double load = least_load(minimum_norm, N, working);  // exact: 1 is just feasible
+    result.kind = load <= 1 ? Allocation::kNullSpace : Allocation::kScaled;
+    if (load > 1) result.scale = 1 / load;
+    const MotorVector part = result.scale * minimum_norm;
+    const MotorVector stiffness =
+        (limit_Nm.norm() / kTorqueReserve * limit_Nm.cwiseInverse()).cwiseAbs2();
+    tau = part + N * least_cost({part, N, working, stiffness});
+    if (!(tau.array().abs() <= limit_Nm.array()).all()) {
+      // Law 1 whatever rounding does: the minimum-norm torques scaled down alone are feasible.
       result.kind = Allocation::kScaled;
-      result.scale = 1 / (minimum_norm.array().abs() / limit_Nm.array()).maxCoeff();
+      result.scale = 1 / (minimum_norm.array().abs() / working.array()).maxCoeff();
       tau = result.scale * minimum_norm;
     }
-    // Active limits are met up to rounding; law 1 holds exactly.
-    tau = tau.cwiseMin(limit_Nm).cwiseMax(-limit_Nm);
   }
   result.wrench_device = G.transpose() * tau;
   return result;

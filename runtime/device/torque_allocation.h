@@ -3,20 +3,28 @@
 // limits respected. Called from the haptic thread: no allocation, no exception,
 // a fixed number of operations.
 //
-// Laws (tests/torque_allocation_test.cpp):
-//  1. |tau_i| <= limit_i, always and exactly.
-//  2. G^T tau = scale * wanted, 0 <= scale <= 1: the wrench is never bent.
-//  3. If the minimum-norm torques (G^T)^+ wanted keep the limits, they are the
-//     result, and scale = 1.
-//  4. Else, if any torques within the limits give `wanted`, the result is the one
-//     of them that is nearest to the minimum-norm torques, which is also the one
-//     of least norm; scale = 1.
-//  5. Else scale is the largest feasible one (less kScaleMargin, relative), and
-//     the torques are those of law 4 for scale * wanted.
-// The torques are a continuous function of wrench, G and limits wherever G keeps
-// full rank: laws 3-5 pick the least-norm point of a polytope that moves
-// continuously. They may still move fast where that polytope is about to vanish:
-// some hundred N*m per N within the last fractions of a newton before law 5.
+// Laws (tests/torque_allocation_test.cpp). Working limits are the limits less kTorqueReserve of
+// them; c = (G^T)^+ wanted are the minimum-norm torques; P projects torques onto the null space
+// of G^T; |limit| and limit_min are the length and the least of the limits.
+//  1. |tau_i| <= limit_i, always.
+//  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench is never bent.
+//  3. If c keeps the working limits, tau = c and scale = 1.
+//  4. Else, if any torques within the working limits give `wanted`, scale = 1; else scale is the
+//     largest for which some do. So what the limits allow is delivered exactly up to their
+//     reserve, and beyond that nothing but the reserve is lost.
+//  5. tau minimises |tau|^2 + sum_i stiffness_i max(0, |tau_i| - working_i)^2 among the torques
+//     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
+//  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), whatever the pose, with
+//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min); where scale = 1 and the pose
+//     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 142 for eight equal motors.
+//
+// Why a reserve. At the end of what is feasible a single torque vector gives the wrench, and
+// where several rows of the null space are nearly parallel (all four upper motors at any upright,
+// centred pose) it races along them: torques that were exact to the last would move arbitrarily
+// fast there, and jump with the pose. Some reserve is the price of any bound; the slope goes as
+// its inverse. Law 1 follows from law 5: some y0 with |y0| < |limit| keeps the working limits at
+// no penalty, so at the optimum stiffness_i excess_i^2 <= |y0|^2, excess_i < kTorqueReserve
+// limit_i.
 #pragma once
 
 #include <cstdint>
@@ -27,14 +35,13 @@
 
 namespace trocar::runtime {
 
-/// Relative distance kept from the largest feasible scale, so that the set of
-/// feasible torques never shrinks to a point that rounding could miss.
-inline constexpr double kScaleMargin = 1e-10;
+/// Of every limit: kept back so that torques move at a bounded rate (laws 4 to 6).
+inline constexpr double kTorqueReserve = 0.01;
 
 enum class Allocation : std::uint8_t {
   kMinimumNorm,  ///< law 3
-  kNullSpace,    ///< law 4
-  kScaled,       ///< law 5: the device cannot render the wrench in full
+  kNullSpace,    ///< law 4, scale = 1
+  kScaled,       ///< law 4, scale < 1: the device cannot render the wrench in full
   kRefused,      ///< G or the wrench is not finite, a limit is not positive and finite, or G
                  ///< lacks full rank; torques are zero
 };
