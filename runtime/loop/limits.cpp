@@ -69,7 +69,7 @@ Fault limit_torques(const SafetyLimits& limits, const DeviceDescription& device,
   if (!tau_Nm.allFinite()) return Fault::kTorqueNotFinite;
   if (shortened) {
     state.rise_s += dt_s;
-  } else if ((wanted_Nm - last_Nm).cwiseAbs().maxCoeff() <= rise_max_Nm) {
+  } else if ((wanted_Nm - last_Nm).cwiseAbs().maxCoeff() <= rise_max_Nm / 2) {
     state.rise_s = 0;  // a steep release is no pause
   }
   // Between two torques within the limit only rounding can leave it.

@@ -37,11 +37,13 @@ struct SafetyLimits {
   double speed_window_s = 0.004;        ///< law 2
   double torque_max_Nm = 0;             ///< wanted of a motor; 0: the peak torque, never exceeded
   double torque_rise_max_Nm_per_s = 5000;  ///< law 4
-  double torque_rise_time_max_s = 0.02;    ///< for which law 4 may act without a pause
-  double thermal_s = 4;                    ///< law 3
-  double silence_max_s = 0.01;             ///< of the device, on its last state until then
-  double gap_max_s = 0.1;                  ///< between two ticks' starts; 0: no limit
-  int missed_deadlines_max = 2;            ///< in a row; more are a fault; negative: no limit
+  double torque_rise_time_max_s =
+      0.02;                     ///< for which law 4 may act without a tick of half its step
+  double thermal_s = 4;         ///< law 3
+  double silence_max_s = 0.01;  ///< of the device, on its last state until then
+  /// Between two ticks' starts. 0: time does not matter, nor do missed deadlines.
+  double gap_max_s = 0.1;
+  int missed_deadlines_max = 2;  ///< in a row; more are a fault
   SafetyTiming timing;
 };
 

@@ -6,8 +6,8 @@
 //  1. Any fault, in any state but recovering, leads to `fault`, and it is the first one that is
 //     kept; nothing but a request for recovery leaves that state.
 //  2. From the tick that leaves `running` on, torques are the last ones times a factor that falls
-//     linearly from less than 1 to 0 in ramp_ticks() ticks: within kRampMax_s at every rate
-//     from 200 Hz on, at once below.
+//     linearly from less than 1 to 0 in ramp_ticks() ticks: within kRampMax_s at
+//     250 Hz and more, at once below.
 //  3. From `recovering` the way leads through `ready` only, after a time without any fault with
 //     the tool in free space; a fault in between starts that time anew. Torques are zero.
 //  4. After a recovery the share of the torques rises linearly from 0 to 1 over `ramp_up_s`.
