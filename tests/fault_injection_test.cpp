@@ -2,7 +2,7 @@
 // Every fault that a device, a sheet or a hand can bring about, at random moments while the tool is
 // pressed into a sheet, in whole sessions: torques at zero in time, latched, named; the black box
 // complete; recovery; nothing lost from the recording; and the recording replays to the last bit.
-// TROCAR_FAULT_RUNS: how often each (8).
+// TROCAR_FAULT_RUNS: how often each (5).
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -52,7 +52,7 @@ class TroubledDevice final : public Device {
     return DeviceStatus::kOk;
   }
   DeviceStatus write(const DeviceCommand& command) noexcept override {
-    if (tick_ > begin_ + 400 && recover != nullptr) recover->store(true);
+    if (tick_ > begin_ + 50 && recover != nullptr) recover->store(true);
     if (troubled() && trouble_.on_write != DeviceStatus::kOk) return trouble_.on_write;
     return inner_.write(command);
   }
@@ -73,6 +73,7 @@ struct Case {
   std::function<Trouble(std::mt19937_64& random, SessionOptions& options)> make;
   double lasts_s = 0.03;
   bool at_once = true;  ///< found in the tick in which it begins
+  bool loaded = true;   ///< found while the tool is in the sheet, not when it has just left it
 };
 
 double unit(std::mt19937_64& random) {
@@ -123,17 +124,18 @@ std::vector<Case> cases() {
          };
          return made;
        },
-       0.25, false},
+       0.4, false, false},
       {"workspace", Fault::kWorkspace,
        limits([](SafetyLimits& l, double u) { l.workspace_min_m[2] = 0.1165 + 0.002 * u; }), 0,
        false},
       {"speed", Fault::kSpeed,
-       limits([](SafetyLimits& l, double u) { l.speed_max_m_per_s = 0.02 + 0.01 * u; }), 0, false},
+       limits([](SafetyLimits& l, double u) { l.speed_max_m_per_s = 0.062 + 0.01 * u; }), 0, false,
+       false},
       {"torque_limit", Fault::kTorqueLimit,
        limits([](SafetyLimits& l, double u) { l.torque_max_Nm = 0.2 + 0.2 * u; }), 0, false},
       {"torque_rate", Fault::kTorqueRate, limits([](SafetyLimits& l, double u) {
-         l.torque_rise_max_Nm_per_s = 0.5 + u;
-         l.torque_rise_time_max_s = 0.01;
+         l.torque_rise_max_Nm_per_s = 3 + 2 * u;
+         l.torque_rise_time_max_s = 0.015;
        }),
        0, false},
       {"motor_overload", Fault::kMotorOverload,
@@ -165,7 +167,7 @@ class Folder {
 Scene pressing() {
   Scene scene = test::descent_scene({0.12}, 0.122, 0.11, 0.1);
   scene.hand.trajectory = {{0, {0, 0, 0.122}, {}},    {0.05, {0, 0, 0.122}, {}},
-                           {0.2, {0, 0, 0.112}, {}},  {0.45, {0, 0, 0.109}, {}},
+                           {0.25, {0, 0, 0.112}, {}}, {0.45, {0, 0, 0.109}, {}},
                            {0.6, {0, 0, 0.122}, {}},  {0.95, {0, 0, 0.122}, {}},
                            {1.15, {0, 0, 0.112}, {}}, {1.3, {0, 0, 0.112}, {}}};
   scene.duration_s = 1.3;
@@ -174,7 +176,7 @@ Scene pressing() {
 
 int runs_of_each() {
   const char* wanted = std::getenv("TROCAR_FAULT_RUNS");
-  return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 8;
+  return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 5;
 }
 
 /// A limit that was low for the test is high again when the tool is pressed the second time.
@@ -194,8 +196,10 @@ void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
 
   // Under load before, at zero in time, monotonously, named, latched.
   double before_Nm = 0, last_Nm = 0;
-  for (const double tau : rows[first - 1].tau_Nm)
-    before_Nm = std::max(before_Nm, std::abs(tau));
+  for (std::size_t k = test.loaded ? first - 1 : 0; k < first; ++k) {
+    for (const double tau : rows[k].tau_Nm)
+      before_Nm = std::max(before_Nm, std::abs(tau));
+  }
   ASSERT_GT(before_Nm, 0.02) << "under load";
   last_Nm = 1e9;
   std::size_t k = first;
@@ -223,7 +227,8 @@ void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
   ASSERT_EQ(report.faults_count, 1U);
   ASSERT_EQ(report.end, SessionEnd::kDone);
   ASSERT_EQ(rows.back().authority, 1);
-  ASSERT_NEAR(rows.back().wrench_delivered[2], rows.back().penetration_m * 5000, 1e-6);
+  ASSERT_NEAR(rows.back().wrench_delivered[2], rows.back().wrench_wanted[2], 1e-9);
+  ASSERT_NEAR(rows.back().wrench_wanted[2], rows.back().penetration_m * 5000, 0.05);
   ASSERT_GT(rows.back().wrench_delivered[2], 15) << "forces are back";
 }
 
@@ -266,7 +271,7 @@ void run(const Case& test, int index) {
   const bool by_hand = random() % 2 == 0;
   options.recovery = by_hand ? RecoveryPolicy::kOnRequest : RecoveryPolicy::kAuto;
   options.recover = &button;
-  const double begin_s = 0.15 + 0.25 * unit(random);
+  const double begin_s = 0.18 + 0.25 * unit(random);
   const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
   const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
   Trouble trouble = test.make(random, options);
@@ -300,6 +305,10 @@ void run(const Case& test, int index) {
   ASSERT_TRUE(repeated);
   ASSERT_EQ(repeated->replay_first_difference, -1);
   ASSERT_EQ(text_of(*again.record), text_of(*options.record));
+}
+
+std::ostream& operator<<(std::ostream& stream, const Case& test) {
+  return stream << test.name;
 }
 
 class Faults : public testing::TestWithParam<Case> {};
