@@ -124,7 +124,7 @@ std::vector<Case> cases() {
          };
          return made;
        },
-       0.4, false, false},
+       0.5, false, false},
       {"workspace", Fault::kWorkspace,
        limits([](SafetyLimits& l, double u) { l.workspace_min_m[2] = 0.1165 + 0.002 * u; }), 0,
        false},

@@ -26,8 +26,8 @@ namespace trocar::runtime {
 
 struct SafetyLimits {
   double encoder_rate_max_rad_per_s = 60;  ///< of any encoder between two ticks
-  double pose_residual_max_m = 1e-3;       ///< of the pose's fit to the upper chains
-  double theta4_residual_max_rad = 0.02;   ///< measured against that of the fitted pose
+  double pose_residual_max_m = 0.5e-3;     ///< of the pose's fit to the upper chains
+  double theta4_residual_max_rad = 0.01;   ///< measured against that of the fitted pose
   double inverse_condition_min = 0.02;     ///< of the Jacobian, at 0.05 m
   std::array<double, 3> workspace_min_m{-0.06, -0.06, 0.06};  ///< of the plate's origin
   std::array<double, 3> workspace_max_m{0.06, 0.06, 0.24};
