@@ -33,16 +33,17 @@ constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "deadline_missed",
                                                           "remesh_backlog",
                                                           "tool_tilt",
+                                                          "emergency_stop",
+                                                          "motor_fault",
                                                           "workspace",
                                                           "speed",
                                                           "torque_limit",
                                                           "torque_rate",
-                                                          "motor_overload",
-                                                          "emergency_stop"};
+                                                          "motor_overload"};
 constexpr std::array<const char*, kSafetyStates> kSafetyWords = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
-constexpr std::array<const char*, 4> kAnswerWords = {"ok", "no_data", "link_lost",
-                                                     "emergency_stop"};
+constexpr std::array<const char*, kDeviceAnswers> kAnswerWords = {"ok", "no_data", "link_lost",
+                                                                  "emergency_stop", "motor_fault"};
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",

@@ -40,14 +40,15 @@ enum class Fault : std::uint8_t {
   kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
   kRemeshBacklog,     ///< more cuts wait for their mesh than can be kept track of
   kToolTilt,          ///< the tool's axis is too far from upright
+  kEmergencyStop,     ///< the device's emergency stop is pressed
+  kMotorFault,        ///< the device reports a motor that does not give its torque
   kWorkspace,         ///< the plate is outside its box, or tilted too far
   kSpeed,             ///< the plate moves or turns too fast
   kTorqueLimit,       ///< a torque beyond the session's limit was asked of a motor
   kTorqueRate,        ///< the wanted torques rise faster than they may, for too long
   kMotorOverload,     ///< a motor's torque squared, smoothed over its thermal time, is too large
-  kEmergencyStop,     ///< the device's emergency stop is pressed
 };
-inline constexpr int kFaults = 19;
+inline constexpr int kFaults = 20;
 
 /// What the loop is allowed to do, as a word in the recording (runtime/loop/safety.h).
 enum class SafetyState : std::uint8_t {
@@ -65,7 +66,10 @@ enum class DeviceAnswer : std::uint8_t {
   kNoData,         ///< "no_data"
   kLinkLost,       ///< "link_lost"
   kEmergencyStop,  ///< "emergency_stop"
+  kMotorFault,     ///< "motor_fault"
 };
+
+inline constexpr int kDeviceAnswers = 5;
 
 const char* to_word(ContactPhase phase);
 const char* to_word(Fault fault);

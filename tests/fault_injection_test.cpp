@@ -107,6 +107,8 @@ std::vector<Case> cases() {
       {"link_lost", Fault::kLinkLost, trouble(DeviceStatus::kLinkLost, kOk)},
       {"link_lost_in_writing", Fault::kLinkLost, trouble(kOk, DeviceStatus::kLinkLost)},
       {"write_failed", Fault::kWriteFailed, trouble(kOk, DeviceStatus::kNoData)},
+      {"emergency_stop", Fault::kEmergencyStop, trouble(DeviceStatus::kEmergencyStop, kOk)},
+      {"motor_fault", Fault::kMotorFault, trouble(DeviceStatus::kMotorFault, kOk)},
       {"silence", Fault::kNoData, trouble(DeviceStatus::kNoData, kOk), 0.03, false},
       {"encoder_nan", Fault::kEncoderNotFinite,
        any_encoder([](double& angle, double) { angle = NAN; })},

@@ -21,7 +21,14 @@ struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
 };
 
-enum class DeviceStatus : std::uint8_t { kOk, kNoData, kLinkLost, kEndOfData };
+enum class DeviceStatus : std::uint8_t {
+  kOk,
+  kNoData,
+  kLinkLost,
+  kEndOfData,
+  kEmergencyStop,  ///< pressed: the drives hold the torques at zero
+  kMotorFault,     ///< the drives report a motor that does not give its torque
+};
 
 /// Called from the haptic thread: no call allocates, locks, throws or blocks.
 class Device {

@@ -17,10 +17,20 @@ DeviceAnswer answer_of(DeviceStatus status) noexcept {
       return DeviceAnswer::kOk;
     case DeviceStatus::kNoData:
       return DeviceAnswer::kNoData;
+    case DeviceStatus::kEmergencyStop:
+      return DeviceAnswer::kEmergencyStop;
+    case DeviceStatus::kMotorFault:
+      return DeviceAnswer::kMotorFault;
     case DeviceStatus::kLinkLost:
       break;
   }
   return DeviceAnswer::kLinkLost;
+}
+
+/// What an answer other than `ok` and `no_data` means.
+Fault fault_of(DeviceAnswer answer) noexcept {
+  if (answer == DeviceAnswer::kEmergencyStop) return Fault::kEmergencyStop;
+  return answer == DeviceAnswer::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
 }
 
 /// The device's state in `read`, the last one where there is no new one.
@@ -34,7 +44,7 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
   if (fresh || result.end_of_data) return Fault::kNone;
   read = state.device;
   ++state.no_data_ticks;
-  if (status == DeviceStatus::kLinkLost) return Fault::kLinkLost;
+  if (status != DeviceStatus::kNoData) return fault_of(result.row.device_read);
   // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
   const double silent_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
   return silent_s < model.limits.silence_max_s - 0.5 / model.rate_Hz ? Fault::kNone
@@ -309,7 +319,8 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   if (written != DeviceStatus::kOk) {
     // The device may or may not have taken these torques; the ramp starts from them.
     const bool was_running = safety.state == SafetyState::kRunning;
-    raise(safety, written == DeviceStatus::kLinkLost ? Fault::kLinkLost : Fault::kWriteFailed,
+    raise(safety,
+          written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(row.device_write),
           row.t_s);
     if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
   }

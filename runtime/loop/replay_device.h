@@ -34,8 +34,11 @@ class ReplayDevice final : public Device {
         return DeviceStatus::kOk;
       case DeviceAnswer::kNoData:
         return DeviceStatus::kNoData;
-      case DeviceAnswer::kLinkLost:
       case DeviceAnswer::kEmergencyStop:
+        return DeviceStatus::kEmergencyStop;
+      case DeviceAnswer::kMotorFault:
+        return DeviceStatus::kMotorFault;
+      case DeviceAnswer::kLinkLost:
         break;
     }
     return DeviceStatus::kLinkLost;
