@@ -74,6 +74,10 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     *image = cropped(std::move(*image), *options.crop);
   }
   const Field field = segment(std::move(*image), stack.calibration(), options.segmentation);
+  if (stack.calibration() == Calibration::kHounsfield &&
+      std::holds_alternative<Threshold>(options.segmentation)) {
+    out.mean_hu = mean_of_material(field);
+  }
   out.times.segment_ms = watch.lap_ms();
 
   out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,

@@ -42,6 +42,9 @@ struct MeshedSlice {
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
+  /// Of the pixels at or above the threshold, before small regions are dropped; only where the
+  /// input has HU and they decide.
+  std::optional<double> mean_hu;
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;

@@ -36,7 +36,7 @@ json mesh_json(const SliceMesh& mesh, const Lattice& lattice) {
 }  // namespace
 
 json slice_measures(const MeshedSlice& slice) {
-  return {
+  json out = {
       {"simplification_error_mm", slice.simplification_error_mm},
       {"min_angle_deg", slice.quality.min_angle_deg},
       {"triangles_below_min_angle", slice.quality.below_min_angle},
@@ -44,6 +44,8 @@ json slice_measures(const MeshedSlice& slice) {
       {"triangles_below_min_angle_unexplained", slice.quality.below_unexplained},
       {"max_area_mm2", slice.quality.max_area_mm2},
       {"area_mm2", slice.area_mm2}};
+  if (slice.mean_hu) out["mean_hu"] = *slice.mean_hu;
+  return out;
 }
 
 json slice_report(int index, double z_mm, const MeshedSlice& slice, const MeshOptions&) {

@@ -2,7 +2,9 @@
 #include "pipeline/segmentation.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
 
 namespace trocar::pipeline {
@@ -27,6 +29,30 @@ void equalize(Image& image, Calibration calibration) {
 }
 
 }  // namespace
+
+std::optional<double> mean_of_material(const Field& field) {
+  // Eight sums side by side: what vector units do at once, in an order that is always the same.
+  constexpr std::size_t kLanes = 8;
+  std::array<double, kLanes> sum{};
+  std::array<std::int32_t, kLanes> count{};
+  const std::vector<float>& values = field.image.values;
+  const float iso = field.iso;
+  std::size_t i = 0;
+  for (; i + kLanes <= values.size(); i += kLanes) {
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const float value = values[i + k];
+      sum[k] += value >= iso ? static_cast<double>(value) : 0.0;
+      count[k] += value >= iso ? 1 : 0;
+    }
+  }
+  for (; i < values.size(); ++i) {
+    sum[0] += values[i] >= iso ? static_cast<double>(values[i]) : 0.0;
+    count[0] += values[i] >= iso ? 1 : 0;
+  }
+  const std::int64_t pixels = std::accumulate(count.begin(), count.end(), std::int64_t{0});
+  if (pixels == 0) return std::nullopt;
+  return std::accumulate(sum.begin(), sum.end(), 0.0) / static_cast<double>(pixels);
+}
 
 Field segment(Image image, Calibration calibration, const Segmentation& how) {
   Field field{std::move(image), 0};

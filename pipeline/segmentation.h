@@ -2,6 +2,7 @@
 // What is material: a scalar field and the value that bounds it.
 #pragma once
 
+#include <optional>
 #include <set>
 #include <variant>
 
@@ -28,6 +29,10 @@ struct Field {
   Image image;
   float iso = 0;
 };
+
+/// Mean of the values that are material; none if there is no such pixel. The same sum, to the
+/// bit, everywhere.
+std::optional<double> mean_of_material(const Field& field);
 
 /// Takes the image over. O(pixels).
 Field segment(Image image, Calibration calibration, const Segmentation& how);

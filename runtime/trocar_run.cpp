@@ -20,8 +20,9 @@
 #include "formats/file_io.h"
 #include "formats/nearest_name.h"
 #include "formats/scene.h"
-#include "runtime/contact/overlap.h"
+#include "runtime/loop/display.h"
 #include "runtime/loop/replay_device.h"
+#include "runtime/loop/scene_needs.h"
 #include "runtime/loop/session.h"
 #include "runtime/loop/summary.h"
 
@@ -44,9 +45,10 @@ void request_recovery(int) {
 }
 
 struct Arguments {
-  std::string scene, asset, device = "inproc", description, clock = "real";
+  std::string scene, asset, device = "inproc", description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
-  std::string record, summary, replay, meshes, black_box, recover = "never", passivity = "on";
+  std::string record, summary, replay, meshes, frames;
+  std::string black_box, recover = "never", passivity = "on";
   std::optional<double> coupling_N_per_m;
   int cpu = -1, late_ticks = 3;
   bool check = false, quiet = false;
@@ -80,11 +82,15 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--summary", arguments.summary, "write what happened: JSON");
   app.add_option("--meshes", arguments.meshes,
                  "write the sheets before and after the punctures: JSON");
+  app.add_option("--frames", arguments.frames,
+                 "write the sheet around the tool 30 times a second: JSON lines");
   app.add_option("--replay", arguments.replay,
                  "run on a recording's encoders (virtual clock), compare the torques");
   app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) in the place of the scene's");
+  app.add_option("--force-law", arguments.force_law,
+                 "hooke or network, in the place of the scene's");
   app.add_option("--black-box", arguments.black_box,
                  "folder for the last 4 s before each fault (that of --record, or this one)");
   app.add_option("--recover", arguments.recover,
@@ -113,6 +119,9 @@ Result<void> check_arguments(const Arguments& a) {
   }
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
+  }
+  if (!a.force_law.empty() && a.force_law != "hooke" && a.force_law != "network") {
+    return usage("--force-law " + a.force_law + ": must be hooke or network");
   }
   // Written so that nan is refused too.
   if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
@@ -143,6 +152,7 @@ struct Loaded {
   DeviceDescription description;
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<RecordingRow> replay;
+  LoadedBytes bytes;
 };
 
 Result<Loaded> load(const Arguments& arguments) {
@@ -151,6 +161,8 @@ Result<Loaded> load(const Arguments& arguments) {
   if (!scene) return scene.error();
   loaded.scene = std::move(*scene);
   if (!arguments.asset.empty()) loaded.scene.asset = arguments.asset;
+  if (arguments.force_law == "hooke") loaded.scene.force_law = ForceLaw{};
+  if (arguments.force_law == "network") loaded.scene.force_law.kind = ForceLawKind::kNetwork;
   if (!arguments.description.empty()) loaded.scene.device = arguments.description;
 
   loaded.description = default_device_description();
@@ -169,6 +181,8 @@ Result<Loaded> load(const Arguments& arguments) {
   auto sheets = place_slices(loaded.scene, *asset, loaded.scene.asset.string());
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
+  std::error_code ignored;
+  loaded.bytes = {std::filesystem::file_size(loaded.scene.asset, ignored), asset->slices.size()};
 
   if (!arguments.replay.empty()) {
     Result<std::vector<RecordingRow>> rows = read_recording(arguments.replay);
@@ -176,56 +190,6 @@ Result<Loaded> load(const Arguments& arguments) {
     loaded.replay = std::move(*rows);
   }
   return loaded;
-}
-
-/// What the motors need to hold the threshold force where a sheet gives way, or why they cannot.
-std::string describe_need(const Loaded& loaded, const Sheet& sheet) {
-  const Tissue& tissue = sheet.tissue;
-  const Tool tool = make_tool(loaded.scene.tool);
-  Pose T_device_plate;
-  T_device_plate.p_m << sheet.transform.at_m,
-      sheet.z_m - tissue.threshold_N / tissue.stiffness_N_per_m;
-  T_device_plate.p_m -= tool.tip_plate_m;
-  const InverseResult inverse = inverse_kinematics(loaded.description, T_device_plate);
-  if (!inverse.status) return "out of the device's reach";
-  const JacobianResult motion = jacobian(loaded.description, T_device_plate, inverse.joints);
-  if (!motion.status) return "at a singularity of the device";
-  const AllocationResult allocation = allocate_torques(
-      motion.G,
-      wrench_at({0, 0, tissue.threshold_N}, T_device_plate * tool.tip_plate_m, T_device_plate),
-      loaded.description.motor_peak_torque_Nm);
-  char text[128];
-  std::snprintf(text, sizeof text, "threshold needs %.2f of %.2f Nm%s",
-                allocation.tau_motor_Nm.cwiseAbs().maxCoeff(),
-                loaded.description.motor_peak_torque_Nm,
-                allocation.scale < 1 ? ", and is then not given in full" : "");
-  return text;
-}
-
-void print_needs(const Loaded& loaded, double rate_Hz, double duration_s) {
-  const Scene& scene = loaded.scene;
-  const Tool tool = make_tool(scene.tool);
-  std::printf("scene      %s\nasset      %s\n", scene.name.c_str(), scene.asset.c_str());
-  std::printf("device     %s, %.3g Nm peak a motor\n", loaded.description.name.c_str(),
-              loaded.description.motor_peak_torque_Nm);
-  std::printf("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
-              static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
-  std::printf("tool       %d corners, %.3g mm from the axis\n", tool.sides,
-              (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
-  for (const auto& sheet : loaded.sheets) {
-    Pose T_device_plate;
-    T_device_plate.p_m = -tool.tip_plate_m;
-    T_device_plate.p_m.head<2>() += sheet->transform.at_m;
-    T_device_plate.p_m.z() += sheet->z_m;
-    const LatticeOutline outline =
-        outline_on_lattice(tool, T_device_plate, sheet->transform, sheet->z_m);
-    std::printf(
-        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N; %.0f %% of the "
-        "tool over material at the anchor; %s\n",
-        sheet->slice_index, sheet->z_m, sheet->mesh.vertices.size(), sheet->mesh.triangles.size(),
-        sheet->tissue.stiffness_N_per_m, sheet->tissue.threshold_N,
-        100 * overlap(*sheet, tool, outline, {}).fraction, describe_need(loaded, *sheet).c_str());
-  }
 }
 
 void print_outcome(const SessionReport& report, const SessionOptions& options) {
@@ -353,7 +317,8 @@ Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
 }
 
 int session(const Arguments& arguments) {
-  for (const std::string& file : {arguments.record, arguments.summary, arguments.meshes}) {
+  for (const std::string& file :
+       {arguments.record, arguments.summary, arguments.meshes, arguments.frames}) {
     if (const Result<void> writable = check_writable(file); !writable) {
       return fail(writable.error());
     }
@@ -376,10 +341,20 @@ int session(const Arguments& arguments) {
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
   if (arguments.check) {
-    print_needs(*loaded, options.rate_Hz, options.duration_s);
+    const Result<std::string> needs =
+        describe_needs(loaded->scene, loaded->description, loaded->sheets, loaded->bytes,
+                       options.rate_Hz, options.duration_s);
+    if (!needs) return fail(needs.error());
+    std::fputs(needs->c_str(), stdout);
     return 0;
   }
 
+  FrameWriter frames(arguments.frames);
+  if (!arguments.frames.empty()) {
+    options.on_frame = [&frames](const RecordingRow& row, const auto& shape) {
+      frames.add(row, shape);
+    };
+  }
   Remesher remesher(std::move(loaded->sheets));
   const Result<SessionReport> report = run(arguments, *loaded, remesher, options);
   if (!report) return fail(report.error());
@@ -392,6 +367,9 @@ int session(const Arguments& arguments) {
   if (const Result<void> written = write_outputs(arguments, *loaded, options, *report, remesher);
       !written) {
     return fail(written.error());
+  }
+  if (!arguments.frames.empty()) {
+    if (const Result<void> written = frames.finish(); !written) return fail(written.error());
   }
   for (const CutRecord& record : remesher.records()) {
     if (record.error) return fail(bug("a hole could not be cut: " + record.error->message));

@@ -145,9 +145,9 @@ class Contact : public testing::Test {
   /// Cuts and puts the mesh with the hole in use.
   void publish(const CutRequest& request) {
     const Sheet& before = *sheets_[request.sheet];
-    auto result = cut(before.mesh, to_ring(request.outline));
+    auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
     ASSERT_TRUE(result) << result.error().message;
-    owned_.push_back(with_mesh(before, std::move(result->mesh)));
+    owned_.push_back(with_mesh(before, result->mesh));
     sheets_[request.sheet] = owned_.back().get();
   }
 
@@ -425,42 +425,6 @@ TEST(ToolOutline, TransformsThereAndBack) {
   // u -> x turned by +0.7: one mm along u.
   const Eigen::Vector2d u = transform.to_scene({256 * 81, 256 * 72}) - transform.at_m;
   EXPECT_LT((u - Eigen::Vector2d(std::cos(0.7), std::sin(0.7)) * 1e-3).norm(), 1e-15);
-}
-
-TEST(TriangleGrid, FindsWhatAScanFinds) {
-  std::mt19937_64 random(4);
-  const auto coordinate = [&](std::int32_t range) {
-    return static_cast<std::int32_t>(random() % (2 * range + 1)) - range;
-  };
-  for (const bool thin : {false, true}) {
-    SliceMesh mesh;  // a heap of triangles; the grid asks for no more
-    for (int i = 0; i < 400; ++i) {
-      const LatticePoint a{coordinate(10'000), coordinate(10'000)};
-      const std::int32_t size = thin ? 10'000 : 300;
-      for (const LatticePoint p : {a, LatticePoint{a.x + coordinate(size), a.y + coordinate(size)},
-                                   LatticePoint{a.x + coordinate(size), a.y + coordinate(size)}}) {
-        mesh.vertices.push_back(p);
-      }
-      const auto n = static_cast<std::uint32_t>(mesh.vertices.size());
-      mesh.triangles.push_back({n - 3, n - 2, n - 1});
-    }
-    const TriangleGrid grid(mesh);
-    for (int i = 0; i < 300; ++i) {
-      const LatticePoint p{coordinate(15'000), coordinate(15'000)};
-      const LatticeBox box{p, {p.x + coordinate(2000) + 2000, p.y + coordinate(2000) + 2000}};
-      std::multiset<std::uint32_t> expected, got;
-      for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-        const LatticeBox own = bounding_box(mesh, mesh.triangles[t]);
-        if (own.lowest.x <= box.highest.x && box.lowest.x <= own.highest.x &&
-            own.lowest.y <= box.highest.y && box.lowest.y <= own.highest.y) {
-          expected.insert(t);
-        }
-      }
-      grid.for_each(mesh, box, [&](std::uint32_t t) { got.insert(t); });
-      ASSERT_EQ(got, expected);
-    }
-  }
-  TriangleGrid().for_each(SliceMesh{}, {}, [](std::uint32_t) { FAIL(); });
 }
 
 // --- placing -------------------------------------------------------------------------------

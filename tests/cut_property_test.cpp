@@ -337,6 +337,18 @@ TEST(CutProperty, TheWholeLattice) {
 
 // --- the triangulation by itself ---------------------------------------------
 
+using Status = LocalTriangulation::Status;
+
+Status triangulated(const std::vector<LatticePoint>& points,
+                    const std::vector<std::array<std::uint32_t, 2>>& constraints,
+                    LocalTriangulation& out) {
+  out.allocate(points.size());
+  Status status = out.triangulate(points);
+  for (std::uint32_t i = 0; i < constraints.size() && status == Status::kDone; ++i)
+    status = out.constrain(constraints[i][0], constraints[i][1], i);
+  return status;
+}
+
 TEST(LocalDelaunayProperty, AgreesWithCgal) {
   int constraints_seen = 0;
   for (std::uint64_t seed = 0; seed < 300; ++seed) {
@@ -364,23 +376,24 @@ TEST(LocalDelaunayProperty, AgreesWithCgal) {
     }
     constraints_seen += static_cast<int>(constraints.size());
 
-    const Result<Triangulation> ours = constrained_triangulation(points, constraints);
-    ASSERT_TRUE(ours) << ours.error().message;
+    LocalTriangulation ours;
+    ASSERT_EQ(triangulated(points, constraints, ours), Status::kDone);
     Cdt cdt;
-    for (LatticePoint p : ours->points)
+    for (LatticePoint p : ours.points())
       cdt.insert(to_cgal(p));
     for (const auto& [a, b] : constraints) {
       cdt.insert_constraint(to_cgal(points[a]), to_cgal(points[b]));
     }
-    ASSERT_EQ(ours->cells.size(), cdt.number_of_faces());
-    SliceMesh mesh{ours->points, {}};
-    std::int64_t locked = 0;
-    for (const Cell& c : ours->cells) {
+    ASSERT_EQ(ours.cells().size(), cdt.number_of_faces());
+    SliceMesh mesh{{ours.points().begin(), ours.points().end()}, {}};
+    std::int64_t free = 0;
+    for (const Cell& c : ours.cells()) {
       mesh.triangles.push_back(c.vertex);
-      locked += std::count(c.locked.begin(), c.locked.end(), true);
+      free += std::count(c.constraint.begin(), c.constraint.end(), kNone);
     }
     ASSERT_TRUE(check_mesh(mesh));
-    ASSERT_EQ(locked, 2 * static_cast<std::int64_t>(constraints.size()));
+    ASSERT_EQ(3 * static_cast<std::int64_t>(ours.cells().size()) - free,
+              2 * static_cast<std::int64_t>(constraints.size()));
   }
   EXPECT_GT(constraints_seen, 3000);
 }
@@ -402,21 +415,21 @@ TEST(LocalDelaunayProperty, RestoredPartsAreCgalsUpToCocircularPoints) {
     for (std::size_t i = 0; i < ring.size(); ++i) {
       constraints.push_back({index(ring[i]), index(ring[(i + 1) % ring.size()])});
     }
-    Result<Triangulation> ours = constrained_triangulation(points, constraints);
-    ASSERT_TRUE(ours) << ours.error().message;
-    std::vector<std::uint8_t> part(ours->cells.size());
+    LocalTriangulation ours;
+    ASSERT_EQ(triangulated(points, constraints, ours), Status::kDone);
+    std::vector<std::uint8_t> part(ours.cells().size());
     for (std::size_t c = 0; c < part.size(); ++c) {
       Real x = 0, y = 0;
-      for (std::uint32_t v : ours->cells[c].vertex) {
-        x += ours->points[v].x / Real(3);
-        y += ours->points[v].y / Real(3);
+      for (std::uint32_t v : ours.cells()[c].vertex) {
+        x += ours.points()[v].x / Real(3);
+        y += ours.points()[v].y / Real(3);
       }
       part[c] = winding(x, y, {ring}) == 1 ? 1 : 0;
     }
-    restore_delaunay(*ours, part);
-    SliceMesh mesh{ours->points, {}};
+    ours.restore_delaunay(part);
+    SliceMesh mesh{{ours.points().begin(), ours.points().end()}, {}};
     for (std::size_t c = 0; c < part.size(); ++c) {
-      if (part[c] == 1) mesh.triangles.push_back(ours->cells[c].vertex);
+      if (part[c] == 1) mesh.triangles.push_back(ours.cells()[c].vertex);
     }
     ASSERT_EQ(doubled_area(mesh), doubled_area(ring));
     ASSERT_TRUE(is_constrained_delaunay(mesh));
@@ -431,16 +444,16 @@ TEST(LocalDelaunayProperty, RestoredPartsAreCgalsUpToCocircularPoints) {
     }
     for (std::size_t c = 0; c < part.size(); ++c) {
       if (part[c] == 0) continue;
-      const Cell& cell = ours->cells[c];
+      const Cell& cell = ours.cells()[c];
       for (std::size_t i = 0; i < 3; ++i) {
-        const LatticePoint a = ours->points[cell.vertex[i]],
-                           b = ours->points[cell.vertex[(i + 1) % 3]];
+        const LatticePoint a = ours.points()[cell.vertex[i]],
+                           b = ours.points()[cell.vertex[(i + 1) % 3]];
         if (of_cgal.contains({a, b})) continue;
-        const Cell& beyond = ours->cells[cell.across[i]];
+        const Cell& beyond = ours.cells()[cell.across[i]];
         int cocircular = 0;
         for (std::uint32_t v : beyond.vertex) {
-          cocircular += in_circle(ours->points[cell.vertex[0]], ours->points[cell.vertex[1]],
-                                  ours->points[cell.vertex[2]], ours->points[v]) == 0;
+          cocircular += in_circle(ours.points()[cell.vertex[0]], ours.points()[cell.vertex[1]],
+                                  ours.points()[cell.vertex[2]], ours.points()[v]) == 0;
         }
         ASSERT_EQ(cocircular, 3) << "an edge that is neither CGAL's nor a tie";
       }
@@ -449,10 +462,15 @@ TEST(LocalDelaunayProperty, RestoredPartsAreCgalsUpToCocircularPoints) {
 }
 
 TEST(LocalDelaunayProperty, RefusesWhatIsNoPslg) {
-  EXPECT_FALSE(constrained_triangulation({{0, 0}, {0, 0}}, {}));
-  EXPECT_FALSE(constrained_triangulation({{0, 0}, {4, 0}}, {{0, 7}}));
-  EXPECT_FALSE(constrained_triangulation({{0, 0}, {2, 0}, {4, 0}}, {{0, 2}}));
-  EXPECT_FALSE(constrained_triangulation({{0, 0}, {4, 4}, {0, 4}, {4, 0}}, {{0, 1}, {2, 3}}));
+  LocalTriangulation t;
+  EXPECT_EQ(triangulated({{0, 0}, {0, 0}}, {}, t), Status::kNotPlanar);
+  EXPECT_EQ(triangulated({{0, 0}, {2, 0}, {4, 0}}, {{0, 2}}, t), Status::kNotPlanar);
+  EXPECT_EQ(triangulated({{0, 0}, {4, 4}, {0, 4}, {4, 0}}, {{0, 1}, {2, 3}}, t),
+            Status::kNotPlanar);
+  LocalTriangulation small;
+  small.allocate(2);
+  EXPECT_EQ(small.triangulate(std::array<LatticePoint, 3>{{{0, 0}, {4, 4}, {0, 4}}}),
+            Status::kCapacity);
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ namespace {
 TEST(Remesher, ServesAndPublishesFromItsThread) {
   const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
   Remesher remesher(std::move(*place_slices(scene, test::square_asset(2), "a")));
-  const std::int64_t whole = doubled_area(remesher.current(0)->mesh);
+  const std::int64_t whole = doubled_area(to_slice_mesh(remesher.current(0)->mesh));
   remesher.start();
   std::int64_t removed = 0;
   for (std::uint32_t i = 0; i < 20; ++i) {
@@ -41,17 +41,17 @@ TEST(Remesher, ServesAndPublishesFromItsThread) {
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
     while (remesher.current(request.sheet)->cuts < request.cut) {
       ASSERT_LT(std::chrono::steady_clock::now(), until);
-      ASSERT_FALSE(remesher.current(request.sheet)->mesh.triangles.empty());
+      ASSERT_GT(remesher.current(request.sheet)->mesh.triangles_in_use(), 0U);
     }
   }
   remesher.stop();
   for (const CutRecord& record : remesher.records()) {
     ASSERT_FALSE(record.error) << record.error->message;
-    if (record.request.sheet == 0) removed += record.doubled_area_removed;
+    if (record.request.sheet == 0) removed += record.cut.doubled_area_removed;
   }
   EXPECT_EQ(remesher.records().size(), 20U);
-  EXPECT_EQ(doubled_area(remesher.last_version(0).mesh), whole - removed);
-  EXPECT_EQ(doubled_area(remesher.first_version(0).mesh), whole);
+  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.last_version(0).mesh)), whole - removed);
+  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.first_version(0).mesh)), whole);
 }
 
 TEST(SpscQueue, KeepsOrderAndCapacityBetweenTwoThreads) {

@@ -196,17 +196,18 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackTheHoleExactly) {
   ASSERT_EQ(run.remesher->records().size(), 3U);
   for (const CutRecord& record : run.remesher->records()) {
     ASSERT_FALSE(record.error) << record.error->message;
-    const Sheet& before = run.remesher->first_version(record.request.sheet);
-    const Sheet& after = run.remesher->last_version(record.request.sheet);
-    const auto valid = check_mesh(after.mesh);
+    const SliceMesh before = to_slice_mesh(run.remesher->first_version(record.request.sheet).mesh);
+    const Sheet& last = run.remesher->last_version(record.request.sheet);
+    const SliceMesh after = to_slice_mesh(last.mesh);
+    const auto valid = check_sheet_mesh(last.mesh);
     EXPECT_TRUE(valid) << valid.error().message;
-    EXPECT_EQ(after.cuts, 1U);
+    EXPECT_EQ(last.cuts, 1U);
     const std::int64_t hexagon = doubled_area(to_ring(record.request.outline));
     EXPECT_GT(hexagon, 0);
-    EXPECT_EQ(record.doubled_area_removed, hexagon);
-    EXPECT_EQ(doubled_area(before.mesh) - doubled_area(after.mesh), hexagon);
+    EXPECT_EQ(record.cut.doubled_area_removed, hexagon);
+    EXPECT_EQ(doubled_area(before) - doubled_area(after), hexagon);
     // The boundary is the sheet's own and the tool's outline.
-    EXPECT_EQ(boundary_rings(after.mesh).rings.size(), 2U);
+    EXPECT_EQ(boundary_rings(after).rings.size(), 2U);
   }
   // The new meshes came into use during the session.
   EXPECT_EQ(run.rows.back().cuts_published, 3);

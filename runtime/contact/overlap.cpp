@@ -105,13 +105,9 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
   if (outline.size < 3 || outline.size != tool.sides) return result;
   const LatticePoint origin = outline.points[0];
   Polygon whole, first, second;
-  LatticeBox box{origin, origin};
   whole.size = outline.size;
   for (int i = 0; i < outline.size; ++i) {
-    const LatticePoint p = outline.points[i];
-    whole.points[i] = relative(p, origin);
-    box.lowest = {std::min(box.lowest.x, p.x), std::min(box.lowest.y, p.y)};
-    box.highest = {std::max(box.highest.x, p.x), std::max(box.highest.y, p.y)};
+    whole.points[i] = relative(outline.points[i], origin);
   }
 
   Moments covered;
@@ -122,7 +118,7 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
     clip(second, corner[2], corner[0], first);
     if (first.size > 0) add_outside(first, pending, 0, covered);
   };
-  sheet.grid.for_each(sheet.mesh, box, [&](std::uint32_t index) {
+  sheet.grid.for_each(sheet.mesh, box_around(outline), [&](std::uint32_t index) {
     const Triangle& t = sheet.mesh.triangles[index];
     const std::array<Eigen::Vector2d, 3> corner{relative(sheet.mesh.vertices[t[0]], origin),
                                                 relative(sheet.mesh.vertices[t[1]], origin),

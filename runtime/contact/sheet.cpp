@@ -18,6 +18,12 @@ Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
           static_cast<double>(std::int64_t{p.y} - origin.y)};
 }
 
+/// The mesh is known to be valid.
+void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
+  sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
+  sheet.grid = TriangleGrid(sheet.mesh);
+}
+
 /// Centroid of the material in mm.
 std::array<double, 2> centroid_mm(const SliceMesh& mesh, const Lattice& lattice) {
   const LatticePoint origin = mesh.vertices.front();
@@ -93,8 +99,7 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     sheet->z_m = scene.slices[i].z_m;
     sheet->tissue = tissue_of(scene, scene.slices[i], asset, *slices[i]);
     sheet->transform = transform;
-    sheet->mesh = slices[i]->mesh;
-    sheet->grid = TriangleGrid(sheet->mesh);
+    put_mesh(slices[i]->mesh, *sheet);
     sheets.push_back(std::move(sheet));
   }
   std::sort(sheets.begin(), sheets.end(),
@@ -102,14 +107,13 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   return sheets;
 }
 
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, SliceMesh mesh) {
+std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh) {
   auto next = std::make_unique<Sheet>();
   next->slice_index = sheet.slice_index;
   next->z_m = sheet.z_m;
   next->tissue = sheet.tissue;
   next->transform = sheet.transform;
-  next->mesh = std::move(mesh);
-  next->grid = TriangleGrid(next->mesh);
+  put_mesh(mesh, *next);
   next->cuts = sheet.cuts + 1;
   return next;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sheet: one slice of an asset, placed in the device's frame, with the grid that
-// makes looking up what lies under the tool cheap. Immutable once made: a cut makes
-// a new sheet, and the haptic thread changes over to it between two ticks.
+// makes looking up what lies under the tool cheap. The haptic thread only reads it; holes are cut
+// into a replica of it that nobody reads meanwhile (runtime/loop/workers.h).
 #pragma once
 
 #include <cstdint>
@@ -11,6 +11,7 @@
 #include "formats/asset.h"
 #include "formats/scene.h"
 #include "runtime/contact/tool.h"
+#include "runtime/remesh/sheet_mesh.h"
 #include "runtime/remesh/triangle_grid.h"
 
 namespace trocar::runtime {
@@ -20,7 +21,7 @@ struct Sheet {
   double z_m = 0;       ///< height in {B}
   Tissue tissue;
   PlanarTransform transform;
-  SliceMesh mesh;
+  SheetMesh mesh;
   TriangleGrid grid;       ///< over `mesh`
   std::uint32_t cuts = 0;  ///< holes that `mesh` has more than the asset's slice
 };
@@ -33,8 +34,12 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
                                                                const Asset& asset,
                                                                const std::string& name);
 
-/// The sheet with another mesh and one more cut.
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, SliceMesh mesh);
+/// Free slots that a placed sheet has for what its cuts add: a hole of six corners takes about six
+/// vertices and twelve triangles.
+inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
+
+/// The sheet with another mesh, which must be valid, and one more cut.
+std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh);
 
 /// Holes that one sheet may have waiting for their mesh.
 inline constexpr int kMaxPendingHoles = 4;

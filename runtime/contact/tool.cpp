@@ -147,6 +147,11 @@ Ring to_ring(const LatticeOutline& outline) {
   return Ring(outline.points.begin(), outline.points.begin() + outline.size);
 }
 
+LatticeBox box_around(const LatticeOutline& outline) noexcept {
+  return box_around(
+      std::span<const LatticePoint>(outline.points.data(), static_cast<std::size_t>(outline.size)));
+}
+
 bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept {
   static const double least = std::cos(kMaxTilt_deg * std::numbers::pi / 180) - 1e-9;
   return (T_device_plate.q * tool.axis_plate).z() >= least;

@@ -12,6 +12,7 @@
 #include "formats/scene.h"
 #include "formats/slice_mesh.h"
 #include "runtime/device/pose.h"
+#include "runtime/remesh/lattice_box.h"
 
 namespace trocar::runtime {
 
@@ -58,6 +59,8 @@ struct LatticeOutline {
   }
 };
 Ring to_ring(const LatticeOutline& outline);
+/// Of an outline that is not empty.
+LatticeBox box_around(const LatticeOutline& outline) noexcept;
 
 /// Is the axis within kMaxTilt_deg of {B}'s z? Only then does the tool have outlines.
 bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;

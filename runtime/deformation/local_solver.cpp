@@ -79,7 +79,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
   const bool has_ring = std::find(kind.begin(), kind.end(), NodeKind::kRing) != kind.end();
   if (!options.bounds || !has_ring || !(solution.stiffness_N_per_m > 0)) return true;
   solution.bounds = bounds_by_maximum_principle(network, kind, solution);
-  if (network.signs.negative() != 0) {
+  if (negative_at_free_nodes(network, kind) != 0) {
     solution.bounds.proved = false;
     const double least = force_without_ring(network, kind);
     solution.bounds.force = std::clamp(1 - least / solution.stiffness_N_per_m, 0.0, 1.0);

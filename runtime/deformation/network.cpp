@@ -127,6 +127,21 @@ SpringSigns spring_signs(const SliceMesh& mesh) {
   return for_each_edge(sides_of(mesh), [](std::uint32_t, std::uint32_t, double) {});
 }
 
+std::uint32_t negative_at_free_nodes(const Network& network,
+                                     std::span<const NodeKind> kind) noexcept {
+  std::uint32_t count = 0;
+  if (network.signs.negative() == 0) return count;
+  for (std::size_t i = 0; i < network.size(); ++i) {
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+      const std::uint32_t j = network.neighbour[k];
+      if (j > i && network.stiffness_N_per_m[k] < 0 &&
+          (kind[i] == NodeKind::kFree || kind[j] == NodeKind::kFree))
+        ++count;
+    }
+  }
+  return count;
+}
+
 double energy_J(const Network& network, std::span<const double> w_m) noexcept {
   double twice = 0;
   for (std::size_t i = 0; i < network.size(); ++i) {

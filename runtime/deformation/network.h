@@ -68,6 +68,10 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
 /// The signs alone: which springs of a valid mesh are negative. O(n).
 SpringSigns spring_signs(const SliceMesh& mesh);
 
+/// How many springs of free nodes are negative: those that an equilibrium depends on. O(springs).
+std::uint32_t negative_at_free_nodes(const Network& network,
+                                     std::span<const NodeKind> kind) noexcept;
+
 /// E(w); w has network.size() elements, in m.
 double energy_J(const Network& network, std::span<const double> w_m) noexcept;
 

@@ -12,21 +12,17 @@ class SlotTable {
  public:
   SlotTable() : entries_(256) {}
 
-  /// The number of `slot`; `fresh` (and remembered) if it had none.
-  std::uint32_t find_or_add(std::uint32_t slot, std::uint32_t fresh) {
-    if (2 * used_ >= entries_.size()) grow();
-    Entry& entry = place(slot);
-    if (entry.slot == kNone) {
-      entry = {slot, fresh};
-      ++used_;
-    }
-    return entry.number;
+  /// kNone if it has none.
+  std::uint32_t find(std::uint32_t slot) { return place(slot).number; }
+  /// `slot` had none.
+  void add(std::uint32_t slot, std::uint32_t number) {
+    if (2 * ++used_ >= entries_.size()) grow();
+    place(slot) = {slot, number};
   }
-  bool contains(std::uint32_t slot) { return place(slot).slot != kNone; }
 
  private:
   struct Entry {
-    std::uint32_t slot = kNone, number = 0;
+    std::uint32_t slot = kNone, number = kNone;
   };
   Entry& place(std::uint32_t slot) {
     std::size_t at = (slot * std::size_t{2654435761U}) & (entries_.size() - 1);
@@ -76,43 +72,67 @@ Circle circle_around(const Ring& tool) noexcept {
 
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue) {
-  SlotTable taken, numbers;
+  SlotTable taken;  // by triangle slot: its place in the queue
   queue.clear();
   for (std::uint32_t t : seeds) {
-    const auto at = static_cast<std::uint32_t>(queue.size());
-    if (taken.find_or_add(t, at) == at) queue.push_back(t);
+    if (taken.find(t) != kNone) continue;
+    taken.add(t, static_cast<std::uint32_t>(queue.size()));
+    queue.push_back(t);
   }
   const double reach = circle.radius + radius;
-  SheetPart part;
   for (std::size_t k = 0; k < queue.size(); ++k) {
-    const std::uint32_t t = queue[k];
-    Triangle corner;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t v = sheet.triangles[t][i];
-      const auto fresh = static_cast<std::uint32_t>(part.mesh.vertices.size());
-      corner[i] = numbers.find_or_add(v, fresh);
-      if (corner[i] == fresh) {
-        part.mesh.vertices.push_back(sheet.vertices[v]);
-        part.parent.push_back(v);
-      }
-    }
-    part.mesh.triangles.push_back(corner);
-    for (std::uint32_t u : sheet.across[t]) {
-      if (u == kNone || taken.contains(u)) continue;
+    for (std::uint32_t u : sheet.across[queue[k]]) {
+      if (u == kNone || taken.find(u) != kNone) continue;
       const std::array<LatticePoint, 3> p = corners(sheet, u);
       if (!(distance2_to_origin({relative(p[0], circle.centre), relative(p[1], circle.centre),
                                  relative(p[2], circle.centre)}) < reach * reach))
         continue;
-      taken.find_or_add(u, static_cast<std::uint32_t>(queue.size()));
+      taken.add(u, static_cast<std::uint32_t>(queue.size()));
       queue.push_back(u);
     }
   }
-  for (std::uint32_t t : queue) {
+
+  // Neighbours by their place in the queue. A vertex of the part is a fan of its triangles: where
+  // the border passes through a vertex twice, it becomes two.
+  const auto n = static_cast<std::uint32_t>(queue.size());
+  std::vector<std::array<std::uint32_t, 3>> across(n);
+  SheetPart part;
+  part.mesh.triangles.assign(n, kFreeSlot);
+  for (std::uint32_t k = 0; k < n; ++k) {
+    const std::uint32_t t = queue[k];
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t u = sheet.across[t][i];
-      if (u == kNone || taken.contains(u)) continue;
-      part.outer.push_back(
-          {sheet.vertices[sheet.triangles[t][i]], sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
+      across[k][i] = u == kNone ? kNone : taken.find(u);
+      if (u != kNone && across[k][i] == kNone) {
+        part.outer.push_back({sheet.vertices[sheet.triangles[t][i]],
+                              sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
+      }
+    }
+  }
+  for (std::uint32_t k = 0; k < n; ++k) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (part.mesh.triangles[k][i] != kNone) continue;
+      const std::uint32_t slot = sheet.triangles[queue[k]][i];
+      const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
+      part.mesh.vertices.push_back(sheet.vertices[slot]);
+      part.parent.push_back(slot);
+      // Around the vertex, over the side that ends in it, until it closes or the border is met;
+      // then the other way.
+      std::uint32_t t = k, corner = i;
+      const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
+      const auto step = [&](std::uint32_t side) {
+        t = across[t][side];
+        if (t == kNone) return false;
+        const Triangle& next = sheet.triangles[queue[t]];
+        corner = next[0] == slot ? 0 : next[1] == slot ? 1 : 2;
+        return t != k;
+      };
+      for (number(); step((corner + 2) % 3);)
+        number();
+      if (t == k) continue;
+      t = k;
+      for (corner = i; step(corner);)
+        number();
     }
   }
   std::sort(part.outer.begin(), part.outer.end());

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/deformation/propagation.h"
 
+#include <algorithm>
+
 namespace trocar::runtime {
 
 PropagationPlan plan_propagation(const Network& network, std::span<const NodeKind> kind,
                                  const PropagationOptions& options) {
   PropagationPlan plan;
   plan.options = options;
+  plan.options.damping = std::clamp(options.damping, kLeastDamping, 1.0);
   std::vector<std::uint8_t> reached(network.size(), 0);
   for (std::uint32_t i = 0; i < network.size(); ++i) {
     if (kind[i] != NodeKind::kTool) continue;

@@ -29,10 +29,15 @@
 
 namespace trocar::runtime {
 
+/// At one half and below, the mode that alternates along the sweep grows (von Neumann's analysis).
+inline constexpr double kLeastDamping = 0.55;
+
 struct PropagationOptions {
-  int depth = 6;         ///< rings of nodes around the tool that move; >= 1
-  int sweeps = 4;        ///< in each tick; >= 1
-  double damping = 0.7;  ///< share of its velocity that a node loses in a sweep, in (0, 1]
+  int depth = 6;   ///< rings of nodes around the tool that move; >= 1
+  int sweeps = 4;  ///< in each tick; >= 1
+  /// Share of its velocity that a node loses in a sweep, in [kLeastDamping, 1]; taken as the
+  /// nearest of these.
+  double damping = 0.7;
 };
 
 /// What stays: the order of activation. Immutable once made.

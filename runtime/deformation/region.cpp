@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "runtime/deformation/part.h"
 #include "runtime/remesh/cavity.h"
@@ -29,30 +30,26 @@ Vector2d moment(const SliceMesh& mesh, LatticePoint origin) {
   return sum;
 }
 
-/// The triangles that really have an area in common with the tool.
-std::vector<std::uint32_t> under_tool(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
-                                      const Ring& tool) {
-  std::vector<std::uint32_t> out;
-  for (std::uint32_t t : seeds) {
-    if (t < sheet.triangles.size() && sheet.in_use(t) &&
-        contact(corners(sheet, t), tool) == Contact::kOverlaps)
-      out.push_back(t);
+/// From a place to the tool's outline, in steps.
+double distance_to(const Ring& tool, double x, double y) {
+  const Vector2d p(x, y);
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < tool.size(); ++k) {
+    const Vector2d a(tool[k].x, tool[k].y);
+    const LatticePoint to = tool[k + 1 == tool.size() ? 0 : k + 1];
+    const Vector2d side = Vector2d(to.x, to.y) - a;
+    const double t = std::clamp((p - a).dot(side) / side.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (a + t * side - p).squaredNorm());
   }
-  return out;
+  return std::sqrt(least);
 }
 
 /// How far off the tool's outline, in steps, a node may lie that is held by it: where the outline
 /// crosses the sheet's own, both are bent to the lattice (cut.h, law 3).
 constexpr double kOnTool = 2;
 
-bool on_tool(const Vector2d& p, const Ring& tool, LatticePoint origin) {
-  for (std::size_t k = 0; k < tool.size(); ++k) {
-    const Vector2d a = relative(tool[k], origin),
-                   side = relative(tool[(k + 1) % tool.size()], origin) - a;
-    const double t = std::clamp((p - a).dot(side) / side.squaredNorm(), 0.0, 1.0);
-    if ((a + t * side - p).squaredNorm() <= kOnTool * kOnTool) return true;
-  }
-  return false;
+bool on_tool(LatticePoint p, const Ring& tool) {
+  return distance_to(tool, p.x, p.y) <= kOnTool;
 }
 
 /// The boundary's sides, each with the vertex it starts from (there is one only, as a vertex has
@@ -78,17 +75,16 @@ BoundarySides boundary_sides(const SheetMesh& mesh) {
 /// What holds each side: the tool if the side runs along it, the ring if it faces the rest of the
 /// sheet.
 BoundarySides classified_sides(const SheetMesh& mesh, const std::vector<OuterSide>& outer,
-                               const Ring& tool, const Circle& circle, LatticePoint origin) {
+                               const Ring& tool, const Circle& circle) {
   BoundarySides sides = boundary_sides(mesh);
-  const Vector2d centre = circle.centre - Vector2d(origin.x, origin.y);
   for (std::size_t v = 0; v < sides.next.size(); ++v) {
     if (sides.next[v] == kNone) continue;
     const LatticePoint from = mesh.vertices[v], to = mesh.vertices[sides.next[v]];
-    const Vector2d a = relative(from, origin), b = relative(to, origin);
+    const Vector2d middle = (Vector2d(from.x, from.y) + Vector2d(to.x, to.y)) / 2;
     if (std::binary_search(outer.begin(), outer.end(), OuterSide{from, to})) {
       sides.kind[v] = NodeKind::kRing;
-    } else if ((a - centre).norm() <= circle.radius + 2 * kOnTool && on_tool(a, tool, origin) &&
-               on_tool(b, tool, origin) && on_tool((a + b) / 2, tool, origin)) {
+    } else if ((middle - circle.centre).norm() <= circle.radius + kOnTool && on_tool(from, tool) &&
+               on_tool(to, tool) && distance_to(tool, middle.x(), middle.y()) <= kOnTool) {
       sides.kind[v] = NodeKind::kTool;
     }
   }
@@ -115,9 +111,61 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& 
   return kind;
 }
 
+/// Where the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
+/// is thinner than any mesh of good triangles. It goes with the tool, to which it clings on one
+/// side: nodes of the outline that are this near to the tool, in circumradii, are held by it.
+constexpr double kClings = 0.02;
+
+void hold_wedges(const SheetMesh& mesh, const Ring& tool, const Circle& circle,
+                 std::vector<NodeKind>& kind) {
+  const double near = std::max(kOnTool, kClings * circle.radius);
+  const BoundarySides sides = boundary_sides(mesh);
+  for (std::size_t v = 0; v < kind.size(); ++v) {
+    if (kind[v] != NodeKind::kFree || sides.next[v] == kNone) continue;
+    const Vector2d p(mesh.vertices[v].x, mesh.vertices[v].y);
+    if ((p - circle.centre).norm() <= circle.radius + near &&
+        distance_to(tool, p.x(), p.y()) <= near)
+      kind[v] = NodeKind::kTool;
+  }
+}
+
 /// The tool cut out of the part: the one place that knows how. Errors: as cut().
 Result<CutResult> cut_tool(const SliceMesh& part, const Ring& tool) {
   return cut(part, tool);
+}
+
+/// Room in `workspace` for meshes of so many vertices, and of twice the triangles.
+void make_room(const SheetMesh& mesh, RegionWorkspace& workspace) {
+  if (workspace.refinement && mesh.vertices.size() <= workspace.slots) return;
+  workspace.slots = mesh.vertices.size();
+  workspace.edit = SheetEdit(mesh);
+  workspace.refinement.emplace(workspace.slots, 2 * workspace.slots);
+}
+
+/// Triangles small where the sheet is steep, and no spring negative. The ring's sides stay as they
+/// are: the region still fits into the rest of its sheet.
+void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, double circumradius,
+            const Grading& grading, RegionWorkspace& workspace) {
+  make_room(mesh, workspace);
+  workspace.edit.begin(mesh);
+  std::vector<std::uint32_t>& seeds = workspace.queue;
+  seeds.clear();
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    if (mesh.in_use(t)) seeds.push_back(t);
+  }
+  const double at_tool = grading.at_tool * circumradius;
+  const auto size = [&](double x, double y) {
+    return at_tool + grading.grade * distance_to(tool, x, y);
+  };
+  LocalRefinementOptions options;
+  options.size = size;
+  options.max_new_vertices = grading.max_new_vertices;
+  options.split_outline = true;
+  const auto is_ring = [&](std::uint32_t from, std::uint32_t to) {
+    return sides.kind[from] == NodeKind::kRing && sides.next[from] == to;
+  };
+  options.keep_side = is_ring;
+  refine_locally(mesh, workspace.edit, seeds, options, *workspace.refinement);
 }
 
 }  // namespace
@@ -132,7 +180,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   region.origin = {static_cast<std::int32_t>(std::lround(circle.centre.x())),
                    static_cast<std::int32_t>(std::lround(circle.centre.y()))};
 
-  const std::vector<std::uint32_t> under = under_tool(sheet, seeds, tool);
+  const std::vector<std::uint32_t> under = seeds_under_tool(sheet, seeds, tool);
   if (under.empty()) return region;
   const SheetPart part =
       part_around(sheet, under, circle, options.radius_m / lattice.step_m(), workspace.queue);
@@ -142,12 +190,35 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   region.borne.moment_steps3 =
       moment(part.mesh, region.origin) - moment(without_tool->mesh, region.origin);
 
-  auto mesh = make_sheet_mesh(without_tool->mesh, 0, 0);
+  const std::size_t spare = options.grading.graded ? options.grading.max_new_vertices : 0;
+  auto mesh = make_sheet_mesh(without_tool->mesh, spare, 2 * spare);
   if (!mesh) return mesh.error();
-  const BoundarySides sides = classified_sides(*mesh, part.outer, tool, circle, region.origin);
+  const BoundarySides sides = classified_sides(*mesh, part.outer, tool, circle);
+  if (options.grading.graded) refine(*mesh, sides, tool, circle.radius, options.grading, workspace);
   region.mesh = to_slice_mesh(*mesh);
-  region.kind = node_kinds(*mesh, sides);
+  // Vertices keep their order, so the kinds only have to close up.
+  std::vector<NodeKind> by_slot = node_kinds(*mesh, sides);
+  hold_wedges(*mesh, tool, circle, by_slot);
+  region.kind.reserve(region.mesh.vertices.size());
+  std::vector<std::uint8_t> used(mesh->vertices.size(), 1);
+  for (std::uint32_t v : mesh->free_vertices)
+    used[v] = 0;
+  for (std::size_t v = 0; v < used.size(); ++v) {
+    if (used[v] != 0) region.kind.push_back(by_slot[v]);
+  }
   return region;
+}
+
+std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
+                                            std::span<const std::uint32_t> seeds,
+                                            const Ring& tool) {
+  std::vector<std::uint32_t> out;
+  for (std::uint32_t t : seeds) {
+    if (t < sheet.triangles.size() && sheet.in_use(t) &&
+        contact(corners(sheet, t), tool) == Contact::kOverlaps)
+      out.push_back(t);
+  }
+  return out;
 }
 
 std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool) {

@@ -8,7 +8,9 @@
 //     circumscribed circle and connected with the tool through such points, less the tool.
 //  2. Its sides lie on the tool (their nodes are kTool), on the sheet's outline (kFree, but for
 //     ends on the tool or the ring) or face the rest of the sheet (kRing); no ring node is nearer
-//     than R. All others are kFree. An infinite R has no ring.
+//     than R. Nodes of the outline within 2 % of the tool's circumradius from the tool are kTool as
+//     well (the tip of a wedge between the two). All others are kFree. Infinite R: no ring. The
+//     sides on the ring are the sheet's own: mesh and rest of the sheet fit together.
 //  3. `borne` is the part of the sheet under the tool: its area is exactly what the cut removed.
 //  4. Time in proportion to the region, not to the sheet.
 #pragma once
@@ -16,12 +18,15 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "formats/result.h"
 #include "formats/slice_mesh.h"
 #include "runtime/deformation/network.h"
+#include "runtime/remesh/local_refinement.h"
+#include "runtime/remesh/sheet_edit.h"
 #include "runtime/remesh/sheet_mesh.h"
 
 namespace trocar::runtime {
@@ -58,6 +63,9 @@ struct RegionMesh {
 /// time.
 struct RegionWorkspace {
   std::vector<std::uint32_t> queue;
+  std::size_t slots = 0;  ///< of vertices that the two below have room for, and twice the triangles
+  SheetEdit edit;
+  std::optional<LocalRefinementWorkspace> refinement;
 };
 
 /// `sheet` is valid; `seeds` are slots in use that include every triangle with a point of the
@@ -66,6 +74,10 @@ struct RegionWorkspace {
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,
                                const RegionOptions& options, RegionWorkspace& workspace);
+
+/// Those of `seeds` that have an area in common with the tool, each once or as often as given.
+std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
+                                            std::span<const std::uint32_t> seeds, const Ring& tool);
 
 /// Every slot whose bounding box meets the tool's, by looking at all: for tests and tools without
 /// a grid. O(n).

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "runtime/deformation/part.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -39,7 +41,7 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
     out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
   }
   out.nodes = static_cast<std::uint32_t>(region.network.size());
-  out.negative_springs = region.network.signs.negative();
+  out.negative_springs = negative_at_free_nodes(region.network, region.mesh.kind);
   return {};
 }
 
@@ -55,6 +57,9 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
   const bool chosen = options.error_bound > 0;
   const double lambda_m = reach_m(membrane);
   RegionOptions region_options = options.region;
+  // A reach below the tool's size leaves a steep border along its outline.
+  const double circumradius_m = circle_around(tool).radius * lattice.step_m();
+  region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
   // Along a straight front the ring doubles what is left of exp(-R / lambda) (local_solver.h, law
   // 2); around a tool the response falls faster, by a factor that the steps below find out.
   if (chosen) region_options.radius_m = lambda_m * std::log(1 / std::min(0.5, options.error_bound));

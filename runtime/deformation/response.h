@@ -28,7 +28,7 @@ struct RegionResponse {
   double radius_m = 0;  ///< of the region; infinite if it is the whole sheet
   RingBounds bounds;    ///< relative; `force` refers to stiffness_N_per_m
   std::uint32_t nodes = 0, free_nodes = 0;
-  std::uint32_t negative_springs = 0;
+  std::uint32_t negative_springs = 0;  ///< of free nodes
 };
 
 /// All that belongs to one place of the tool.

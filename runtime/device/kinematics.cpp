@@ -50,7 +50,7 @@ KinematicsFailure solve_chain(double px, double py, double pn, double a, double 
   out.lift = std::asin(sine);
   out.first = std::atan2(py, px) + branch * std::acos(cosine);
   out.second = std::atan2(py - a * std::sin(out.first), px - a * std::cos(out.first)) - out.first;
-  return KinematicsFailure::kNone;
+  return KinematicsFailure::kOk;
 }
 
 KinematicsStatus inverse_leg(const DeviceDescription& device, int leg, const Vector3d& C,
@@ -61,7 +61,7 @@ KinematicsStatus inverse_leg(const DeviceDescription& device, int leg, const Vec
 
   const Vector3d p = C - leg::upper_motor(g);
   auto why = solve_chain(p.x(), p.z(), p.y(), g.l1_m, g.l2_m, g.branch_theta1, angles, lift_failed);
-  if (why != KinematicsFailure::kNone) return failure(why, leg, lift_failed ? 3 : 1);
+  if (why != KinematicsFailure::kOk) return failure(why, leg, lift_failed ? 3 : 1);
   theta[0] = angles.first;
   theta[1] = angles.second;
   theta[2] = angles.lift;
@@ -69,7 +69,7 @@ KinematicsStatus inverse_leg(const DeviceDescription& device, int leg, const Vec
   const Vector3d D = leg::link_joint(g, leg::elbow(g, theta[0]), C);
   const Vector3d q = D - leg::lower_motor(g);
   why = solve_chain(q.x(), q.y(), q.z(), g.l3_m, g.l4_m, g.branch_theta4, angles, lift_failed);
-  if (why != KinematicsFailure::kNone) return failure(why, leg, lift_failed ? 6 : 4);
+  if (why != KinematicsFailure::kOk) return failure(why, leg, lift_failed ? 6 : 4);
   theta[3] = angles.first;
   theta[4] = angles.second;
   theta[5] = angles.lift;
@@ -88,7 +88,7 @@ bool inside(const JointLimit& limit, double angle, double margin) noexcept {
 
 const char* to_string(KinematicsFailure failure) noexcept {
   switch (failure) {
-    case KinematicsFailure::kNone:
+    case KinematicsFailure::kOk:
       return "none";
     case KinematicsFailure::kBadInput:
       return "bad input";
@@ -274,7 +274,7 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
     if (largest > kLargestStep_m) step *= kLargestStep_m / largest;
     T.p_m += step.head<3>();
     T.q = (from_rotation_vector(step.tail<3>() / kPlateLength_m) * T.q).normalized();
-    if (largest <= options.step_m) result.status.failure = KinematicsFailure::kNone;
+    if (largest <= options.step_m) result.status.failure = KinematicsFailure::kOk;
   }
   return result;
 }

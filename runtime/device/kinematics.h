@@ -27,7 +27,7 @@ constexpr int encoder_index(int leg, int joint) noexcept {
 }
 
 enum class KinematicsFailure : std::uint8_t {
-  kNone,
+  kOk,
   kBadInput,      ///< not finite, or a quaternion that is not of unit length
   kOutOfReach,    ///< the joint's two links cannot span the distance
   kSingular,      ///< the joint's direction or rate is not determined
@@ -38,10 +38,10 @@ enum class KinematicsFailure : std::uint8_t {
 const char* to_string(KinematicsFailure failure) noexcept;
 
 struct KinematicsStatus {
-  KinematicsFailure failure = KinematicsFailure::kNone;
+  KinematicsFailure failure = KinematicsFailure::kOk;
   std::int8_t leg = 0;    ///< 1..4; 0 where it is no single leg's failure
   std::int8_t joint = 0;  ///< 1..6, theta's index; 0 likewise
-  explicit operator bool() const noexcept { return failure == KinematicsFailure::kNone; }
+  explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
 /// theta_rad[leg][joint], counted from 0.

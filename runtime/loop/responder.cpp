@@ -7,7 +7,7 @@
 #include <limits>
 #include <utility>
 
-#include "runtime/deformation/unbounded.h"
+#include "runtime/deformation/calibration.h"
 
 namespace trocar::runtime {
 namespace {
@@ -44,33 +44,47 @@ double settled_stiffness_N_per_m(const Region& region, const ForceLaw& law) {
 
 void find_seeds_in_grid(const Sheet& sheet, const LatticeOutline& outline,
                         std::vector<std::uint32_t>& seeds) {
-  LatticeBox box{outline.points[0], outline.points[0]};
-  for (int i = 1; i < outline.size; ++i) {
-    const LatticePoint p = outline.points[i];
-    box.lowest = {std::min(box.lowest.x, p.x), std::min(box.lowest.y, p.y)};
-    box.highest = {std::max(box.highest.x, p.x), std::max(box.highest.y, p.y)};
-  }
   seeds.clear();
-  sheet.grid.for_each(sheet.mesh, box, [&](std::uint32_t t) { seeds.push_back(t); });
+  sheet.grid.for_each(sheet.mesh, box_around(outline),
+                      [&](std::uint32_t t) { seeds.push_back(t); });
   std::sort(seeds.begin(), seeds.end());
+}
+
+SheetShape shape_of(const Sheet& sheet, Region region) {
+  SheetShape shape;
+  shape.slice_index = sheet.slice_index;
+  shape.cuts = sheet.cuts;
+  shape.z_m = sheet.z_m;
+  for (const LatticePoint p : region.mesh.mesh.vertices) {
+    const Eigen::Vector2d xy_m = sheet.transform.to_scene({p.x, p.y});
+    shape.vertices_m.push_back({xy_m.x(), xy_m.y()});
+  }
+  shape.triangles = std::move(region.mesh.mesh.triangles);
+  shape.w = std::move(region.solution.w);
+  return shape;
 }
 
 }  // namespace
 
 Result<std::unique_ptr<Responder>> Responder::make(const Scene& scene,
-                                                   const std::vector<Tissue>& tissue_of_sheet) {
+                                                   const std::vector<Tissue>& tissue_of_sheet,
+                                                   const Lattice& lattice) {
   std::unique_ptr<Responder> responder(new Responder);
   responder->law_ = scene.force_law;
   SceneTool upright = scene.tool;
   upright.tilt_deg = 0;
+  PlanarTransform transform;
+  transform.lattice = lattice;
+  Pose T_device_plate;
   const Tool tool = make_tool(upright);
-  std::vector<Eigen::Vector2d> outline_m;
-  for (int i = 0; i < tool.sides; ++i)
-    outline_m.emplace_back((tool.corner_plate_m[i] - tool.tip_plate_m).head<2>());
+  T_device_plate.p_m = -tool.tip_plate_m;
+  const Ring outline = to_ring(outline_on_lattice(tool, T_device_plate, transform, 0));
+  const Grading grading = options_of(scene.force_law).region.grading;
   for (const Tissue& tissue : tissue_of_sheet) {
-    auto membrane = membrane_for_tool(tissue.stiffness_N_per_m, scene.force_law.reach_m, outline_m);
-    if (!membrane) return membrane.error();
-    responder->membrane_.push_back(*membrane);
+    const auto found =
+        calibrate(tissue.stiffness_N_per_m, scene.force_law.reach_m, outline, lattice, grading);
+    if (!found) return found.error();
+    responder->membrane_.push_back(found->membrane);
   }
   return responder;
 }
@@ -83,11 +97,9 @@ std::optional<SheetResponse> Responder::answer(const ResponseRequest& request, c
   last_cuts_ = sheet.cuts;
   const auto start = std::chrono::steady_clock::now();
   find_seeds_in_grid(sheet, request.outline, seeds_);
-  const auto mesh = make_sheet_mesh(sheet.mesh, 0, 0);
-  if (!mesh) return std::nullopt;
-  auto region = prepare_region(*mesh, seeds_, to_ring(request.outline), sheet.transform.lattice,
-                               membrane_[static_cast<std::size_t>(request.sheet)], options_of(law_),
-                               workspace_);
+  auto region = prepare_region(
+      sheet.mesh, seeds_, to_ring(request.outline), sheet.transform.lattice,
+      membrane_[static_cast<std::size_t>(request.sheet)], options_of(law_), workspace_);
   if (!region) {
     ++report_.failures;
     return std::nullopt;
@@ -106,16 +118,13 @@ std::optional<SheetResponse> Responder::answer(const ResponseRequest& request, c
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - start)
           .count());
   ++report_.answers;
+  report_.free_nodes_last = found.free_nodes;
   report_.free_nodes_max = std::max(report_.free_nodes_max, found.free_nodes);
   report_.force_bound_max = std::max(report_.force_bound_max, found.bounds.force);
   report_.displacement_bound_max =
       std::max(report_.displacement_bound_max, found.bounds.displacement);
   report_.negative_springs_max = std::max(report_.negative_springs_max, found.negative_springs);
-  auto shape = std::make_shared<SheetShape>();
-  shape->sheet = request.sheet;
-  shape->cuts = sheet.cuts;
-  shape->mesh = std::move(region->mesh.mesh);
-  shape->w = std::move(region->solution.w);
+  auto shape = std::make_shared<SheetShape>(shape_of(sheet, std::move(*region)));
   const std::lock_guard lock(shape_mutex_);
   shape_ = std::move(shape);
   return out;

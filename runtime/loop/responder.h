@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -24,27 +25,32 @@
 
 namespace trocar::runtime {
 
-/// The sheet around the tool as it is when the tool stands 1 m deep; for pictures.
+/// The sheet around the tool, with the tool's outline cut out. With the tool d deep a vertex stands
+/// at z_m - d w.
 struct SheetShape {
-  std::int32_t sheet = -1;
-  std::uint32_t cuts = 0;  ///< holes the sheet had
-  SliceMesh mesh;          ///< with the tool's outline cut out
-  std::vector<double> w;   ///< displacement of each vertex, per depth
+  int slice_index = 0;                            ///< AssetSlice::index
+  std::uint32_t cuts = 0;                         ///< holes the sheet had
+  double z_m = 0;                                 ///< of the sheet at rest
+  std::vector<std::array<double, 2>> vertices_m;  ///< x, y in {B}
+  std::vector<Triangle> triangles;
+  std::vector<double> w;  ///< of each vertex: 1 under the tool's rim, towards 0 far from it
 };
 
 struct ResponderReport {
   std::uint64_t answers = 0, failures = 0;
   Histogram prepare;  ///< wall time of an answer
-  std::uint32_t free_nodes_max = 0;
+  std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
   double force_bound_max = 0, displacement_bound_max = 0;  ///< RingBounds of all answers
   std::uint32_t negative_springs_max = 0;
 };
 
 class Responder {
  public:
-  /// For sheets as from place_slices. Refused: a tool or tissue for which no membrane can be found.
+  /// For the tissues of sheets as from place_slices, on the asset's lattice. Some ms for each other
+  /// tissue. Refused: a tool or tissue for which no membrane can be found.
   static Result<std::unique_ptr<Responder>> make(const Scene& scene,
-                                                 const std::vector<Tissue>& tissue_of_sheet);
+                                                 const std::vector<Tissue>& tissue_of_sheet,
+                                                 const Lattice& lattice);
 
   // Haptic thread.
 

@@ -2,11 +2,14 @@
 #include "runtime/loop/session.h"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <deque>
 #include <numbers>
+#include <thread>
 #include <utility>
 
 #include "runtime/loop/allocation_counter.h"
@@ -84,6 +87,7 @@ class Session {
     if (recorder_ != nullptr) recorder_->push(result_.row);
     follow_faults();
     if (options_.live != nullptr) options_.live->write(result_.row);
+    if (options_.on_frame && is_real()) for_frames_.write(result_.row);
     keep_count(result_.row);
     report_.tick.add(now_ns() - start_ns);
     advance_(model_.contact.dt_s);
@@ -99,12 +103,16 @@ class Session {
     });
     if (recorder_ != nullptr) recorder_->start();
     if (black_box_ != nullptr) black_box_->start();
+    std::atomic<bool> done{false};
+    std::thread display([this, &done] { show_frames(done); });
     RealtimeOptions realtime;
     realtime.rate_Hz = options_.rate_Hz;
     realtime.cpu = options_.cpu;
     realtime.stop = options_.stop;
     report_.realtime =
         run_realtime(realtime, [this](const TickTiming& timing) { return tick(timing); });
+    done.store(true);
+    display.join();
     remesher_.stop();
   }
 
@@ -119,10 +127,10 @@ class Session {
       if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
       if (responder_ != nullptr && options_.replay.empty()) respond();
+      if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
-    while (remesher_.publish_next()) {
-    }
+    remesher_.stop();
   }
 
   SessionReport finish() {
@@ -251,6 +259,28 @@ class Session {
     return options_.clock == Clock::kReal && options_.replay.empty();
   }
 
+  std::shared_ptr<const SheetShape> shape() const {
+    return responder_ == nullptr ? nullptr : responder_->shape();
+  }
+
+  /// Real clock, on a thread of its own.
+  void show_frames(const std::atomic<bool>& done) {
+    if (!options_.on_frame) return;
+    RecordingRow row;
+    while (!done.load()) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(1 / options_.frame_rate_Hz));
+      if (for_frames_.read(row)) options_.on_frame(row, shape());
+    }
+  }
+
+  /// Virtual clock, after a tick.
+  void show_frame() {
+    const double now_s = static_cast<double>(state_.tick - 1) / options_.rate_Hz;
+    if (now_s * options_.frame_rate_Hz < static_cast<double>(frames_)) return;
+    ++frames_;
+    options_.on_frame(result_.row, shape());
+  }
+
   /// Virtual clock, after a tick.
   void respond() {
     const auto period = static_cast<std::uint64_t>(
@@ -300,6 +330,8 @@ class Session {
   std::uint64_t ticks_;
   std::vector<const Sheet*> sheets_;
   std::int64_t cuts_published_ = 0;
+  TripleBuffer<RecordingRow> for_frames_;
+  std::uint64_t frames_ = 0;
   SheetResponse response_;
   std::deque<std::pair<std::uint64_t, SheetResponse>> responses_due_;  ///< virtual clock: at a tick
   double last_force_N_ = 0;
@@ -354,7 +386,7 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
     std::vector<Tissue> tissues;
     for (std::size_t i = 0; i < remesher.size(); ++i)
       tissues.push_back(remesher.first_version(i).tissue);
-    auto made = Responder::make(scene, tissues);
+    auto made = Responder::make(scene, tissues, remesher.first_version(0).transform.lattice);
     if (!made) return made.error();
     responder = std::move(*made);
   }

@@ -58,6 +58,10 @@ struct SessionOptions {
   int cpu = -1;                                ///< RealtimeOptions::cpu
   const std::atomic<bool>* stop = nullptr;     ///< ends the session between two ticks
   TripleBuffer<RecordingRow>* live = nullptr;  ///< gets every row
+  /// Called at the frame rate, never on the haptic thread, with the latest row and, by `network`,
+  /// the sheet around the tool (else null).
+  std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)> on_frame;
+  double frame_rate_Hz = 30;
 };
 
 inline constexpr std::size_t kMaxListedFaults = 256;

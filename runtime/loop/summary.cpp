@@ -81,13 +81,10 @@ json describe(const PunctureEvent& event, const Remesher& remesher) {
     puncture["error"] = record->error->message;
     return puncture;
   }
-  std::size_t vertices = 0;
-  for (const Ring& ring : record->hole)
-    vertices += ring.size();
   puncture["remesh_us"] = record->remesh_us;
-  puncture["hole_vertices"] = vertices;
-  puncture["triangles_removed"] = record->triangles_removed;
-  puncture["triangles_created"] = record->triangles_created;
+  puncture["hole_vertices"] = record->hole_vertices;
+  puncture["triangles_removed"] = record->cut.triangles_removed;
+  puncture["triangles_created"] = record->cut.triangles_created;
   return puncture;
 }
 
@@ -173,19 +170,19 @@ json describe_sheets(const Scene& scene, const Remesher& remesher) {
                   {"at_m", {first.transform.at_m.x(), first.transform.at_m.y()}},
                   {"anchor_mm", {first.transform.anchor_mm.x(), first.transform.anchor_mm.y()}},
                   {"rotation_deg", scene.placement.rotation_deg},
-                  {"before", describe(first.mesh)},
-                  {"after", describe(remesher.last_version(i).mesh)},
+                  {"before", describe(to_slice_mesh(first.mesh))},
+                  {"after", describe(to_slice_mesh(remesher.last_version(i).mesh))},
                   {"cuts", json::array()}};
     for (const CutRecord& record : remesher.records()) {
       if (record.request.sheet != static_cast<std::int32_t>(i) || record.error) continue;
       json hole = json::array();
-      for (const Ring& ring : record.hole)
+      for (const Ring& ring : remesher.hole(record))
         hole.push_back(points(ring));
       sheet["cuts"].push_back({{"tool", points(to_ring(record.request.outline))},
                                {"hole", hole},
-                               {"triangles_removed", record.triangles_removed},
-                               {"triangles_created", record.triangles_created},
-                               {"doubled_area_removed", record.doubled_area_removed}});
+                               {"triangles_removed", record.cut.triangles_removed},
+                               {"triangles_created", record.cut.triangles_created},
+                               {"doubled_area_removed", record.cut.doubled_area_removed}});
     }
     sheets.push_back(std::move(sheet));
   }

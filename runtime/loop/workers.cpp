@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/loop/workers.h"
 
+#include <algorithm>
 #include <chrono>
+#include <string>
 #include <utility>
 
 namespace trocar::runtime {
@@ -13,13 +15,35 @@ constexpr std::chrono::milliseconds kRecorderInterval{20};
 
 }  // namespace
 
-Remesher::Remesher(std::vector<std::unique_ptr<const Sheet>> sheets) {
-  for (auto& sheet : sheets) {
-    auto lane = std::make_unique<Lane>();
-    lane->published.store(sheet.get(), std::memory_order_release);
-    lane->versions.push_back(std::move(sheet));
-    lanes_.push_back(std::move(lane));
+Remesher::Lane::Lane(const Sheet& sheet)
+    : replica{sheet, sheet},
+      edit(sheet.mesh),
+      doubled_area(trocar::doubled_area(to_slice_mesh(sheet.mesh))),
+      published(replica.data()) {
+  first = sheet;
+  first.mesh = std::move(*make_sheet_mesh(to_slice_mesh(sheet.mesh), 0, 0));
+  first.grid = TriangleGrid();
+}
+
+Remesher::Remesher(std::vector<std::unique_ptr<const Sheet>> sheets, const RemesherOptions& options)
+    : options_(options) {
+  CutCapacity capacity;
+  std::size_t vertices = 0, triangles = 0;
+  for (const auto& sheet : sheets) {
+    const CutCapacity own = capacity_for(sheet->mesh);
+    capacity.triangles = std::max(capacity.triangles, own.triangles);
+    capacity.points = std::max(capacity.points, own.points);
+    capacity.edges = std::max(capacity.edges, own.edges);
+    vertices = std::max(vertices, sheet->mesh.vertices.size());
+    triangles = std::max(triangles, sheet->mesh.triangles.size());
+    lanes_.push_back(std::make_unique<Lane>(*sheet));
   }
+  work_ = std::make_unique<CutWorkspace>(capacity);
+  refinement_ = std::make_unique<LocalRefinementWorkspace>(vertices, triangles);
+  ready_.reserve(lanes_.size());
+  records_.reserve(kMaxRecords);
+  hole_points_.reserve(kMaxHolePoints);
+  ring_end_.reserve(kMaxHolePoints / 3);
 }
 
 Remesher::~Remesher() {
@@ -34,63 +58,122 @@ const Sheet* Remesher::current(std::size_t sheet) noexcept {
   return latest;
 }
 
-void Remesher::let_go(Lane& lane) {
-  // The first version stays for reports, the last one for the next cut.
-  const std::uint32_t seen = lane.seen_cuts.load(std::memory_order_acquire);
-  while (lane.versions.size() > 2 && lane.versions[1]->cuts < seen) {
-    lane.versions.erase(lane.versions.begin() + 1);
+void Remesher::catch_up(Lane& lane) noexcept {
+  if (!lane.older_is_behind || lane.unpublished) return;
+  const Sheet& newer = lane.replica[lane.newer];
+  if (lane.seen_cuts.load(std::memory_order_acquire) < newer.cuts && !nobody_reads_) return;
+  Sheet& older = lane.replica[1 - lane.newer];
+  lane.edit.copy_to(newer.mesh, older.mesh);
+  older.grid.update(lane.edit, older.mesh);
+  older.cuts = newer.cuts;
+  lane.older_is_behind = false;
+}
+
+void Remesher::improve(Lane& lane, Sheet& sheet, CutRecord& record) noexcept {
+  if (options_.min_angle_deg <= 0) return;
+  LocalRefinementOptions options;
+  options.min_angle_deg = options_.min_angle_deg;
+  const RefinementResult result =
+      refine_locally(sheet.mesh, lane.edit, work_->stitch.created, options, *refinement_);
+  record.quality_vertices = result.vertices_added;
+  record.cut.obtuse_boundary_sides = count_obtuse_boundary_sides(sheet.mesh, lane.edit);
+}
+
+void Remesher::keep_hole(CutRecord& record) noexcept {
+  const HoleOutline& hole = work_->hole;
+  record.hole_vertices = static_cast<std::uint32_t>(hole.points.size());
+  record.first_ring = static_cast<std::uint32_t>(ring_end_.size());
+  if (hole_points_.size() + hole.points.size() > hole_points_.capacity() ||
+      ring_end_.size() + hole.rings() > ring_end_.capacity())
+    return;
+  record.rings = static_cast<std::uint32_t>(hole.rings());
+  for (std::size_t r = 0; r < hole.rings(); ++r) {
+    const std::span<const LatticePoint> ring = hole.ring(r);
+    hole_points_.insert(hole_points_.end(), ring.begin(), ring.end());
+    ring_end_.push_back(static_cast<std::uint32_t>(hole_points_.size()));
   }
 }
 
+std::vector<Ring> Remesher::hole(const CutRecord& record) const {
+  std::vector<Ring> rings;
+  for (std::uint32_t r = record.first_ring; r < record.first_ring + record.rings; ++r) {
+    const std::uint32_t start = r == 0 ? 0 : ring_end_[r - 1];
+    rings.emplace_back(hole_points_.begin() + start, hole_points_.begin() + ring_end_[r]);
+  }
+  return rings;
+}
+
+// The older replica is as the newer one, and nobody reads it.
 void Remesher::serve_one(const CutRequest& request) {
   const auto start = std::chrono::steady_clock::now();
-  Lane& lane = *lanes_[static_cast<std::size_t>(request.sheet)];
-  const Sheet& before = *lane.versions.back();
+  const auto index = static_cast<std::size_t>(request.sheet);
+  Lane& lane = *lanes_[index];
+  const std::uint32_t cuts = lane.replica[lane.newer].cuts;
+  Sheet& next = lane.replica[1 - lane.newer];
   CutRecord record;
   record.request = request;
-  record.doubled_area_before = doubled_area(before.mesh);
-  Result<CutResult> result = cut(before.mesh, to_ring(request.outline));
-  if (!result) {
-    record.error = result.error();
-  } else if (request.cut != before.cuts + 1) {
+  record.doubled_area_before = lane.doubled_area;
+  if (request.cut != cuts + 1) {
     record.error = bug("a cut before this one failed");
   } else {
-    record.hole = std::move(result->hole);
-    record.doubled_area_removed = result->doubled_area_removed;
-    record.triangles_removed = result->triangles_removed;
-    record.triangles_created = result->triangles_created;
-    lane.versions.push_back(with_mesh(before, std::move(result->mesh)));
-    ready_.emplace_back(static_cast<std::size_t>(request.sheet), lane.versions.back().get());
+    const std::span outline(request.outline.points.data(),
+                            static_cast<std::size_t>(request.outline.size));
+    record.cut = cut_in_place(next.mesh, next.grid, outline, *work_, lane.edit);
+    if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNothingMet) {
+      if (record.cut.outcome == CutOutcome::kCut) improve(lane, next, record);
+      next.grid.update(lane.edit, next.mesh);
+      next.cuts = cuts + 1;
+      keep_hole(record);
+      lane.doubled_area -= record.cut.doubled_area_removed;
+      lane.newer = 1 - lane.newer;
+      lane.older_is_behind = true;
+      lane.unpublished = true;
+      ready_.push_back(index);
+    } else {
+      record.error = bug("cut: " + std::string(to_word(record.cut.outcome)) +
+                         (record.cut.bug != nullptr ? std::string(": ") + record.cut.bug : ""));
+    }
   }
   record.remesh_us =
       std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start).count();
-  records_.push_back(std::move(record));
+  if (records_.size() < kMaxRecords) {
+    records_.push_back(record);
+  } else {
+    ++records_not_kept_;
+  }
 }
 
 void Remesher::serve() {
+  for (const auto& lane : lanes_)
+    catch_up(*lane);
   CutRequest request;
-  while (requests_.pop(request))
+  while (waiting_ || requests_.pop(request)) {
+    if (waiting_) request = *waiting_;
+    waiting_.reset();
+    if (lanes_[static_cast<std::size_t>(request.sheet)]->older_is_behind) {
+      waiting_ = request;
+      return;
+    }
     serve_one(request);
+  }
 }
 
 bool Remesher::publish_next() {
   if (ready_.empty()) return false;
-  const auto [index, sheet] = ready_.front();
-  ready_.pop_front();
-  lanes_[index]->published.store(sheet, std::memory_order_release);
-  let_go(*lanes_[index]);
+  Lane& lane = *lanes_[ready_.front()];
+  ready_.erase(ready_.begin());
+  lane.published.store(&lane.replica[lane.newer], std::memory_order_release);
+  lane.unpublished = false;
   return true;
 }
 
 void Remesher::start(std::function<void()> between) {
   stopping_.store(false);
   thread_ = std::thread([this, between = std::move(between)] {
-    for (;;) {
-      const bool last = stopping_.load(std::memory_order_acquire);
+    while (!stopping_.load(std::memory_order_acquire)) {
       serve();
       while (publish_next()) {
       }
-      if (last) return;
       if (between) between();
       std::this_thread::sleep_for(kPollInterval);
     }
@@ -98,9 +181,15 @@ void Remesher::start(std::function<void()> between) {
 }
 
 void Remesher::stop() {
-  if (!thread_.joinable()) return;
-  stopping_.store(true, std::memory_order_release);
-  thread_.join();
+  if (thread_.joinable()) {
+    stopping_.store(true, std::memory_order_release);
+    thread_.join();
+  }
+  nobody_reads_ = true;
+  do {
+    serve();
+  } while (publish_next() || waiting_);
+  nobody_reads_ = false;
 }
 
 Recorder::~Recorder() {

@@ -8,7 +8,6 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -22,6 +21,7 @@
 #include "runtime/contact/puncture.h"
 #include "runtime/loop/spsc_queue.h"
 #include "runtime/remesh/cut.h"
+#include "runtime/remesh/local_refinement.h"
 
 namespace trocar::runtime {
 
@@ -29,18 +29,36 @@ namespace trocar::runtime {
 struct CutRecord {
   CutRequest request;
   std::optional<Error>
-      error;               ///< the cut failed; the sheet keeps its mesh, the hole counts as open
-  std::vector<Ring> hole;  ///< CutResult::hole
-  std::int64_t doubled_area_before = 0, doubled_area_removed = 0;  ///< steps^2
-  std::uint32_t triangles_removed = 0, triangles_created = 0;
-  double remesh_us = 0;  ///< wall time of the cut and of building the sheet
+      error;      ///< the cut failed; the sheet keeps its mesh, the hole counts as open
+  CutReport cut;  ///< obtuse_boundary_sides: after the quality pass
+  std::int64_t doubled_area_before = 0;     ///< steps^2
+  std::uint32_t quality_vertices = 0;       ///< added by the quality pass
+  std::uint32_t hole_vertices = 0;          ///< of the rings around what went
+  std::uint32_t first_ring = 0, rings = 0;  ///< Remesher::hole() gives them
+  double remesh_us = 0;  ///< wall time from the request's turn to a sheet ready for use
 };
 
-/// Keeps every sheet's versions. Requests are served one after the other, in their order.
+struct RemesherOptions {
+  /// New triangles get no angle below this where the outline permits; 0: as the cut leaves them.
+  double min_angle_deg = 20;
+};
+
+/// Cuts holes into sheets. There are two replicas of each sheet: the haptic thread reads one, the
+/// cut is made in the other, and they change places by one atomic store. When the haptic thread has
+/// let the older one go, the edit is made there too. Nothing is copied as a whole and nothing
+/// allocated after the constructor (but for the words of an error), and all takes a time that
+/// depends on the hole alone.
+///
+/// Requests are served in their order. One for a sheet whose older replica is still in use waits,
+/// and all behind it: in real time for a tick at the most.
 class Remesher {
  public:
+  static constexpr std::size_t kMaxRecords = 4096;          ///< the first ones are kept
+  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< of their holes, likewise
+
   /// `sheets` as from place_slices, at most kMaxSceneSlices.
-  explicit Remesher(std::vector<std::unique_ptr<const Sheet>> sheets);
+  explicit Remesher(std::vector<std::unique_ptr<const Sheet>> sheets,
+                    const RemesherOptions& options = {});
   ~Remesher();
   Remesher(const Remesher&) = delete;
   Remesher& operator=(const Remesher&) = delete;
@@ -56,11 +74,13 @@ class Remesher {
 
   // One other thread: either the one that start() makes, or the caller's.
 
-  /// Serves requests as they come and publishes at once, until stop(), which serves what is left.
+  /// Serves requests as they come and publishes at once, until stop().
   /// `between` is called on the same thread whenever none waits.
   void start(std::function<void()> between = {});
+  /// After the haptic thread's last tick: serves and publishes what is left.
   void stop();
-  /// Serves all waiting requests without publishing (virtual clock: the caller says when).
+  /// Serves the waiting requests without publishing (virtual clock: the caller says when), but for
+  /// those that have to wait for a replica: a sheet has at most one version that is not published.
   void serve();
   /// Publishes the oldest sheet that serve() has ready; false if there is none. A failed cut has
   /// none.
@@ -69,23 +89,46 @@ class Remesher {
   // After stop(), or from the thread that serves.
 
   const std::vector<CutRecord>& records() const noexcept { return records_; }
-  const Sheet& first_version(std::size_t sheet) const { return *lanes_[sheet]->versions.front(); }
-  const Sheet& last_version(std::size_t sheet) const { return *lanes_[sheet]->versions.back(); }
+  std::uint64_t records_not_kept() const noexcept { return records_not_kept_; }
+  /// CutRecord's rings, as CutResult::hole; none if they found no room.
+  std::vector<Ring> hole(const CutRecord& record) const;
+  /// As it was placed, without free slots and without a grid.
+  const Sheet& first_version(std::size_t sheet) const { return lanes_[sheet]->first; }
+  const Sheet& last_version(std::size_t sheet) const {
+    return lanes_[sheet]->replica[lanes_[sheet]->newer];
+  }
 
  private:
   struct Lane {
-    std::deque<std::unique_ptr<const Sheet>> versions;  ///< the first and those not yet let go
-    std::atomic<const Sheet*> published{nullptr};
+    explicit Lane(const Sheet& sheet);
+    Sheet first;
+    std::array<Sheet, 2> replica;
+    std::uint32_t newer = 0;       ///< of the two
+    bool older_is_behind = false;  ///< by `edit`
+    bool unpublished = false;      ///< the newer one is
+    SheetEdit edit;
+    std::int64_t doubled_area;
+    std::atomic<const Sheet*> published;
     std::atomic<std::uint32_t> seen_cuts{0};  ///< of the version the haptic thread took last
   };
 
+  void catch_up(Lane& lane) noexcept;
   void serve_one(const CutRequest& request);
-  static void let_go(Lane& lane);
+  void improve(Lane& lane, Sheet& sheet, CutRecord& record) noexcept;
+  void keep_hole(CutRecord& record) noexcept;
 
+  RemesherOptions options_;
   SpscQueue<CutRequest, 64> requests_;
   std::vector<std::unique_ptr<Lane>> lanes_;
-  std::deque<std::pair<std::size_t, const Sheet*>> ready_;  ///< cut, not published
+  std::unique_ptr<CutWorkspace> work_;
+  std::unique_ptr<LocalRefinementWorkspace> refinement_;
+  std::optional<CutRequest> waiting_;  ///< taken off the queue
+  std::vector<std::size_t> ready_;     ///< lanes with an unpublished version, the oldest first
+  bool nobody_reads_ = false;
   std::vector<CutRecord> records_;
+  std::uint64_t records_not_kept_ = 0;
+  std::vector<LatticePoint> hole_points_;
+  std::vector<std::uint32_t> ring_end_;  ///< of each ring, in hole_points_
   std::atomic<bool> stopping_{false};
   std::thread thread_;
 };

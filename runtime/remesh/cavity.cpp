@@ -2,9 +2,6 @@
 #include "runtime/remesh/cavity.h"
 
 #include <algorithm>
-#include <string>
-#include <tuple>
-#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -38,7 +35,7 @@ bool segment_meets(const std::array<LatticePoint, 3>& triangle, LatticePoint c, 
 
 // Is the point (x, y) / scale inside the polygon? It is not on it. Even-odd
 // rule with a ray to the right.
-bool inside(std::int64_t x, std::int64_t y, std::int64_t scale, const Ring& polygon) {
+bool inside(std::int64_t x, std::int64_t y, std::int64_t scale, Outline polygon) {
   bool in = false;
   for (std::size_t i = 0, n = polygon.size(); i < n; ++i) {
     const LatticePoint a = polygon[i], b = polygon[i + 1 == n ? 0 : i + 1];
@@ -60,40 +57,7 @@ bool boxes_apart(const std::array<LatticePoint, 3>& t, LatticePoint c, LatticePo
 
 }  // namespace
 
-Result<Neighbours> triangle_neighbours(const SliceMesh& sheet) {
-  struct Edge {
-    std::uint32_t low, high, forward, triangle, corner;
-    auto key() const { return std::tuple{low, high, forward}; }
-  };
-  std::vector<Edge> edges;
-  edges.reserve(sheet.triangles.size() * 3);
-  for (std::uint32_t t = 0; t < sheet.triangles.size(); ++t) {
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t from = sheet.triangles[t][i], to = sheet.triangles[t][(i + 1) % 3];
-      if (from >= sheet.vertices.size()) {
-        return refused("triangle " + std::to_string(t) + " names vertex " + std::to_string(from) +
-                       " of " + std::to_string(sheet.vertices.size()));
-      }
-      edges.push_back({std::min(from, to), std::max(from, to), from < to, t, i});
-    }
-  }
-  std::sort(edges.begin(), edges.end(),
-            [](const Edge& a, const Edge& b) { return a.key() < b.key(); });
-  Neighbours neighbours(sheet.triangles.size(), {kNone, kNone, kNone});
-  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
-    const Edge &a = edges[i], &b = edges[i + 1];
-    if (a.low != b.low || a.high != b.high) continue;
-    if (a.forward == b.forward) {
-      return refused("triangles " + std::to_string(a.triangle) + " and " +
-                     std::to_string(b.triangle) + " use an edge in the same direction");
-    }
-    neighbours[a.triangle][a.corner] = b.triangle;
-    neighbours[b.triangle][b.corner] = a.triangle;
-  }
-  return neighbours;
-}
-
-Contact contact(const std::array<LatticePoint, 3>& triangle, const Ring& tool) {
+Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept {
   bool touches = false;
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
     const LatticePoint c = tool[i], d = tool[i + 1 == n ? 0 : i + 1];
@@ -108,7 +72,7 @@ Contact contact(const std::array<LatticePoint, 3>& triangle, const Ring& tool) {
   return touches ? Contact::kTouches : Contact::kApart;
 }
 
-bool strictly_outside(LatticePoint p, const Ring& tool) {
+bool strictly_outside(LatticePoint p, Outline tool) noexcept {
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
     const LatticePoint a = tool[i], b = tool[i + 1 == n ? 0 : i + 1];
     if (orient2d(a, b, p) == 0 && diametral_dot(a, b, p) <= 0) return false;
@@ -116,31 +80,75 @@ bool strictly_outside(LatticePoint p, const Ring& tool) {
   return !inside(p.x, p.y, 1, tool);
 }
 
-Cavity make_cavity(const SliceMesh& sheet, const Neighbours& neighbours,
-                   std::vector<std::uint8_t> contains) {
-  Cavity cavity;
-  cavity.contains = std::move(contains);
-  std::vector<std::uint32_t> all, on_rim;
-  for (std::uint32_t t = 0; t < sheet.triangles.size(); ++t) {
-    if (cavity.contains[t] == 0) continue;
-    cavity.triangles.push_back(t);
-    const Triangle& v = sheet.triangles[t];
-    all.insert(all.end(), v.begin(), v.end());
-    for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t beyond = neighbours[t][i];
-      if (beyond != kNone && cavity.contains[beyond] != 0) continue;
-      cavity.rim.push_back({v[i], v[(i + 1) % 3], beyond});
-      on_rim.push_back(v[i]);
-      on_rim.push_back(v[(i + 1) % 3]);
+void Cavity::allocate(std::size_t max_triangles) {
+  reserve_touched(triangles, max_triangles);
+  reserve_touched(rim, 3 * max_triangles);
+  reserve_touched(rim_vertices, 3 * max_triangles);
+  reserve_touched(inner, 3 * max_triangles);
+  members.allocate(max_triangles);
+  vertices.allocate(3 * max_triangles);
+}
+
+Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                  Cavity& cavity) noexcept {
+  cavity.triangles.clear();
+  cavity.members.clear();
+  bool overlaps = false, fits = true;
+  grid.for_each(mesh, box_around(tool), [&](std::uint32_t t) {
+    const Contact c = contact(corners(mesh, t), tool);
+    if (c == Contact::kApart || !fits) return;
+    overlaps = overlaps || c == Contact::kOverlaps;
+    fits = push_within(cavity.triangles, t);
+    if (fits) cavity.members.insert(t, 1);
+  });
+  if (!fits) return Stage::kCapacity;
+  if (!overlaps) {
+    cavity.triangles.clear();
+    cavity.members.clear();
+  }
+  std::sort(cavity.triangles.begin(), cavity.triangles.end());
+  return Stage::kDone;
+}
+
+Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept {
+  for (const std::uint32_t t : triangles) {
+    if (cavity.contains(t)) continue;
+    if (!push_within(cavity.triangles, t)) return Stage::kCapacity;
+    cavity.members.insert(t, 1);
+  }
+  std::sort(cavity.triangles.begin(), cavity.triangles.end());
+  return Stage::kDone;
+}
+
+void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
+  cavity.rim.clear();
+  cavity.rim_vertices.clear();
+  cavity.inner.clear();
+  cavity.vertices.clear();
+  const auto list = [&cavity](std::vector<std::uint32_t>& vertices, std::uint32_t v) {
+    const std::size_t known = cavity.vertices.size();
+    cavity.vertices.insert(v, 1);
+    if (cavity.vertices.size() > known) vertices.push_back(v);
+  };
+  for (const std::uint32_t t : cavity.triangles) {
+    const Triangle& v = mesh.triangles[t];
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const std::uint32_t from = v[i], to = v[(i + 1) % 3], beyond = mesh.across[t][i];
+      RimEdge edge{from, to, beyond, 0};
+      if (beyond != kNone) {
+        if (cavity.contains(beyond)) continue;
+        const Triangle& u = mesh.triangles[beyond];
+        edge.kept_side = u[0] == to ? 0 : u[1] == to ? 1 : 2;
+      }
+      cavity.rim.push_back(edge);
+      list(cavity.rim_vertices, from);
+      list(cavity.rim_vertices, to);
     }
   }
-  for (std::vector<std::uint32_t>* list : {&all, &on_rim}) {
-    std::sort(list->begin(), list->end());
-    list->erase(std::unique(list->begin(), list->end()), list->end());
+  for (const std::uint32_t t : cavity.triangles) {
+    for (const std::uint32_t v : mesh.triangles[t])
+      list(cavity.inner, v);
   }
-  std::set_difference(all.begin(), all.end(), on_rim.begin(), on_rim.end(),
-                      std::back_inserter(cavity.inner));
-  return cavity;
 }
 
 }  // namespace trocar::runtime

@@ -7,20 +7,26 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
-#include "formats/result.h"
 #include "formats/slice_mesh.h"
+#include "runtime/remesh/flat_table.h"
 #include "runtime/remesh/sheet_mesh.h"
+#include "runtime/remesh/triangle_grid.h"
 
 namespace trocar::runtime {
 
-/// neighbours[t][i] is the triangle across the edge from corner i to corner
-/// i + 1 (mod 3) of triangle t, kNone on the sheet's boundary.
-using Neighbours = std::vector<std::array<std::uint32_t, 3>>;
+/// A simple polygon, counter-clockwise.
+using Outline = std::span<const LatticePoint>;
 
-/// O(n log n). Refused: an index out of range, or a directed edge used twice.
-Result<Neighbours> triangle_neighbours(const SliceMesh& sheet);
+/// How a stage of a cut ended.
+enum class Stage : std::uint8_t {
+  kDone,
+  kAgain,     ///< rounding ran into triangles that were to stay: repeat with them in the cavity
+  kCapacity,  ///< the workspace is too small
+  kBug,       ///< an invariant does not hold
+};
 
 enum class Contact : std::uint8_t {
   kApart,     ///< the closed triangle and the closed tool have no point in common
@@ -28,32 +34,41 @@ enum class Contact : std::uint8_t {
   kOverlaps,  ///< a common area
 };
 
-/// How the triangle (counter-clockwise) and the tool (simple) meet. O(tool size).
-Contact contact(const std::array<LatticePoint, 3>& triangle, const Ring& tool);
+/// How the triangle (counter-clockwise) and the tool meet. O(tool size).
+Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
-/// Is p neither inside the simple polygon nor on it? O(tool size).
-bool strictly_outside(LatticePoint p, const Ring& tool);
+/// Is p neither inside the polygon nor on it? O(tool size).
+bool strictly_outside(LatticePoint p, Outline tool) noexcept;
 
 /// A directed edge of the cavity's boundary, the cavity on its left.
 struct RimEdge {
-  std::uint32_t from, to;  ///< vertices of the sheet
-  std::uint32_t kept;      ///< the triangle that stays beyond it; kNone on the sheet's boundary
+  std::uint32_t from, to;   ///< vertices of the sheet
+  std::uint32_t kept;       ///< the triangle that stays beyond it; kNone on the sheet's boundary
+  std::uint32_t kept_side;  ///< the edge, as a side of `kept`
 };
 
 struct Cavity {
-  std::vector<std::uint32_t> triangles;  ///< ascending
-  std::vector<std::uint8_t> contains;    ///< by triangle of the sheet: 1 if in the cavity
-  std::vector<RimEdge> rim;              ///< in the order of `triangles`
-  std::vector<std::uint32_t> inner;      ///< vertices all of whose triangles go, off the rim
+  std::vector<std::uint32_t> triangles;     ///< ascending
+  std::vector<RimEdge> rim;                 ///< in the order of `triangles`
+  std::vector<std::uint32_t> rim_vertices;  ///< each once
+  std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles go, off the rim
+  FlatTable members;                        ///< the triangles
+  FlatTable vertices;                       ///< of the rim, and inner ones
+
+  void allocate(std::size_t max_triangles);
+  bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
 };
 
-/// The cavity that the triangles marked in `contains` leave.
-Cavity make_cavity(const SliceMesh& sheet, const Neighbours& neighbours,
-                   std::vector<std::uint8_t> contains);
+/// The triangles that the tool meets, those it only touches among them, so that no tool edge ends
+/// or lies on the edge of a triangle that stays. No triangle at all if it overlaps none. Time
+/// proportional to the triangles near the tool.
+Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                  Cavity& cavity) noexcept;
 
-inline std::array<LatticePoint, 3> corners(const SliceMesh& sheet, std::uint32_t t) {
-  const Triangle& v = sheet.triangles[t];
-  return {sheet.vertices[v[0]], sheet.vertices[v[1]], sheet.vertices[v[2]]};
-}
+/// Takes more triangles into it; those that it has already do not count.
+Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
+
+/// Rim and vertices of the cavity.
+void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
 
 }  // namespace trocar::runtime

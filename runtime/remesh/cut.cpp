@@ -1,101 +1,169 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/remesh/cut.h"
 
-#include <algorithm>
 #include <string>
 #include <utility>
-
-#include "formats/mesh_validity.h"
-#include "runtime/remesh/cavity.h"
-#include "runtime/remesh/overlay.h"
-#include "runtime/remesh/patch.h"
 
 namespace trocar::runtime {
 namespace {
 
-Result<void> check_tool(const Ring& tool) {
-  for (LatticePoint p : tool) {
-    if (p.x < -kMaxCoordinate || p.x > kMaxCoordinate || p.y < -kMaxCoordinate ||
-        p.y > kMaxCoordinate) {
-      return refused("tool polygon: a vertex outside the lattice's range");
-    }
-  }
-  if (auto ok = check_pslg({{tool}}); !ok) return refused("tool polygon: " + ok.error().message);
-  Ring sorted = tool;
-  std::sort(sorted.begin(), sorted.end());
-  if (std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end()) {
-    return refused("tool polygon: it touches itself");
-  }
-  if (doubled_area(tool) <= 0) return refused("tool polygon: it does not run counter-clockwise");
-  return {};
+bool on_lattice(LatticePoint p) {
+  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
+         p.y <= kMaxCoordinate;
 }
 
-// What is returned is proved first; see cut.h.
-Result<void> prove(const SliceMesh& sheet, const Patch& patch, const CutResult& result) {
-  if (auto ok = check_mesh(result.mesh); !ok) return bug("cut: " + ok.error().message);
-  if (!is_constrained_delaunay({patch.points, patch.triangles})) {
-    return bug("cut: the patch is not constrained Delaunay");
+bool is_tool(Outline tool) {
+  const std::size_t n = tool.size();
+  if (n < 3 || n > kMaxToolCorners) return false;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!on_lattice(tool[i])) return false;
+    for (std::size_t j = 0; j < i; ++j) {
+      if (tool[i] == tool[j]) return false;
+    }
   }
-  std::int64_t of_hole = 0;
-  for (const Ring& ring : result.hole)
-    of_hole += doubled_area(ring);
-  if (of_hole != result.doubled_area_removed ||
-      doubled_area(sheet) - doubled_area(result.mesh) != of_hole) {
-    return bug("cut: the hole's area is not what the sheet has lost");
+  std::int64_t area = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const LatticePoint a = tool[i], b = tool[(i + 1) % n];
+    area += orient2d(tool[0], a, b);
+    for (std::size_t j = 0; j < i; ++j) {
+      if (segments_cross(a, b, tool[j], tool[j + 1])) return false;
+    }
   }
-  return {};
+  return area > 0;
+}
+
+// Cavity, overlay and patch; again with a larger cavity where rounding ran into a triangle that was
+// to stay. Each round adds triangles, so this ends.
+Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                 CutWorkspace& work) noexcept {
+  Stage stage = find_cavity(mesh, grid, tool, work.cavity);
+  if (work.cavity.triangles.empty()) return stage;
+  while (stage == Stage::kDone) {
+    trace_rim(mesh, work.cavity);
+    stage = settle_overlay(mesh, grid, work.cavity, tool, work.overlay);
+    std::span<const std::uint32_t> absorb = work.overlay.absorb;
+    if (stage == Stage::kDone) {
+      stage = make_patch(work.overlay, work.patch);
+      absorb = work.patch.absorb;
+    }
+    if (stage != Stage::kAgain) return stage;
+    stage = enlarge_cavity(absorb, work.cavity);
+  }
+  return stage;
+}
+
+// `bug`: what a stage that ends in kBug has run into.
+CutReport failure(Stage stage, const char* bug) noexcept {
+  CutReport report;
+  report.outcome = stage == Stage::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;
+  if (report.outcome == CutOutcome::kBug) report.bug = bug;
+  return report;
 }
 
 }  // namespace
 
-Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
-  if (auto ok = check_tool(tool); !ok) return ok.error();
-  const Result<Neighbours> neighbours = triangle_neighbours(sheet);
-  if (!neighbours) return neighbours.error();
-
-  // Which triangles the tool meets. Those that it only touches go as well, so
-  // that no tool edge ends or lies on the edge of a triangle that stays.
-  std::vector<std::uint8_t> contains(sheet.triangles.size(), 0);
-  bool overlaps = false;
-  for (std::uint32_t t = 0; t < sheet.triangles.size(); ++t) {
-    const Contact c = contact(corners(sheet, t), tool);
-    contains[t] = c != Contact::kApart;
-    overlaps = overlaps || c == Contact::kOverlaps;
+std::string_view to_word(CutOutcome outcome) noexcept {
+  switch (outcome) {
+    case CutOutcome::kCut:
+      return "cut";
+    case CutOutcome::kNothingMet:
+      return "nothing met";
+    case CutOutcome::kNotATool:
+      return "not a tool";
+    case CutOutcome::kCapacity:
+      return "capacity";
+    case CutOutcome::kBug:
+      break;
   }
-  if (!overlaps) {
-    CutResult unchanged;
-    unchanged.mesh = sheet;
-    return unchanged;
-  }
+  return "bug";
+}
 
-  // Overlay and triangulate; again with a larger cavity where rounding ran into
-  // a triangle that was to stay. Each round adds triangles, so this ends.
-  while (true) {
-    const Cavity cavity = make_cavity(sheet, *neighbours, contains);
-    const Overlay local = overlay(sheet, *neighbours, cavity, tool);
-    for (std::uint32_t t : local.absorb)
-      contains[t] = 1;
-    if (!local.absorb.empty()) continue;
-    const Result<Patch> patch = make_patch(local);
-    if (!patch) return patch.error();
-    for (std::uint32_t t : patch->absorb)
-      contains[t] = 1;
-    if (!patch->absorb.empty()) continue;
-
-    CutResult result;
-    result.mesh = stitch(sheet, *neighbours, cavity, *patch);
-    Result<std::vector<Ring>> hole = removed_outline(sheet, cavity, *patch);
-    if (!hole) return hole.error();
-    result.hole = std::move(*hole);
-    for (std::uint32_t t : cavity.triangles) {
-      const auto [a, b, c] = corners(sheet, t);
-      result.doubled_area_removed += orient2d(a, b, c);
+std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
+  std::uint32_t count = 0;
+  for (const SheetEdit::OldTriangle& written : edit.triangles()) {
+    if (!mesh.in_use(written.slot)) continue;
+    const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (mesh.across[written.slot][i] == kNone &&
+          diametral_dot(p[i], p[(i + 1) % 3], p[(i + 2) % 3]) < 0)
+        ++count;
     }
-    result.doubled_area_removed -= doubled_area(SliceMesh{patch->points, patch->triangles});
-    result.triangles_removed = static_cast<std::uint32_t>(cavity.triangles.size());
-    result.triangles_created = static_cast<std::uint32_t>(patch->triangles.size());
-    if (auto ok = prove(sheet, *patch, result); !ok) return ok.error();
-    return result;
+  }
+  return count;
+}
+
+CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, CutWorkspace& work,
+                       SheetEdit& edit) noexcept {
+  edit.begin(mesh);
+  work.hole.points.clear();
+  work.hole.ring_end.clear();
+  work.stitch.created.clear();
+  CutReport report;
+  if (!is_tool(tool)) {
+    report.outcome = CutOutcome::kNotATool;
+    return report;
+  }
+  Stage stage = plan_patch(mesh, grid, tool, work);
+  if (stage != Stage::kDone) return failure(stage, "rim and tool are not planar");
+  if (work.cavity.triangles.empty()) return report;
+
+  stage = outline_hole(mesh, work.cavity, work.overlay, work.patch, work.hole);
+  if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
+  bool full = false;
+  const char* disproof =
+      disprove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof, full);
+  if (full) return failure(Stage::kCapacity, nullptr);
+  if (disproof != nullptr) return failure(Stage::kBug, disproof);
+  report.doubled_area_removed = doubled_area_removed(mesh, work.cavity, work.overlay, work.patch);
+
+  stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
+  if (stage == Stage::kDone)
+    stage = restore_delaunay(mesh, work.stitch.created, work.flips, edit, report.flips);
+  if (stage != Stage::kDone) {
+    edit.undo(mesh);
+    return failure(stage, nullptr);
+  }
+  report.outcome = CutOutcome::kCut;
+  report.triangles_removed = static_cast<std::uint32_t>(work.cavity.triangles.size());
+  report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
+  report.obtuse_boundary_sides = count_obtuse_boundary_sides(mesh, edit);
+  return report;
+}
+
+std::vector<Ring> to_rings(const HoleOutline& hole) {
+  std::vector<Ring> rings;
+  for (std::size_t r = 0; r < hole.rings(); ++r) {
+    const std::span<const LatticePoint> ring = hole.ring(r);
+    rings.emplace_back(ring.begin(), ring.end());
+  }
+  return rings;
+}
+
+Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
+  for (std::size_t spare = 64;; spare *= 8) {
+    Result<SheetMesh> mesh = make_sheet_mesh(sheet, spare, 2 * spare);
+    if (!mesh) return mesh.error();
+    const std::size_t slots = mesh->triangles.size();
+    CutWorkspace work({slots, mesh->vertices.size() + spare, 3 * slots + spare});
+    SheetEdit edit(*mesh);
+    CutResult result;
+    static_cast<CutReport&>(result) = cut_in_place(*mesh, TriangleGrid(*mesh), tool, work, edit);
+    switch (result.outcome) {
+      case CutOutcome::kNothingMet:
+        result.mesh = sheet;
+        return result;
+      case CutOutcome::kCut:
+        result.mesh = to_slice_mesh(*mesh);
+        result.hole = to_rings(work.hole);
+        return result;
+      case CutOutcome::kNotATool:
+        return refused("tool polygon: not simple, counter-clockwise and on the lattice, of 3 to " +
+                       std::to_string(kMaxToolCorners) + " corners");
+      case CutOutcome::kBug:
+        return bug(std::string("cut: ") + result.bug);
+      case CutOutcome::kCapacity:
+        if (spare > 1'000'000) return bug("cut: no capacity suffices");
+    }
   }
 }
 

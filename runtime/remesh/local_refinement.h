@@ -26,6 +26,7 @@
 #include "runtime/remesh/sheet_edit.h"
 #include "runtime/remesh/sheet_mesh.h"
 #include "runtime/remesh/triangle_queue.h"
+#include "runtime/remesh/vertex_removal.h"
 
 namespace trocar::runtime {
 
@@ -90,6 +91,7 @@ enum class RefinementOutcome {
 struct RefinementResult {
   RefinementOutcome outcome = RefinementOutcome::kDone;
   std::uint32_t vertices_added = 0;
+  std::uint32_t vertices_removed = 0;
   std::uint32_t sides_split = 0;       ///< of the boundary; part of vertices_added
   std::int64_t doubled_area_lost = 0;  ///< steps^2, >= 0
   /// Of the triangles looked at that are there at the end:
@@ -98,7 +100,7 @@ struct RefinementResult {
   std::uint32_t sharp_at_outline = 0;  ///< of these: a boundary side was in the way
   std::uint32_t sharp_at_lattice = 0;  ///< of these: too small for lattice points of any use
   std::uint32_t too_large = 0;         ///< circumradius above kLargestRadius
-  /// Boundary sides of these triangles with an angle above 90 degrees opposite.
+  /// Boundary sides of these triangles with an angle above 90 degrees opposite, but for kept ones.
   std::uint32_t obtuse_sides = 0;
 };
 
@@ -112,8 +114,11 @@ class LocalRefinementWorkspace {
  private:
   friend class LocalRefiner;
   PointInsertion insertion_;
+  VertexRemoval removal_;
   TriangleQueue queue_;
-  std::vector<std::uint8_t> marks_;  // by triangle slot; 0 between refinements
+  // 0 between refinements:
+  std::vector<std::uint8_t> marks_;   // by triangle slot
+  std::vector<std::uint8_t> is_new_;  // by vertex slot
 };
 
 /// Refines `mesh` around the triangles `seeds`; those that are no triangles in use are passed over.

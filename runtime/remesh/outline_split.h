@@ -10,22 +10,27 @@
 
 namespace trocar::runtime {
 
-/// What fraction of the way along side `side` of triangle `t` (on the boundary) to split it into
-/// about `pieces` (>= 2) equal parts, one split at a time. Where the side leaves a corner at which
-/// the material's angle is below 75 degrees, a power of two of steps from that corner, so that
-/// pieces of two sides that meet there come to end at equal distances and do not encroach upon one
-/// another (Ruppert's concentric shells, 1995). O(triangles at the side's ends).
-double split_fraction(const SheetMesh& mesh, std::uint32_t t, std::uint32_t side,
-                      int pieces) noexcept;
+/// Where on a side ab a split is wanted.
+struct SplitAim {
+  double fraction;                    ///< of the way from a to b
+  bool on_shell_of_a, on_shell_of_b;  ///< the distance from this end matters; at most one of them
+};
 
-/// The lattice point exactly on ab that is nearest to the given fraction of the way and is neither
-/// a nor b; none if there is none.
-std::optional<LatticePoint> point_on_side(LatticePoint a, LatticePoint b, double fraction) noexcept;
+/// For side `side` of triangle `t` (on the boundary), to be split into about `pieces` (>= 2) equal
+/// parts, one split at a time. Where the side leaves a corner at which the material's angle is
+/// below 75 degrees, the aim is a power of two of steps from that corner, so that pieces of two
+/// sides that meet there come to end at equal distances and do not encroach upon one another
+/// (Ruppert's concentric shells, 1995). O(triangles at the side's ends).
+SplitAim aim_split(const SheetMesh& mesh, std::uint32_t t, std::uint32_t side, int pieces) noexcept;
 
-/// Of the lattice points around the given fraction of the way the one nearest to the side ab of the
-/// counter-clockwise triangle abc, on it or inside the triangle and on no other side; none if there
-/// is none. Less than one step from the side, at fraction 1/2 no more than half a step.
+/// The lattice point exactly on ab that is nearest to the aim and is neither a nor b; none if there
+/// is none.
+std::optional<LatticePoint> point_on_side(LatticePoint a, LatticePoint b, SplitAim aim) noexcept;
+
+/// A lattice point near the aim, on the side ab of the counter-clockwise triangle abc or less than
+/// a step inside, and on no other side: that nearest to the shell, or if there is none to the side
+/// (for the middle of the side no more than half a step off); none if there is no such point.
 std::optional<LatticePoint> point_beside_side(LatticePoint a, LatticePoint b, LatticePoint c,
-                                              double fraction) noexcept;
+                                              SplitAim aim) noexcept;
 
 }  // namespace trocar::runtime

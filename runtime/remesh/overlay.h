@@ -26,23 +26,36 @@
 
 namespace trocar::runtime {
 
-/// An edge of the local PSLG between points a < b.
-struct PlanarEdge {
-  std::uint32_t a, b;  ///< into Overlay::points
-  int rim = 0;         ///< times that the cavity's rim runs from a to b, less b to a
-  int tool = 0;        ///< likewise the tool's outline
-  std::uint32_t kept;  ///< the triangle beyond a shared edge, or kNone
-  bool kept_right;     ///< that triangle is on the right of a -> b
+/// What runs along a straight edge of the local PSLG, from its point `a` to its point `b`, of which
+/// the first is the smaller.
+struct Strand {
+  LatticePoint first, second;  ///< points[a] < points[b]
+  std::uint32_t a, b;          ///< into Overlay::points
+  std::int32_t rim = 0;        ///< times that the cavity's rim runs from a to b, less b to a
+  std::int32_t tool = 0;       ///< likewise the tool's outline
+  std::uint32_t kept = kNone;  ///< the triangle beyond a shared edge, or kNone
+  bool kept_right = false;     ///< that triangle is on the right of a -> b
+  bool gone = false;           ///< split: its pieces stand elsewhere in the list
 };
 
 struct Overlay {
-  std::vector<LatticePoint> points;   ///< distinct, ascending; includes vertices worth keeping
-  std::vector<PlanarEdge> edges;      ///< no two cross, no point inside one
-  std::vector<std::uint32_t> absorb;  ///< not empty: nothing else is valid (law 3)
+  std::vector<LatticePoint>
+      points;                   ///< distinct; those of the rim and inner vertices worth keeping
+  std::vector<Strand> strands;  ///< of those not gone no two cross, no point lies inside one
+  std::vector<std::uint32_t> absorb;   ///< kAgain: the triangles that have to go as well (law 3)
+  FlatTable point_at;                  ///< a point's index, by its coordinates
+  FlatTable strand_at;                 ///< the latest strand between two points, the smaller first
+  std::vector<std::uint32_t> pending;  ///< scratch: strands to be held against the others
+
+  void allocate(std::size_t max_points, std::size_t max_strands);
+  static std::uint64_t key(LatticePoint p) noexcept {
+    return pair_key(static_cast<std::uint32_t>(p.x), static_cast<std::uint32_t>(p.y));
+  }
 };
 
-/// O(c^2) for c edges of rim and tool, with c the few dozens of a puncture.
-Overlay overlay(const SliceMesh& sheet, const Neighbours& neighbours, const Cavity& cavity,
-                const Ring& tool);
+/// O(c^2) for c edges of rim and tool, with c the few dozens of a puncture. kAgain: only `absorb`
+/// is valid.
+Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                     Outline tool, Overlay& out) noexcept;
 
 }  // namespace trocar::runtime

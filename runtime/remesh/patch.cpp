@@ -1,115 +1,110 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/remesh/patch.h"
 
-#include <algorithm>
-#include <map>
-
-#include "runtime/remesh/local_delaunay.h"
-
 namespace trocar::runtime {
 namespace {
 
-struct Winding {
-  int rim = 0;
-  int tool = 0;
-  bool known = false;
-};
+using Status = LocalTriangulation::Status;
 
-// The edges by their ends, to be asked in either direction.
-class EdgeTable {
- public:
-  explicit EdgeTable(const Overlay& overlay) : edges_(overlay.edges) {
-    for (std::uint32_t i = 0; i < edges_.size(); ++i)
-      index_[{edges_[i].a, edges_[i].b}] = i;
+Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
+  Status status = triangulation.triangulate(overlay.points);
+  for (std::uint32_t s = 0; s < overlay.strands.size() && status == Status::kDone; ++s) {
+    const Strand& strand = overlay.strands[s];
+    if (!strand.gone) status = triangulation.constrain(strand.a, strand.b, s);
   }
-  /// Null where no edge runs.
-  const PlanarEdge* find(std::uint32_t a, std::uint32_t b) const {
-    const auto at = index_.find({std::min(a, b), std::max(a, b)});
-    return at == index_.end() ? nullptr : &edges_[at->second];
-  }
-
- private:
-  const std::vector<PlanarEdge>& edges_;
-  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> index_;
-};
-
-// Windings of rim and tool around every cell, spread from the box's corner,
-// around which nothing winds.
-std::vector<Winding> windings(const Triangulation& t, const EdgeTable& edges) {
-  std::vector<Winding> out(t.cells.size());
-  const auto corner = static_cast<std::uint32_t>(t.points.size() - 1);
-  std::vector<std::uint32_t> pending;
-  for (std::uint32_t c = 0; c < t.cells.size() && pending.empty(); ++c) {
-    const std::array<std::uint32_t, 3>& v = t.cells[c].vertex;
-    if (std::find(v.begin(), v.end(), corner) != v.end()) pending.push_back(c);
-  }
-  out[pending[0]].known = true;
-  while (!pending.empty()) {
-    const std::uint32_t c = pending.back();
-    pending.pop_back();
-    for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t beyond = t.cells[c].across[i];
-      if (beyond == kNone || out[beyond].known) continue;
-      Winding w = out[c];
-      const std::uint32_t from = t.cells[c].vertex[i], to = t.cells[c].vertex[(i + 1) % 3];
-      if (const PlanarEdge* e = edges.find(from, to)) {
-        // This cell is on the left of from -> to; the right has one winding less.
-        const int sign = from < to ? -1 : 1;
-        w.rim += sign * e->rim;
-        w.tool += sign * e->tool;
-      }
-      out[beyond] = w;
-      pending.push_back(beyond);
-    }
-  }
-  return out;
+  return status == Status::kDone       ? Stage::kDone
+         : status == Status::kCapacity ? Stage::kCapacity
+                                       : Stage::kBug;
 }
 
-}  // namespace
-
-Result<Patch> make_patch(const Overlay& overlay) {
-  std::vector<std::array<std::uint32_t, 2>> constraints;
-  for (const PlanarEdge& e : overlay.edges)
-    constraints.push_back({e.a, e.b});
-  Result<Triangulation> made = constrained_triangulation(overlay.points, constraints);
-  if (!made) return made.error();
-  Triangulation& t = *made;
-
-  const EdgeTable edges(overlay);
-  const std::vector<Winding> winding = windings(t, edges);
-  std::vector<std::uint8_t> part(t.cells.size());
-  for (std::size_t c = 0; c < part.size(); ++c) {
-    part[c] = winding[c].rim >= 1 && winding[c].tool <= 0 ? 1 : 0;
+// Which cells are material: the windings of rim and tool around each, spread from
+// the box's corner, around which nothing winds.
+void find_parts(const Overlay& overlay, Patch& patch) noexcept {
+  const LocalTriangulation& t = patch.triangulation;
+  constexpr std::uint8_t kNotYet = 2;
+  patch.windings.assign(t.cells().size(), {0, 0});
+  patch.part.assign(t.cells().size(), kNotYet);
+  patch.pending.clear();
+  const std::uint32_t start = t.cell_at(static_cast<std::uint32_t>(t.points().size() - 1));
+  patch.part[start] = 0;
+  patch.pending.push_back(start);
+  while (!patch.pending.empty()) {
+    const std::uint32_t c = patch.pending.back();
+    patch.pending.pop_back();
+    const Cell& cell = t.cells()[c];
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::uint32_t beyond = cell.across[i];
+      if (beyond == kNone || patch.part[beyond] != kNotYet) continue;
+      Patch::Winding w = patch.windings[c];
+      if (cell.constraint[i] != kNone) {
+        // This cell is on the left of side i; the right has one winding less.
+        const Strand& strand = overlay.strands[cell.constraint[i]];
+        const std::int32_t sign = cell.vertex[i] == strand.a ? -1 : 1;
+        w.rim += sign * strand.rim;
+        w.tool += sign * strand.tool;
+      }
+      patch.windings[beyond] = w;
+      patch.part[beyond] = w.rim >= 1 && w.tool <= 0 ? 1 : 0;
+      patch.pending.push_back(beyond);
+    }
   }
-  restore_delaunay(t, part);
+}
 
-  Patch patch;
-  patch.points = overlay.points;
-  std::vector<std::uint32_t> number(t.cells.size(), kNone);
-  for (std::uint32_t c = 0; c < t.cells.size(); ++c) {
-    if (part[c] == 0) continue;
-    number[c] = static_cast<std::uint32_t>(patch.triangles.size());
-    patch.triangles.push_back(t.cells[c].vertex);
+// The cells of part 1 as triangles, and what lies beyond each of their sides.
+void collect(const Overlay& overlay, Patch& patch) noexcept {
+  const std::span<const Cell> cells = patch.triangulation.cells();
+  patch.triangles.clear();
+  patch.across.clear();
+  patch.kept.clear();
+  patch.absorb.clear();
+  patch.number.assign(cells.size(), kNone);
+  for (std::uint32_t c = 0; c < cells.size(); ++c) {
+    if (patch.part[c] == 0) continue;
+    patch.number[c] = static_cast<std::uint32_t>(patch.triangles.size());
+    patch.triangles.push_back(cells[c].vertex);
   }
-  for (std::uint32_t c = 0; c < t.cells.size(); ++c) {
-    if (part[c] == 0) continue;
+  for (std::uint32_t c = 0; c < cells.size(); ++c) {
+    if (patch.part[c] == 0) continue;
     std::array<std::uint32_t, 3> across{kNone, kNone, kNone}, kept{kNone, kNone, kNone};
     for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t beyond = t.cells[c].across[i];
-      if (beyond != kNone) across[i] = number[beyond];
-      const std::uint32_t from = t.cells[c].vertex[i], to = t.cells[c].vertex[(i + 1) % 3];
-      const PlanarEdge* e = edges.find(from, to);
-      if (e == nullptr || e->kept == kNone) continue;
-      if (e->kept_right == (from < to)) {
-        kept[i] = e->kept;
+      const std::uint32_t beyond = cells[c].across[i];
+      if (beyond != kNone) across[i] = patch.number[beyond];
+      if (cells[c].constraint[i] == kNone) continue;
+      const Strand& strand = overlay.strands[cells[c].constraint[i]];
+      if (strand.kept == kNone) continue;
+      if (strand.kept_right == (cells[c].vertex[i] == strand.a)) {
+        kept[i] = strand.kept;
       } else {
-        patch.absorb.push_back(e->kept);
+        patch.absorb.push_back(strand.kept);
       }
     }
     patch.across.push_back(across);
     patch.kept.push_back(kept);
   }
-  return patch;
+}
+
+}  // namespace
+
+void Patch::allocate(std::size_t max_points) {
+  triangulation.allocate(max_points);
+  const std::size_t cells = 2 * (max_points + 4);
+  reserve_touched(triangles, cells);
+  reserve_touched(across, cells);
+  reserve_touched(kept, cells);
+  reserve_touched(absorb, 3 * cells);
+  reserve_touched(windings, cells);
+  reserve_touched(part, cells);
+  reserve_touched(number, cells);
+  reserve_touched(pending, cells);
+}
+
+Stage make_patch(const Overlay& overlay, Patch& patch) noexcept {
+  if (const Stage stage = triangulate(overlay, patch.triangulation); stage != Stage::kDone)
+    return stage;
+  find_parts(overlay, patch);
+  patch.triangulation.restore_delaunay(patch.part);
+  collect(overlay, patch);
+  return patch.absorb.empty() ? Stage::kDone : Stage::kAgain;
 }
 
 }  // namespace trocar::runtime

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/remesh/sheet_edit.h"
 
-#include <algorithm>
-
 namespace trocar::runtime {
 
 void SheetEdit::Stack::begin(const std::vector<std::uint32_t>& stack) noexcept {
@@ -32,12 +30,13 @@ void SheetEdit::Stack::copy(const std::vector<std::uint32_t>& from,
   to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(untouched), from.end());
 }
 
-SheetEdit::SheetEdit(const SheetMesh& mesh)
-    : triangle_listed_(mesh.triangles.size(), 0), vertex_listed_(mesh.vertices.size(), 0) {
-  triangles_.reserve(mesh.triangles.size());
-  vertices_.reserve(mesh.vertices.size());
-  free_triangles_.popped.reserve(mesh.triangles.size());
-  free_vertices_.popped.reserve(mesh.vertices.size());
+SheetEdit::SheetEdit(const SheetMesh& mesh) {
+  reserve_touched(triangles_, mesh.triangles.size());
+  reserve_touched(vertices_, mesh.vertices.size());
+  reserve_touched(free_triangles_.popped, mesh.triangles.size());
+  reserve_touched(free_vertices_.popped, mesh.vertices.size());
+  triangle_listed_.allocate(mesh.triangles.size());
+  vertex_listed_.allocate(mesh.vertices.size());
 }
 
 void SheetEdit::begin(const SheetMesh& mesh) noexcept {
@@ -45,24 +44,21 @@ void SheetEdit::begin(const SheetMesh& mesh) noexcept {
   vertices_.clear();
   free_triangles_.begin(mesh.free_triangles);
   free_vertices_.begin(mesh.free_vertices);
-  if (++edit_ == 0) {  // the count has come round: old marks could be taken for new ones
-    std::fill(triangle_listed_.begin(), triangle_listed_.end(), 0);
-    std::fill(vertex_listed_.begin(), vertex_listed_.end(), 0);
-    edit_ = 1;
-  }
+  triangle_listed_.clear();
+  vertex_listed_.clear();
 }
 
 void SheetEdit::touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept {
-  if (triangle_listed_[t] == edit_) return;
-  triangle_listed_[t] = edit_;
-  OldTriangle old{t, mesh.triangles[t], mesh.across[t], {}};
-  if (mesh.in_use(t)) old.box = box_around(corners(mesh, t));
-  triangles_.push_back(old);
+  const std::size_t listed = triangle_listed_.size();
+  triangle_listed_.insert(t, 0);
+  if (triangle_listed_.size() == listed) return;
+  triangles_.push_back({t, mesh.triangles[t], mesh.across[t]});
 }
 
 void SheetEdit::touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept {
-  if (vertex_listed_[v] == edit_) return;
-  vertex_listed_[v] = edit_;
+  const std::size_t listed = vertex_listed_.size();
+  vertex_listed_.insert(v, 0);
+  if (vertex_listed_.size() == listed) return;
   vertices_.push_back({v, mesh.vertices[v]});
 }
 

@@ -15,7 +15,7 @@
 #include <span>
 #include <vector>
 
-#include "runtime/remesh/lattice_box.h"
+#include "runtime/remesh/flat_table.h"
 #include "runtime/remesh/sheet_mesh.h"
 
 namespace trocar::runtime {
@@ -27,7 +27,6 @@ class SheetEdit {
     std::uint32_t slot;
     Triangle corners;  ///< kFreeSlot: it was free
     std::array<std::uint32_t, 3> across;
-    LatticeBox box;  ///< around its corners; meaningless if it was free
   };
   struct OldVertex {
     std::uint32_t slot;
@@ -76,8 +75,7 @@ class SheetEdit {
   std::vector<OldTriangle> triangles_;
   std::vector<OldVertex> vertices_;
   Stack free_triangles_, free_vertices_;
-  std::vector<std::uint32_t> triangle_listed_, vertex_listed_;  ///< == edit_: it is
-  std::uint32_t edit_ = 0;
+  FlatTable triangle_listed_, vertex_listed_;  ///< by slot
 };
 
 }  // namespace trocar::runtime

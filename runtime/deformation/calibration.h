@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// T and f such that an undamaged sheet far from any edge feels exactly the stiffness K.
+//
+// Finite elements of a given size are stiffer than what they stand for, under a tool mostly along
+// its outline and at its corners, and by nearly the same share wherever the tool is: with the usual
+// grading 3 to 5 %, give or take 0.3 % from place to place (tests/deformation_accuracy_test.cpp).
+// That share is found here, on meshes made in the same way in a sheet without end, and taken out
+// of T and f alike, so that lambda stays as it is.
+#pragma once
+
+#include "formats/result.h"
+#include "runtime/deformation/region.h"
+
+namespace trocar::runtime {
+
+struct Calibration {
+  Membrane membrane;              ///< to be used
+  double excess = 0;              ///< what was taken out: mean of K_mesh / K_exact - 1
+  double spread = 0;              ///< largest deviation from that mean over the places looked at
+  double exact_bed_N_per_m3 = 0;  ///< f by the exact solution (unbounded.h)
+};
+
+/// `tool`: its upright outline on the lattice, wherever it lies. With grading.graded = false the
+/// mesh is the slice's own and nothing general can be said of it: the exact constants. Refused: a
+/// stiffness or reach that is not positive, a reach of more than 2^26 steps, a tool that is none.
+/// O(some ms): a dozen regions are meshed and solved.
+Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ring& tool,
+                              const Lattice& lattice, const Grading& grading = {});
+
+}  // namespace trocar::runtime
