@@ -34,5 +34,8 @@ if(NOT TROCAR_SANITIZE)
   endforeach()
   trocar_script_test(experiments_e2e e2e experiments_e2e_test.py
     ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/experiments)
-  set_tests_properties(assets_e2e_sample experiments_e2e PROPERTIES FIXTURES_REQUIRED scan)
+  trocar_script_test(recovery_e2e e2e recovery_e2e_test.py
+    ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/recovery)
+  set_tests_properties(assets_e2e_sample experiments_e2e recovery_e2e
+    PROPERTIES FIXTURES_REQUIRED scan)
 endif()
