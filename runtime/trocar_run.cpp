@@ -85,7 +85,7 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--frames", arguments.frames,
                  "write the sheet around the tool 30 times a second: JSON lines");
   app.add_option("--replay", arguments.replay,
-                 "run on a recording's encoders (virtual clock), compare the torques");
+                 "run on a recording's inputs (virtual clock), compare the torques");
   app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) in the place of the scene's");
@@ -284,11 +284,13 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   }
 }
 
-/// A line for each fault. False: a black box could not be written.
+/// A line for each fault that was recovered from and for each black box. False: a black box could
+/// not be written.
 bool print_faults(const SessionReport& report) {
   for (const FaultEvent& event : report.faults) {
-    std::fprintf(stderr, "trocar-run: fault %s at %.4f s%s\n", to_word(event.fault), event.t_s,
-                 event.recovered_t_s < 0 ? "" : ", recovered");
+    if (event.recovered_t_s < 0) continue;  // the one that ended the session is said at the end
+    std::fprintf(stderr, "trocar-run: recovered at %.4f s from the fault %s at %.4f s\n",
+                 event.recovered_t_s, to_word(event.fault), event.t_s);
   }
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {

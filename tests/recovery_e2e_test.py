@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""recovery_e2e_test.py SOURCE BIN SCAN WORK: a fault as a user meets it: the hand leaves the workspace and
-comes back. Exit codes, the black box, recovery by itself, by SIGUSR1 and not at all, and the replay."""
+"""recovery_e2e_test.py SOURCE BIN SCAN WORK: a fault as a user meets it: the hand lifts the plate to the end of its
+reach and comes back. Exit codes, the black box, recovery by itself, by SIGUSR1 and not at all, and the replay."""
 import json
 import pathlib
 import shutil
@@ -39,13 +39,13 @@ def main():
     never = work / "never"
     never.mkdir()
     done = run(trocar_run, scene, "--clock", "virtual", "--record", never / "r.csv", "--summary", never / "s.json", "--quiet", expect=5)
-    check("workspace" in done.stderr, f"the fault is not named: {done.stderr!r}")
+    check("joint_limit" in done.stderr, f"the fault is not named: {done.stderr!r}")
     summary = json.loads((never / "s.json").read_text())
     fault, = summary["faults"]
-    check(fault["fault"] == "workspace" and fault["recovered_t_s"] is None, fault)
+    check(fault["fault"] == "joint_limit" and fault["recovered_t_s"] is None, fault)
     check(0 <= fault["torques_zero_t_s"] - fault["t_s"] <= 0.005, f"torques were not zero in time: {fault}")
     box, = boxes(never)
-    check(str(box) == fault["black_box"] and "_workspace" in box.name, f"{box} or {fault}")
+    check(str(box) == fault["black_box"] and "_joint_limit" in box.name, f"{box} or {fault}")
     recording = (never / "r.csv").read_bytes()
     check(recording == box.read_bytes(), "the black box of a session of less than 4 s is not its recording")
     check(len(recording.splitlines()) == summary["ticks"] + 1, "rows are missing")
