@@ -34,7 +34,16 @@ constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "remesh_backlog",
                                                           "tool_tilt",
                                                           "emergency_stop",
-                                                          "motor_fault"};
+                                                          "motor_fault",
+                                                          "workspace",
+                                                          "speed",
+                                                          "torque_limit",
+                                                          "torque_rate",
+                                                          "motor_overload"};
+constexpr std::array<const char*, kSafetyStates> kSafetyWords = {"idle", "ready", "running",
+                                                                 "fault", "recovering"};
+constexpr std::array<const char*, kDeviceAnswers> kAnswerWords = {"ok", "no_data", "link_lost",
+                                                                  "emergency_stop", "motor_fault"};
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
@@ -57,9 +66,26 @@ std::vector<std::string> make_columns() {
       columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
     }
   }
-  for (const char* name : {"state", "active_slice", "penetration_m", "wrench_scale",
-                           "pose_residual_m", "cuts_published", "response_sheet",
-                           "response_stiffness_N_per_m", "response_x_m", "response_y_m", "fault"}) {
+  for (const char* name : {"state",
+                           "active_slice",
+                           "penetration_m",
+                           "wrench_scale",
+                           "pose_residual_m",
+                           "cuts_published",
+                           "response_sheet",
+                           "response_stiffness_N_per_m",
+                           "response_x_m",
+                           "response_y_m",
+                           "fault",
+                           "device_read",
+                           "device_write",
+                           "outside_fault",
+                           "recovery_asked",
+                           "safety",
+                           "authority",
+                           "passivity_J",
+                           "passivity_N_s_per_m",
+                           "motor_heat_max"}) {
     columns.emplace_back(name);
   }
   return columns;
@@ -78,6 +104,10 @@ void put(std::string& out, Number x) {
   out.push_back(',');
 }
 
+void put(std::string& out, const char* word) {
+  out.append(word).push_back(',');
+}
+
 template <std::size_t N>
 void put(std::string& out, const std::array<double, N>& numbers) {
   for (const double x : numbers)
@@ -93,7 +123,7 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.wrench_delivered);
   put(out, row.tau_Nm);
   put(out, row.encoder_rad);
-  out.append(to_word(row.phase)).push_back(',');
+  put(out, to_word(row.phase));
   put(out, row.active_slice);
   put(out, row.penetration_m);
   put(out, row.wrench_scale);
@@ -102,7 +132,17 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.response_sheet);
   put(out, row.response_stiffness_N_per_m);
   put(out, row.response_offset_m);
-  out.append(to_word(row.fault)).push_back('\n');
+  put(out, to_word(row.fault));
+  put(out, to_word(row.device_read));
+  put(out, to_word(row.device_write));
+  put(out, to_word(row.outside_fault));
+  put(out, row.recovery_asked);
+  put(out, to_word(row.safety));
+  put(out, row.authority);
+  put(out, row.passivity_J);
+  put(out, row.passivity_N_s_per_m);
+  put(out, row.motor_heat_max);
+  out.back() = '\n';
 }
 
 /// Takes one row apart, field by field; keeps the first thing that is wrong.
@@ -121,6 +161,10 @@ class RowReader {
     if (!ok()) return;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
     if (error != std::errc() || end != text.data() + text.size()) why_ = "is not a number";
+  }
+  void flag(std::uint8_t& x) {
+    number(x);
+    if (ok() && x > 1) why_ = "is neither 0 nor 1";
   }
   void finite(double& x) {
     number(x);
@@ -172,6 +216,12 @@ const char* to_word(ContactPhase phase) {
 }
 const char* to_word(Fault fault) {
   return kFaultWords.at(static_cast<std::size_t>(fault));
+}
+const char* to_word(SafetyState state) {
+  return kSafetyWords.at(static_cast<std::size_t>(state));
+}
+const char* to_word(DeviceAnswer answer) {
+  return kAnswerWords.at(static_cast<std::size_t>(answer));
 }
 
 const std::string& recording_header() {
@@ -281,6 +331,15 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.response_stiffness_N_per_m);
     reader.finite(row.response_offset_m);
     reader.word(row.fault, kFaultWords);
+    reader.word(row.device_read, kAnswerWords);
+    reader.word(row.device_write, kAnswerWords);
+    reader.word(row.outside_fault, kFaultWords);
+    reader.flag(row.recovery_asked);
+    reader.word(row.safety, kSafetyWords);
+    reader.finite(row.authority);
+    reader.finite(row.passivity_J);
+    reader.finite(row.passivity_N_s_per_m);
+    reader.finite(row.motor_heat_max);
     if (!reader.ok()) {
       return refused(where + ": " + columns().at(reader.field() - 1) + " " + reader.why());
     }

@@ -28,7 +28,7 @@ enum class ContactPhase : std::uint8_t {
 /// Why the loop went into its safe state, as a word in the recording and the summary.
 enum class Fault : std::uint8_t {
   kNone,
-  kNoData,            ///< the device had no state for this tick
+  kNoData,            ///< the device's link was silent for too long
   kLinkLost,          ///< the device's link is gone
   kWriteFailed,       ///< the device did not take the torques
   kEncoderNotFinite,  ///< an encoder angle is nan or infinite
@@ -37,16 +37,44 @@ enum class Fault : std::uint8_t {
   kPoseResidual,      ///< the encoders contradict each other, or give no pose
   kSingularity,       ///< the Jacobian's inverse condition number is too small
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
-  kDeadlineMissed,    ///< the gap between two ticks was too long
+  kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
   kRemeshBacklog,     ///< more cuts wait for their mesh than can be kept track of
   kToolTilt,          ///< the tool's axis is too far from upright
   kEmergencyStop,     ///< the device's emergency stop is pressed
   kMotorFault,        ///< the device reports a motor that does not give its torque
+  kWorkspace,         ///< the plate is outside its box, or tilted too far
+  kSpeed,             ///< the plate moves or turns too fast
+  kTorqueLimit,       ///< a torque beyond the session's limit was asked of a motor
+  kTorqueRate,        ///< the wanted torques rise faster than they may, for too long
+  kMotorOverload,     ///< a motor's torque squared, smoothed over its thermal time, is too large
 };
-inline constexpr int kFaults = 15;
+inline constexpr int kFaults = 20;
+
+/// What the loop is allowed to do, as a word in the recording (runtime/loop/safety.h).
+enum class SafetyState : std::uint8_t {
+  kIdle,        ///< "idle": nothing was read from the device yet
+  kReady,       ///< "ready": all is well, torques are zero
+  kRunning,     ///< "running": forces are rendered
+  kFault,       ///< "fault": latched; torques go to zero and stay there
+  kRecovering,  ///< "recovering": asked for; torques are zero until the cause is gone
+};
+inline constexpr int kSafetyStates = 5;
+
+/// How the device answered, as a word in the recording.
+enum class DeviceAnswer : std::uint8_t {
+  kOk,             ///< "ok"
+  kNoData,         ///< "no_data"
+  kLinkLost,       ///< "link_lost"
+  kEmergencyStop,  ///< "emergency_stop"
+  kMotorFault,     ///< "motor_fault"
+};
+
+inline constexpr int kDeviceAnswers = 5;
 
 const char* to_word(ContactPhase phase);
 const char* to_word(Fault fault);
+const char* to_word(SafetyState state);
+const char* to_word(DeviceAnswer answer);
 
 /// One tick. Frame {B} throughout; wrenches are at the plate's origin: f, then t.
 struct RecordingRow {
@@ -71,13 +99,24 @@ struct RecordingRow {
   double response_stiffness_N_per_m = 0;
   std::array<double, 2> response_offset_m{};  ///< of the force, from the tool's middle
   Fault fault = Fault::kNone;
+  // What else a tick's torques depend on, so that a replay gives them to the last bit.
+  DeviceAnswer device_read = DeviceAnswer::kOk, device_write = DeviceAnswer::kOk;
+  Fault outside_fault = Fault::kNone;  ///< found outside of the tick: late ticks, a full queue
+  std::uint8_t recovery_asked = 0;     ///< 1: the operator asked for recovery at this tick
+  // What the loop made of it.
+  SafetyState safety = SafetyState::kIdle;
+  double authority = 1;            ///< share of the wanted wrench; < 1 after a recovery
+  double passivity_J = 0;          ///< the observer's balance; < 0: more was given than taken
+  double passivity_N_s_per_m = 0;  ///< damping that the controller adds
+  double motor_heat_max = 0;       ///< of the motors, as a share of what is a fault
 };
 
 /// The header line without its end: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
 /// fx_wanted_N,...,tz_wanted_Nm,fx_delivered_N,...,tau_1_1_Nm,tau_1_4_Nm,... (leg, joint),
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
-/// response_y_m,fault
+/// response_y_m,fault,device_read,device_write,outside_fault,recovery_asked,safety,authority,
+/// passivity_J,passivity_N_s_per_m,motor_heat_max
 const std::string& recording_header();
 
 /// A CSV that grows beside its target and replaces it in commit(); without that it is removed.

@@ -11,6 +11,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -40,10 +41,19 @@ void request_stop(int) {
   stop_requested.store(true);
 }
 
+std::atomic<bool> recovery_requested{false};
+
+void request_recovery(int) {
+  recovery_requested.store(true);
+}
+
 struct Arguments {
   std::string scene, asset, device = "inproc", key_file, description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
+  std::string black_box, recover = "never", passivity = "on";
+  std::optional<double> coupling_N_per_m;
+  int cpu = -1, late_ticks = 3;
   bool check = false, quiet = false;
 };
 
@@ -81,12 +91,22 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--frames", arguments.frames,
                  "write the sheet around the tool 30 times a second: JSON lines");
   app.add_option("--replay", arguments.replay,
-                 "run on a recording's encoders (virtual clock), compare the torques");
+                 "run on a recording's inputs (virtual clock), compare the torques");
   app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) in the place of the scene's");
   app.add_option("--force-law", arguments.force_law,
                  "hooke or network, in the place of the scene's");
+  app.add_option("--black-box", arguments.black_box,
+                 "folder for the last 4 s before each fault (that of --record, or this one)");
+  app.add_option("--recover", arguments.recover,
+                 "after a fault: never: end; auto; signal: on SIGUSR1 (never)");
+  app.add_option("--late-ticks", arguments.late_ticks,
+                 "deadlines missed in a row that are a fault; 0: none (3; inproc: none)");
+  app.add_option("--passivity", arguments.passivity, "the passivity controller: on or off (on)");
+  app.add_option("--coupling", arguments.coupling_N_per_m,
+                 "virtual coupling, N/m (none: the tool itself meets the sheets)");
+  app.add_option("--cpu", arguments.cpu, "the processor that the loop stays on (any)");
   app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
   app.set_help_flag("-h,--help", "print this");
@@ -124,6 +144,16 @@ Result<void> check_arguments(const Arguments& a) {
   if (a.duration_s && !(*a.duration_s >= 1e-3 && *a.duration_s <= kMaxDuration_s)) {
     return usage("--duration: must be within 0.001 and 86400 s");
   }
+  if (a.recover != "never" && a.recover != "auto" && a.recover != "signal") {
+    return usage("--recover " + a.recover + ": must be never, auto or signal");
+  }
+  if (a.passivity != "on" && a.passivity != "off") {
+    return usage("--passivity " + a.passivity + ": must be on or off");
+  }
+  if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
+    return usage("--coupling: must be within 100 and 1000000 N/m");
+  }
+  if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
   if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
     return usage(
         "--replay: rate and duration are the recording's; leave --rate and --duration out");
@@ -286,6 +316,47 @@ nlohmann::json describe(const LinkCounts& packets) {
   return {{"packets_accepted", packets.accepted()}, {"packets_refused", refused}};
 }
 
+/// What the options say of safety and of how the loop renders.
+void set_loop_options(const Arguments& arguments, SessionOptions& options) {
+  options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
+                     : arguments.recover == "signal" ? RecoveryPolicy::kOnRequest
+                                                     : RecoveryPolicy::kNever;
+  options.recover = &recovery_requested;
+  options.passivity.on = arguments.passivity == "on";
+  options.coupling.on = arguments.coupling_N_per_m.has_value();
+  options.coupling.stiffness_N_per_m =
+      arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);
+  options.cpu = arguments.cpu;
+  options.limits.missed_deadlines_max =
+      arguments.late_ticks > 0 ? arguments.late_ticks - 1 : std::numeric_limits<int>::max();
+  if (!arguments.black_box.empty()) {
+    options.black_box = arguments.black_box;
+  } else if (arguments.replay.empty()) {
+    options.black_box = std::filesystem::path(arguments.record).parent_path();
+    if (options.black_box->empty()) options.black_box = ".";
+  }
+}
+
+/// A line for each fault that was recovered from and for each black box. False: a black box could
+/// not be written.
+bool print_faults(const SessionReport& report) {
+  for (const FaultEvent& event : report.faults) {
+    if (event.recovered_t_s < 0) continue;  // the one that ended the session is said at the end
+    std::fprintf(stderr, "trocar-run: recovered at %.4f s from the fault %s at %.4f s\n",
+                 event.recovered_t_s, to_word(event.fault), event.t_s);
+  }
+  bool written = report.black_boxes_lost == 0;
+  for (const BlackBoxFile& box : report.black_boxes) {
+    if (box.error) {
+      std::fprintf(stderr, "trocar-run: black box: %s\n", box.error->message.c_str());
+      written = false;
+    } else {
+      std::fprintf(stderr, "trocar-run: black box: %s\n", box.file.c_str());
+    }
+  }
+  return written;
+}
+
 Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
                            const SessionOptions& options, const SessionReport& report,
                            const Remesher& remesher, const LinkCounts& packets) {
@@ -325,6 +396,7 @@ int session(const Arguments& arguments) {
   }
   if (!arguments.record.empty()) options.record = arguments.record;
   options.stop = &stop_requested;
+  set_loop_options(arguments, options);
   if (arguments.check) {
     const Result<std::string> needs =
         describe_needs(loaded->scene, loaded->description, loaded->sheets, loaded->bytes,
@@ -363,12 +435,13 @@ int session(const Arguments& arguments) {
   for (const CutRecord& record : remesher.records()) {
     if (record.error) return fail(bug("a hole could not be cut: " + record.error->message));
   }
+  const bool black_boxes_written = print_faults(*report);
   if (report->fault != Fault::kNone) {
     std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report->fault_t_s,
                  to_word(report->fault));
     return static_cast<int>(ExitCode::kDeviceFault);
   }
-  return 0;
+  return black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
 }
 
 int main_without_exceptions(int count, char** words) {
@@ -393,6 +466,8 @@ int main_without_exceptions(int count, char** words) {
   action.sa_handler = request_stop;
   for (const int signal : {SIGINT, SIGTERM, SIGHUP})
     ::sigaction(signal, &action, nullptr);
+  action.sa_handler = request_recovery;
+  ::sigaction(SIGUSR1, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
   return session(arguments);
 }

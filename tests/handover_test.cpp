@@ -262,9 +262,9 @@ TEST(RealtimeThread, CallsAtTheRateUntilToldToEnd) {
   RealtimeOptions options;
   options.rate_Hz = 1000;
   const auto start = std::chrono::steady_clock::now();
-  const RealtimeReport report = run_realtime(options, [&](double gap_s) {
-    EXPECT_GE(gap_s, 0);
-    gaps_s += gap_s;
+  const RealtimeReport report = run_realtime(options, [&](const TickTiming& timing) {
+    EXPECT_GE(timing.gap_s, 0);
+    gaps_s += timing.gap_s;
     return ++calls < 200;
   });
   const double took_s =
@@ -277,7 +277,7 @@ TEST(RealtimeThread, CallsAtTheRateUntilToldToEnd) {
 
   std::atomic<bool> stop{true};
   options.stop = &stop;
-  run_realtime(options, [](double) {
+  run_realtime(options, [](const TickTiming&) {
     ADD_FAILURE();
     return true;
   });
@@ -288,7 +288,7 @@ TEST(RealtimeThread, ALateCallIsCountedAndNotMadeUpFor) {
   options.rate_Hz = 1000;
   int calls = 0;
   const auto start = std::chrono::steady_clock::now();
-  const RealtimeReport report = run_realtime(options, [&](double) {
+  const RealtimeReport report = run_realtime(options, [&](const TickTiming&) {
     if (calls == 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
     return ++calls < 10;
   });

@@ -1,15 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// A session with punctures makes no allocation on the haptic thread. The program has the counting
+// A session with punctures or faults makes no allocation on the haptic thread, a tick no system
+// call. The program has the counting
 // hooks linked in; the first test shows that they count.
 #include <gtest/gtest.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <csignal>
+#include <cstddef>
 #include <cstdlib>
+#include <functional>
 #include <new>
 #include <string>
 #include <thread>
 
 #include "runtime/loop/allocation_counter.h"
 #include "runtime/loop/session.h"
+#include "tests/loop_rig.h"
 #include "tests/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -127,6 +138,86 @@ TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
   EXPECT_EQ(report->punctures.size(), 4U);
   ASSERT_TRUE(report->allocations_in_loop);
   EXPECT_EQ(*report->allocations_in_loop, 0U);
+}
+
+TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
+  // Out of a low workspace and back, twice, with the coupling and the network law's looking ahead.
+  Scene scene = test::descent_scene({0.13}, 0.133, 0.1, 0.06);
+  scene.hand.trajectory = {{0, {0, 0, 0.133}, {}},   {0.2, {0, 0, 0.126}, {}},
+                           {0.4, {0, 0, 0.145}, {}}, {0.6, {0, 0, 0.133}, {}},
+                           {1.2, {0, 0, 0.133}, {}}, {1.3, {0, 0, 0.145}, {}},
+                           {1.5, {0, 0, 0.133}, {}}};
+  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
+    Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+    auto device = make_simulated_device(scene, default_device_description());
+    ASSERT_TRUE(device);
+    std::string file = (std::filesystem::temp_directory_path() / "trocar.XXXXXX").string();
+    const std::filesystem::path folder = ::mkdtemp(file.data());
+    SessionOptions options;
+    options.clock = clock;
+    options.duration_s = 2;
+    options.record = folder / "r.csv";
+    options.black_box = folder;
+    options.recovery = RecoveryPolicy::kAuto;
+    options.coupling.on = true;
+    options.limits.gap_max_s = 0;
+    options.limits.workspace_max_m[2] = 0.14;
+    const auto report = run_session(
+        scene, default_device_description(), remesher, *device,
+        [&](double dt_s) { device->step(dt_s); }, options);
+    std::filesystem::remove_all(folder);
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->faults_count, 2U);
+    EXPECT_EQ(report->end, SessionEnd::kDone);
+    ASSERT_EQ(report->black_boxes.size(), 2U);
+    EXPECT_FALSE(report->black_boxes[0].error);
+    ASSERT_TRUE(report->allocations_in_loop);
+    EXPECT_EQ(*report->allocations_in_loop, 0U);
+  }
+}
+
+/// In a child that the kernel ends at its first system call but exit.
+int status_under_seccomp(const std::function<void()>& act) {
+  const pid_t child = ::fork();
+  if (child == 0) {
+    sock_filter filter[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_exit_group, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS),
+    };
+    const sock_fprog program{sizeof filter / sizeof filter[0], filter};
+    if (::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 ||
+        ::prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) {
+      ::_exit(77);
+    }
+    act();
+    ::_exit(0);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  return status;
+}
+
+TEST_F(NoAllocation, ATickMakesNoSystemCall) {
+  const int kept_out = status_under_seccomp([] { ::getppid(); });
+  if (WIFEXITED(kept_out)) GTEST_SKIP() << "no seccomp here";
+  ASSERT_TRUE(WIFSIGNALED(kept_out) && WTERMSIG(kept_out) == SIGSYS) << "a call is seen";
+  test::RigOptions options;
+  options.tissue.threshold_N = 35;
+  options.pressed_N = 40;
+  for (const bool faulty : {false, true}) {
+    test::Rig rig(options);
+    if (faulty) rig.model_.limits.workspace_min_m[2] = test::kRigSheet_m - 0.002;
+    const int status = status_under_seccomp([&] {
+      for (int i = 0; i < 800; ++i)
+        rig.tick();  // contact, the controller, a puncture; or a fault and its ramp
+      const bool as_meant = faulty ? rig.state_.safety.fault == Fault::kWorkspace
+                                   : rig.state_.contact.tracks[0].state == SheetState::kPunctured;
+      if (!as_meant) ::_exit(3);
+    });
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+  }
 }
 
 }  // namespace

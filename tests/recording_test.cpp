@@ -66,6 +66,14 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
     row.pose_residual_m = any_double(random);
     row.cuts_published = static_cast<std::int64_t>(random() >> 1);
     row.fault = static_cast<Fault>(random() % kFaults);
+    row.device_read = static_cast<DeviceAnswer>(random() % kDeviceAnswers);
+    row.device_write = static_cast<DeviceAnswer>(random() % kDeviceAnswers);
+    row.outside_fault = static_cast<Fault>(random() % kFaults);
+    row.recovery_asked = static_cast<std::uint8_t>(random() % 2);
+    row.safety = static_cast<SafetyState>(random() % kSafetyStates);
+    for (double* x :
+         {&row.authority, &row.passivity_J, &row.passivity_N_s_per_m, &row.motor_heat_max})
+      *x = any_double(random);
   }
   rows[0].p_m = {std::numeric_limits<double>::denorm_min(), -0.0,
                  std::numeric_limits<double>::max()};
@@ -87,7 +95,11 @@ bool same(const RecordingRow& a, const RecordingRow& b) {
          same_bits(a.wrench_delivered, b.wrench_delivered) && same_bits(a.tau_Nm, b.tau_Nm) &&
          same_bits(a.encoder_rad, b.encoder_rad) && a.phase == b.phase &&
          a.active_slice == b.active_slice && a.cuts_published == b.cuts_published &&
-         a.fault == b.fault;
+         a.fault == b.fault && a.device_read == b.device_read && a.device_write == b.device_write &&
+         a.outside_fault == b.outside_fault && a.recovery_asked == b.recovery_asked &&
+         a.safety == b.safety &&
+         same_bits(std::array{a.authority, a.passivity_J, a.passivity_N_s_per_m, a.motor_heat_max},
+                   std::array{b.authority, b.passivity_J, b.passivity_N_s_per_m, b.motor_heat_max});
 }
 
 std::string text_of(const fs::path& file) {
@@ -160,9 +172,14 @@ TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
   EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown word");
   const std::size_t end = good.find('\n', second);
   const std::size_t last = good.rfind(',', end);
-  EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: fault is missing");
+  EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: motor_heat_max is missing");
   EXPECT_EQ(with(end, 0, ",1"), "r.csv: line 3: has too many fields");
-  EXPECT_EQ(with(end, 0, "s"), "r.csv: line 3: fault is an unknown word");
+  EXPECT_EQ(with(end, 0, "s"), "r.csv: line 3: motor_heat_max is not a number");
+  std::size_t asked = end;
+  for (int fields = 0; fields < 6; ++fields)
+    asked = good.rfind(',', asked - 1);  // before recovery_asked
+  EXPECT_EQ(with(asked + 1, 1, "2"), "r.csv: line 3: recovery_asked is neither 0 nor 1");
+  EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown word");
   EXPECT_EQ(with(second, 0, "\n"), "r.csv: line 3: t_s is not a number");
   EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not a recording's header");
   EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: no row");

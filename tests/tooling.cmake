@@ -40,6 +40,9 @@ if(NOT TROCAR_SANITIZE)
     ${programs} ${e2e}/scan ${e2e}/same_bytes)
   trocar_script_test(device_link_e2e e2e device_link_e2e_test.py
     ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/device_link)
-  set_tests_properties(assets_e2e_sample experiments_e2e memory_growth_test same_bytes_test device_link_e2e
+  trocar_script_test(recovery_e2e e2e recovery_e2e_test.py
+    ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/recovery)
+  set_tests_properties(assets_e2e_sample experiments_e2e memory_growth_test same_bytes_test
+    device_link_e2e recovery_e2e
     PROPERTIES FIXTURES_REQUIRED scan)
 endif()

@@ -7,29 +7,57 @@
 namespace trocar::runtime {
 namespace {
 
-Fault read_device(const LoopModel& model, Device& device, LoopState& state, TickResult& result,
-                  DeviceState& read, bool& fresh) noexcept {
-  read = state.device;
-  fresh = false;
-  switch (device.read(read)) {
+/// A motor that was overloaded rests until its heat is below this.
+constexpr double kCooled = 0.8;
+
+DeviceAnswer answer_of(DeviceStatus status) noexcept {
+  switch (status) {
     case DeviceStatus::kOk:
-      fresh = true;
-      return Fault::kNone;
-    case DeviceStatus::kNoData:
-      read = state.device;
-      return ++state.no_data_ticks > model.limits.no_data_ticks_max ? Fault::kNoData : Fault::kNone;
     case DeviceStatus::kEndOfData:
-      result.end_of_data = true;
-      return Fault::kNone;
+      return DeviceAnswer::kOk;
+    case DeviceStatus::kNoData:
+      return DeviceAnswer::kNoData;
     case DeviceStatus::kEmergencyStop:
-      return Fault::kEmergencyStop;
+      return DeviceAnswer::kEmergencyStop;
     case DeviceStatus::kMotorFault:
-      return Fault::kMotorFault;
+      return DeviceAnswer::kMotorFault;
     case DeviceStatus::kLinkLost:
       break;
   }
+  return DeviceAnswer::kLinkLost;
+}
+
+/// What an answer other than `ok` and `no_data` means.
+Fault fault_of(DeviceAnswer answer) noexcept {
+  if (answer == DeviceAnswer::kEmergencyStop) return Fault::kEmergencyStop;
+  return answer == DeviceAnswer::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
+}
+
+/// The device's state in `read`, the last one where there is no new one.
+Fault read_device(const LoopModel& model, Device& device, LoopState& state, TickResult& result,
+                  DeviceState& read, bool& fresh) noexcept {
   read = state.device;
-  return Fault::kLinkLost;
+  const DeviceStatus status = device.read(read);
+  result.end_of_data = status == DeviceStatus::kEndOfData;
+  result.row.device_read = answer_of(status);
+  fresh = status == DeviceStatus::kOk;
+  if (fresh || result.end_of_data) return Fault::kNone;
+  read = state.device;
+  ++state.no_data_ticks;
+  if (status != DeviceStatus::kNoData) return fault_of(result.row.device_read);
+  // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
+  const double silent_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
+  return silent_s < model.limits.silence_max_s - 0.5 / model.rate_Hz ? Fault::kNone
+                                                                     : Fault::kNoData;
+}
+
+/// What the clock or the caller found.
+Fault outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
+  if (inputs.outside != Fault::kNone) return inputs.outside;
+  if (!(limits.gap_max_s > 0)) return Fault::kNone;
+  const bool late = inputs.gap_s > limits.gap_max_s;
+  const bool missed = inputs.missed_in_row > limits.missed_deadlines_max;
+  return late || missed ? Fault::kDeadlineMissed : Fault::kNone;
 }
 
 Fault check_encoders(const LoopModel& model, const LoopState& state,
@@ -51,7 +79,7 @@ Fault check_encoders(const LoopModel& model, const LoopState& state,
 
 /// The pose and what the torques need of it. The lower chains' passive joints and theta4 follow
 /// from the pose, so the measured theta4 are a check of their own.
-Fault find_pose(const LoopModel& model, const DeviceState& read, Pose& T_device_plate, Jacobian& G,
+Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
                 double& residual_m) noexcept {
   const ForwardResult forward = forward_kinematics(model.device, read.encoder_rad);
   if (!forward.status || !(forward.residual_m <= model.limits.pose_residual_max_m)) {
@@ -69,58 +97,123 @@ Fault find_pose(const LoopModel& model, const DeviceState& read, Pose& T_device_
   if (!motion.status || !(inverse_condition(motion.G) >= model.limits.inverse_condition_min)) {
     return Fault::kSingularity;
   }
-  T_device_plate = forward.T_device_plate;
-  G = motion.G;
+  state.T_device_plate = forward.T_device_plate;
+  state.G = motion.G;
   residual_m = forward.residual_m;
   return Fault::kNone;
+}
+
+/// All that can be judged without a torque being wanted, in every state alike.
+Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
+                   TickResult& result) noexcept {
+  const double dt_s = 1 / model.rate_Hz;
+  if (const Fault f = check_encoders(model, state, read); f != Fault::kNone) return f;
+  if (const Fault f = find_pose(model, read, state, result.row.pose_residual_m);
+      f != Fault::kNone) {
+    return f;
+  }
+  const Fault speed = check_speed(model.limits, state.T_device_plate,
+                                  dt_s * (1 + state.no_data_ticks), state.limits);
+  if (speed != Fault::kNone) return speed;
+  if (const Fault f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone) {
+    return f;
+  }
+  return is_upright(model.contact.tool, state.T_device_plate) ? Fault::kNone : Fault::kToolTilt;
+}
+
+/// Does no sheet bear the tool, or would bear it if forces were rendered now?
+bool in_free_space(const LoopModel& model, const TickInputs& inputs,
+                   const LoopState& state) noexcept {
+  const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
+  for (std::size_t i = 0; i < inputs.sheets.size(); ++i) {
+    const SheetTrack& track = state.contact.tracks[i];
+    const bool bears = track.was_above && track.state != SheetState::kPunctured &&
+                       track.state != SheetState::kBeside;
+    if (bears && tip_z_m < inputs.sheets[i]->z_m) return false;
+  }
+  return true;
 }
 
 void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
   std::copy(wrench.data(), wrench.data() + 6, out.begin());
 }
 
-/// The part of the row that is known whatever the tick's outcome.
-void describe_pose(const LoopModel& model, const LoopState& state, const DeviceState& read,
-                   RecordingRow& row) noexcept {
-  const Pose& pose = state.T_device_plate;
-  const Eigen::Vector3d tip = pose * model.contact.tool.tip_plate_m;
-  row.p_m = {pose.p_m.x(), pose.p_m.y(), pose.p_m.z()};
-  row.q = {pose.q.w(), pose.q.x(), pose.q.y(), pose.q.z()};
-  row.tool_m = {tip.x(), tip.y(), tip.z()};
-  row.encoder_rad = read.encoder_rad;
+/// The stiffness with which the sheet that bears the tool answers, its damping left aside.
+double elastic_stiffness(const LoopModel& model, const TickInputs& inputs,
+                         const ContactOutput& contact, LoopState& state) noexcept {
+  ElasticState& last = state.elastic;
+  if (contact.phase != ContactPhase::kContact || !(contact.penetration_m > 0)) {
+    last = {};
+    return 0;
+  }
+  const Tissue& tissue = inputs.sheets[contact.active_sheet]->tissue;
+  const bool continues = last.sheet == contact.active_sheet;
+  const double rate_m_per_s =
+      continues ? (contact.penetration_m - last.penetration_m) * model.rate_Hz : 0;
+  // By `hooke` the overlap scales spring and damper alike.
+  const double depth_m =
+      contact.penetration_m + tissue.damping_N_s_per_m / tissue.stiffness_N_per_m * rate_m_per_s;
+  if (model.contact.law == ForceLawKind::kNetwork) {
+    last.stiffness_N_per_m = state.contact.tracks[contact.active_sheet].blended.stiffness_N_per_m;
+  } else if (contact.force_N > 0 && depth_m > 0) {
+    last.stiffness_N_per_m = contact.force_N / depth_m;
+  }
+  last.sheet = contact.active_sheet;
+  last.penetration_m = contact.penetration_m;
+  return last.stiffness_N_per_m;
 }
 
-/// Pose, contact, allocation, limits. On a fault neither torques nor `state` have changed, but for
-/// what the contact has seen.
-Fault compute_torques(const LoopModel& model, const TickInputs& inputs, const DeviceState& read,
-                      LoopState& state, TickResult& result, MotorVector& tau_motor_Nm) noexcept {
-  RecordingRow& row = result.row;
-  if (const Fault fault = check_encoders(model, state, read); fault != Fault::kNone) return fault;
-  if (const Fault fault =
-          find_pose(model, read, state.T_device_plate, state.G, row.pose_residual_m);
-      fault != Fault::kNone) {
-    return fault;
+/// What the hand is to feel: contact by way of the coupling, the share that safety allows, passive.
+Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
+                    TickResult& result, Wrench& wanted) noexcept {
+  const double dt_s = 1 / model.rate_Hz;
+  const double share = state.safety.authority;
+  const bool couples = model.coupling.on;
+  const Pose T_device_tool =
+      couples ? move_proxy(model.coupling, dt_s, state.T_device_plate, state.coupling)
+              : state.T_device_plate;
+  ContactOutput& contact = result.contact;
+  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool, state.contact,
+                 contact);
+  if (contact.not_upright) return Fault::kToolTilt;
+  if (contact.backlog) return Fault::kRemeshBacklog;
+
+  PassivityInput input;
+  input.wrench_device = contact.wrench_device;
+  const double stiffness_N_per_m = elastic_stiffness(model, inputs, contact, state);
+  input.stored_J = 0.5 * stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
+  if (couples) {
+    input.wrench_device =
+        felt_wrench(model.coupling, dt_s, contact.wrench_device, stiffness_N_per_m, state.coupling);
+    input.stored_J +=
+        0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }
+  input.T_device_plate = state.T_device_plate;
+  input.wrench_device *= share;
+  input.stored_J *= share;
+  input.planned_release = contact.gave_way;
+  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, dt_s, input, state.passivity);
+  return Fault::kNone;
+}
 
-  update_contact(model.contact, inputs.sheets, inputs.response, state.T_device_plate, state.contact,
-                 result.contact);
-  if (result.contact.not_upright) return Fault::kToolTilt;
-  if (result.contact.backlog) return Fault::kRemeshBacklog;
-  const Wrench& wanted = result.contact.wrench_device;
-  // A passivity controller takes and returns `wanted` here.
-
+/// Contact, allocation, limits.
+Fault compute_torques(const LoopModel& model, const TickInputs& inputs, LoopState& state,
+                      TickResult& result, MotorVector& tau_motor_Nm) noexcept {
+  RecordingRow& row = result.row;
+  Wrench wanted = Wrench::Zero();
+  if (const Fault f = wanted_wrench(model, inputs, state, result, wanted); f != Fault::kNone) {
+    return f;
+  }
   const AllocationResult allocation =
       allocate_torques(state.G, wanted, model.device.motor_peak_torque_Nm);
   if (allocation.kind == Allocation::kRefused) {
     return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
   }
-  bool shortened = false;
-  tau_motor_Nm = limit_rise(state.tau_motor_Nm, allocation.tau_motor_Nm,
-                            model.limits.torque_rise_max_Nm_per_s / model.rate_Hz, shortened);
-  if (!tau_motor_Nm.allFinite()) return Fault::kTorqueNotFinite;
-  // Between two torques within the limit only rounding can leave it.
-  const double peak_Nm = model.device.motor_peak_torque_Nm;
-  tau_motor_Nm = tau_motor_Nm.cwiseMax(-peak_Nm).cwiseMin(peak_Nm);
+  MotorVector tau = allocation.tau_motor_Nm;
+  const Fault limited = limit_torques(model.limits, model.device, state.tau_motor_Nm,
+                                      1 / model.rate_Hz, tau, state.limits);
+  if (limited != Fault::kNone) return limited;
+  tau_motor_Nm = tau;
 
   row.phase = result.contact.phase;
   row.active_slice = result.contact.active_sheet < 0
@@ -132,75 +225,113 @@ Fault compute_torques(const LoopModel& model, const TickInputs& inputs, const De
   return Fault::kNone;
 }
 
-}  // namespace
-
-MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
-                       bool& shortened) noexcept {
-  shortened = false;
-  const double step_Nm = (wanted - last).cwiseAbs().maxCoeff();
-  const bool grows = wanted.cwiseAbs().maxCoeff() > last.cwiseAbs().maxCoeff();
-  if (!grows || step_Nm <= rise_max_Nm) return wanted;
-  shortened = true;
-  return last + (rise_max_Nm / step_Nm) * (wanted - last);
+/// What is known whatever the tick's outcome.
+void describe(const LoopModel& model, const LoopState& state, const DeviceState& read,
+              RecordingRow& row) noexcept {
+  const Pose& pose = state.T_device_plate;
+  const Eigen::Vector3d tip = pose * model.contact.tool.tip_plate_m;
+  row.p_m = {pose.p_m.x(), pose.p_m.y(), pose.p_m.z()};
+  row.q = {pose.q.w(), pose.q.x(), pose.q.y(), pose.q.z()};
+  row.tool_m = {tip.x(), tip.y(), tip.z()};
+  row.encoder_rad = read.encoder_rad;
+  std::copy(state.tau_motor_Nm.data(), state.tau_motor_Nm.data() + kMotors, row.tau_Nm.begin());
+  put_wrench(state.G.transpose() * state.tau_motor_Nm, row.wrench_delivered);
+  row.safety = state.safety.state;
+  row.fault = state.safety.fault;
+  const bool stopped = row.safety == SafetyState::kFault || row.safety == SafetyState::kRecovering;
+  if (stopped) row.phase = ContactPhase::kFault;
+  row.authority = row.safety == SafetyState::kRunning ? state.safety.authority : 0;
+  row.passivity_J = state.passivity.balance_J;
+  row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
+  row.motor_heat_max = state.limits.heat.maxCoeff();
 }
+
+/// Outside of `running` nothing is met and nothing is owed.
+void forget_contact(LoopState& state) noexcept {
+  const double given_max_J = state.passivity.given_max_J;
+  state.passivity = {};
+  state.passivity.given_max_J = given_max_J;
+  state.coupling = {};
+  state.elastic = {};
+  state.limits.rise_s = 0;
+}
+
+}  // namespace
 
 void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, LoopState& state,
                  TickResult& result) noexcept {
   result = TickResult{};
   RecordingRow& row = result.row;
+  Safety& safety = state.safety;
+  const SafetyTiming& timing = model.limits.timing;
+  const double dt_s = 1 / model.rate_Hz;
   row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
   row.response_sheet = inputs.response.sheet;
   row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
   row.response_offset_m = inputs.response.offset_m;
 
+  // Health.
   DeviceState read;
   bool fresh = false;
   Fault fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
-  if (fault == Fault::kNone && model.limits.gap_max_s > 0 &&
-      inputs.gap_s > model.limits.gap_max_s) {
-    fault = Fault::kDeadlineMissed;
+  row.outside_fault = outside_fault(model.limits, inputs);
+  if (fault == Fault::kNone) fault = row.outside_fault;
+  row.recovery_asked = inputs.recover ? 1 : 0;
+  if (inputs.recover) recover(safety, timing, model.rate_Hz);
+  const bool seen = state.has_state || fresh;
+  if (fault == Fault::kNone && seen) fault = check_health(model, read, state, result);
+  if (fault != Fault::kNone) state.limits.has_pose = false;
+  const bool finite = std::all_of(read.encoder_rad.begin(), read.encoder_rad.end(),
+                                  [](double angle) { return std::isfinite(angle); });
+  if (fresh && finite) {
+    state.device = read;
+    state.has_state = true;
   }
+  if (fresh) state.no_data_ticks = 0;
 
+  // State.
+  const SafetyState before = safety.state;
+  const Fault heat = check_heat(model.limits, model.device, state.tau_motor_Nm, dt_s, state.limits);
+  const bool hot =
+      safety.state == SafetyState::kRecovering && state.limits.heat.maxCoeff() > kCooled;
+  if (fault == Fault::kNone && (heat != Fault::kNone || hot)) fault = Fault::kMotorOverload;
+  const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
+  advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
+
+  // Torques.
   MotorVector tau_motor_Nm = MotorVector::Zero();
-  const bool blind = !state.has_state && state.no_data_ticks > 0;  // nothing was ever read
-  if (state.fault == Fault::kNone && fault == Fault::kNone && !blind) {
-    fault = compute_torques(model, inputs, read, state, result, tau_motor_Nm);
-    if (fault == Fault::kNone && fresh) {
-      state.device = read;
-      state.has_state = true;
-      state.no_data_ticks = 0;
-    }
+  if (safety.state == SafetyState::kRunning) {
+    fault = compute_torques(model, inputs, state, result, tau_motor_Nm);
+    if (fault != Fault::kNone) raise(safety, fault, row.t_s);
   }
-  if (state.fault == Fault::kNone && fault != Fault::kNone) {
-    state.fault = fault;
-    state.fault_t_s = row.t_s;
-    state.tau_at_fault_Nm = state.tau_motor_Nm;
-  }
-  if (state.fault != Fault::kNone) {
-    const double left =
-        1 - static_cast<double>(++state.ramp_ticks_done) / (model.limits.ramp_s * model.rate_Hz);
-    tau_motor_Nm = std::max(left, 0.0) * state.tau_at_fault_Nm;
-    result.ramp_done = left <= 0;
-    row.phase = ContactPhase::kFault;
+  if (safety.state != SafetyState::kRunning) {
+    if (before == SafetyState::kRunning) state.tau_at_stop_Nm = state.tau_motor_Nm;
+    tau_motor_Nm = ramp_factor(safety, timing, model.rate_Hz) * state.tau_at_stop_Nm;
+    forget_contact(state);
   }
 
+  // Out.
   DeviceCommand command;
   std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
   const DeviceStatus written = device.write(command);
-  if (written != DeviceStatus::kOk && state.fault == Fault::kNone) {
+  row.device_write = answer_of(written);
+  if (written != DeviceStatus::kOk) {
     // The device may or may not have taken these torques; the ramp starts from them.
-    state.fault = written == DeviceStatus::kLinkLost ? Fault::kLinkLost : Fault::kWriteFailed;
-    state.fault_t_s = row.t_s;
-    state.tau_at_fault_Nm = tau_motor_Nm;
-    row.phase = ContactPhase::kFault;
+    const bool was_running = safety.state == SafetyState::kRunning;
+    raise(safety,
+          written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(row.device_write),
+          row.t_s);
+    if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
   }
   state.tau_motor_Nm = tau_motor_Nm;
-
-  describe_pose(model, state, read, row);
-  put_wrench(state.G.transpose() * tau_motor_Nm, row.wrench_delivered);
-  row.tau_Nm = command.tau_motor_Nm;
-  row.fault = state.fault;
+  note_delivered(state.G.transpose() * tau_motor_Nm, state.passivity);
+  const bool stopped =
+      safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
+  const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
+  if (stopped && !was_stopped) result.new_fault = safety.fault;
+  result.at_rest = at_rest(safety, timing, model.rate_Hz);
+  describe(model, state, read, row);
   ++state.tick;
 }
 

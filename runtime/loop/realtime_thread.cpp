@@ -6,10 +6,12 @@
 #include <sys/mman.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cmath>
 #include <ctime>
+#include <fstream>
 #include <system_error>
 #include <thread>
 
@@ -52,6 +54,54 @@ void add_note(std::string& note, const std::string& what) {
   note += (note.empty() ? "" : "; ") + what;
 }
 
+/// The processors of a set as Linux lists them: "0-3,5".
+std::string list_of(const cpu_set_t& set) {
+  std::string list;
+  for (int first = 0; first < CPU_SETSIZE; ++first) {
+    if (!CPU_ISSET(first, &set)) continue;
+    int last = first;
+    while (last + 1 < CPU_SETSIZE && CPU_ISSET(last + 1, &set))
+      ++last;
+    if (!list.empty()) list += ',';
+    list += std::to_string(first);
+    if (last > first) list.append("-").append(std::to_string(last));
+    first = last;
+  }
+  return list;
+}
+
+std::string scheduling_of_this_thread() {
+  int policy = 0;
+  sched_param parameters{};
+  if (::pthread_getschedparam(::pthread_self(), &policy, &parameters) != 0) return "unknown";
+  const char* name = policy == SCHED_FIFO    ? "SCHED_FIFO"
+                     : policy == SCHED_RR    ? "SCHED_RR"
+                     : policy == SCHED_OTHER ? "SCHED_OTHER"
+                                             : "other";
+  return std::string(name) + " " + std::to_string(parameters.sched_priority);
+}
+
+bool kernel_is_realtime() {
+  std::ifstream file("/sys/kernel/realtime");
+  int value = 0;
+  return static_cast<bool>(file >> value) && value == 1;
+}
+
+void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  if (options.cpu >= 0 && options.cpu < CPU_SETSIZE) {
+    CPU_SET(options.cpu, &set);
+    const int error = ::pthread_setaffinity_np(::pthread_self(), sizeof set, &set);
+    if (error != 0) {
+      add_note(report.note, "not on processor " + std::to_string(options.cpu) + ": " + why(error));
+    }
+  }
+  if (::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) == 0) {
+    report.cpus = list_of(set);
+  }
+}
+
 void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
   // Memory of the future is locked only where there is no limit to it: with one, the
   // first allocation beyond it would fail.
@@ -65,9 +115,12 @@ void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
   const int error = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &parameters);
   report.fifo = error == 0;
   if (!report.fifo) add_note(report.note, "no realtime priority: " + why(error));
+  ask_for_cpu(options, report);
+  report.scheduling = scheduling_of_this_thread();
+  report.kernel_is_realtime = kernel_is_realtime();
 }
 
-void run(const RealtimeOptions& options, const std::function<bool(double)>& tick,
+void run(const RealtimeOptions& options, const std::function<bool(const TickTiming&)>& tick,
          RealtimeReport& report) {
   ask_for_realtime(options, report);
   touch_stack();
@@ -78,20 +131,24 @@ void run(const RealtimeOptions& options, const std::function<bool(double)>& tick
   };
   const std::uint64_t faults_before = thread_page_faults();
   std::int64_t last_ns = 0;
+  TickTiming timing;
   for (std::uint64_t call = 0; options.stop == nullptr || !options.stop->load();) {
     sleep_until(time_of(call));
     const std::int64_t woken_ns = now_ns();
     report.wake.add(woken_ns - time_of(call));
-    const double gap_s = last_ns == 0 ? 0 : static_cast<double>(woken_ns - last_ns) * 1e-9;
+    timing.gap_s = last_ns == 0 ? 0 : static_cast<double>(woken_ns - last_ns) * 1e-9;
     last_ns = woken_ns;
-    if (!tick(gap_s)) break;
+    if (!tick(timing)) break;
     const std::int64_t done_ns = now_ns();
     ++call;
-    if (done_ns > time_of(call)) {
-      ++report.missed_deadlines;
-      while (time_of(call) < done_ns)
-        ++call;
+    if (done_ns <= time_of(call)) {
+      timing.missed_in_row = 0;
+      continue;
     }
+    ++report.missed_deadlines;
+    for (; time_of(call) < done_ns; ++call)
+      ++timing.missed_in_row;
+    report.missed_in_row_max = std::max(report.missed_in_row_max, timing.missed_in_row);
   }
   report.page_faults = thread_page_faults() - faults_before;
   if (report.memory_locked) ::munlockall();
@@ -100,7 +157,7 @@ void run(const RealtimeOptions& options, const std::function<bool(double)>& tick
 }  // namespace
 
 RealtimeReport run_realtime(const RealtimeOptions& options,
-                            const std::function<bool(double)>& tick) {
+                            const std::function<bool(const TickTiming&)>& tick) {
   RealtimeReport report;
   std::thread thread([&] { run(options, tick, report); });
   thread.join();

@@ -10,6 +10,7 @@
 #include <deque>
 #include <numbers>
 #include <thread>
+#include <utility>
 
 #include "runtime/loop/allocation_counter.h"
 
@@ -44,13 +45,14 @@ class Session {
  public:
   Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
           Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
-          Recorder* recorder, Responder* responder)
+          Recorder* recorder, Responder* responder, BlackBox* black_box)
       : remesher_(remesher),
         responder_(responder),
         device_(device),
         advance_(advance),
         options_(options),
         recorder_(recorder),
+        black_box_(black_box),
         ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
                                       : options.replay.size()) {
     model_.device = description;
@@ -58,13 +60,16 @@ class Session {
     model_.contact.dt_s = 1 / options.rate_Hz;
     model_.contact.law = scene.force_law.kind;
     model_.limits = options.limits;
+    model_.passivity = options.passivity;
+    model_.coupling = options.coupling;
     model_.rate_Hz = options.rate_Hz;
     sheets_.resize(remesher.size());
     report_.punctures.reserve(kMaxListedPunctures);
+    report_.faults.reserve(kMaxListedFaults);
   }
 
   /// One call of the haptic thread. False: the session is over.
-  bool tick(double gap_s) noexcept {
+  bool tick(const TickTiming& timing) noexcept {
     const NoAllocationScope scope;
     if (state_.tick == ticks_) return false;
     const std::int64_t start_ns = now_ns();
@@ -74,18 +79,20 @@ class Session {
       cuts_published_ += sheets_[i]->cuts;
     }
     if (responder_ != nullptr && is_real()) responder_->latest(response_);
-    haptic_tick(model_, {sheets_, response_, gap_s}, device_, state_, result_);
+    haptic_tick(model_, inputs(timing), device_, state_, result_);
     if (result_.end_of_data) return false;
     result_.row.cuts_published = cuts_published_;
     if (result_.contact.gave_way) give_way();
     if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
     if (recorder_ != nullptr) recorder_->push(result_.row);
+    follow_faults();
     if (options_.live != nullptr) options_.live->write(result_.row);
     if (options_.on_frame && is_real()) for_frames_.write(result_.row);
     keep_count(result_.row);
     report_.tick.add(now_ns() - start_ns);
     advance_(model_.contact.dt_s);
-    return !result_.ramp_done;
+    return !(result_.at_rest && options_.recovery == RecoveryPolicy::kNever &&
+             options_.replay.empty());
   }
 
   void run_real() {
@@ -95,10 +102,15 @@ class Session {
           [this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
     });
     if (recorder_ != nullptr) recorder_->start();
+    if (black_box_ != nullptr) black_box_->start();
     std::atomic<bool> done{false};
     std::thread display([this, &done] { show_frames(done); });
-    const RealtimeOptions realtime{options_.rate_Hz, RealtimeOptions{}.priority, options_.stop};
-    report_.realtime = run_realtime(realtime, [this](double gap_s) { return tick(gap_s); });
+    RealtimeOptions realtime;
+    realtime.rate_Hz = options_.rate_Hz;
+    realtime.cpu = options_.cpu;
+    realtime.stop = options_.stop;
+    report_.realtime =
+        run_realtime(realtime, [this](const TickTiming& timing) { return tick(timing); });
     done.store(true);
     display.join();
     remesher_.stop();
@@ -110,7 +122,8 @@ class Session {
     for (;;) {
       if (options_.stop != nullptr && options_.stop->load()) break;
       hand_over(due);
-      if (!tick(0)) break;
+      if (!tick({})) break;
+      if (black_box_ != nullptr) black_box_->serve();
       if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
       if (responder_ != nullptr && options_.replay.empty()) respond();
@@ -122,23 +135,84 @@ class Session {
 
   SessionReport finish() {
     device_.write(DeviceCommand{});
+    const Safety& safety = state_.safety;
+    if (black_box_ != nullptr) {
+      if (save_pending_) black_box_->save(safety.fault, safety.fault_t_s);  // the end came first
+      black_box_->stop();
+      report_.black_boxes = black_box_->files();
+      report_.black_boxes_lost = black_box_->lost();
+    }
     report_.ticks = state_.tick;
-    report_.fault = state_.fault;
-    report_.fault_t_s = state_.fault_t_s;
-    report_.end = state_.fault != Fault::kNone ? SessionEnd::kFault
+    report_.fault = safety.fault;
+    report_.fault_t_s = safety.fault_t_s;
+    report_.energy_given_max_J = state_.passivity.given_max_J;
+    report_.end = safety.fault != Fault::kNone ? SessionEnd::kFault
                   : state_.tick == ticks_      ? SessionEnd::kDone
                                                : SessionEnd::kInterrupted;
     return std::move(report_);
   }
 
  private:
+  TickInputs inputs(const TickTiming& timing) noexcept {
+    TickInputs inputs;
+    inputs.sheets = sheets_;
+    inputs.response = response_;
+    if (!options_.replay.empty()) {
+      if (state_.tick < options_.replay.size()) {
+        inputs.outside = options_.replay[state_.tick].outside_fault;
+        inputs.recover = options_.replay[state_.tick].recovery_asked != 0;
+      }
+      return inputs;
+    }
+    inputs.gap_s = timing.gap_s;
+    inputs.missed_in_row = timing.missed_in_row;
+    inputs.outside = std::exchange(outside_, Fault::kNone);
+    inputs.recover = result_.at_rest && wants_recovery();
+    return inputs;
+  }
+
+  bool wants_recovery() noexcept {
+    if (options_.recovery == RecoveryPolicy::kAuto) return true;
+    return options_.recovery == RecoveryPolicy::kOnRequest && options_.recover != nullptr &&
+           options_.recover->exchange(false);
+  }
+
+  /// The list of faults, and a black box for each: saved when torques are zero, so that the whole
+  /// way there is in it.
+  void follow_faults() noexcept {
+    const RecordingRow& row = result_.row;
+    if (black_box_ != nullptr) black_box_->push(row);
+    FaultEvent* last = report_.faults.empty() || report_.faults_count > kMaxListedFaults
+                           ? nullptr
+                           : &report_.faults.back();
+    if (result_.new_fault != Fault::kNone) {
+      save_pending_ = true;
+      last = nullptr;
+      if (options_.recover != nullptr) options_.recover->store(false);  // of before
+      if (++report_.faults_count <= kMaxListedFaults) {
+        FaultEvent event;
+        event.fault = result_.new_fault;
+        event.t_s = row.t_s;
+        report_.faults.push_back(event);
+        last = &report_.faults.back();
+      }
+    }
+    if (result_.at_rest && save_pending_) {
+      save_pending_ = false;
+      if (last != nullptr) last->rest_t_s = row.t_s;
+      if (black_box_ != nullptr) black_box_->save(state_.safety.fault, state_.safety.fault_t_s);
+    }
+    if (last != nullptr && last->recovered_t_s < 0 && row.safety == SafetyState::kRunning) {
+      last->recovered_t_s = row.t_s;
+    }
+    report_.damping_max_N_s_per_m =
+        std::max(report_.damping_max_N_s_per_m, row.passivity_N_s_per_m);
+    if (row.passivity_N_s_per_m > 0) ++report_.damped_ticks;
+  }
+
   void give_way() noexcept {
     const CutRequest& cut = result_.contact.cut;
-    if (!remesher_.request(cut) && state_.fault == Fault::kNone) {
-      state_.fault = Fault::kRemeshBacklog;
-      state_.fault_t_s = result_.row.t_s;
-      state_.tau_at_fault_Nm = state_.tau_motor_Nm;
-    }
+    if (!remesher_.request(cut)) outside_ = Fault::kRemeshBacklog;
     if (report_.punctures.size() == kMaxListedPunctures) {
       ++report_.punctures_not_listed;
       return;
@@ -160,14 +234,15 @@ class Session {
     last_active_sheet_ = result_.contact.active_sheet;
     if (!options_.replay.empty() && report_.replay_first_difference < 0) {
       const RecordingRow& old = options_.replay[state_.tick - 1];
-      if (!same_bits(old.tau_Nm, row.tau_Nm) || old.cuts_published != row.cuts_published) {
+      if (!same_bits(old.tau_Nm, row.tau_Nm) || old.fault != row.fault ||
+          old.cuts_published != row.cuts_published) {
         report_.replay_first_difference = static_cast<std::int64_t>(state_.tick - 1);
       }
     }
     for (const double tau : row.tau_Nm) {
       report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
     }
-    if (row.fault != Fault::kNone) return;  // the ramp renders nothing
+    if (row.authority < 1) return;  // a ramp renders nothing, or not all
     report_.max_force_N = std::max(report_.max_force_N, result_.contact.force_N);
     if (row.wrench_scale < 1) ++report_.scaled_ticks;
     const double wanted = wrench_norm(row.wrench_wanted);
@@ -249,6 +324,9 @@ class Session {
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;
   Recorder* recorder_;
+  BlackBox* black_box_;
+  bool save_pending_ = false;
+  Fault outside_ = Fault::kNone;  ///< for the next tick
   std::uint64_t ticks_;
   std::vector<const Sheet*> sheets_;
   std::int64_t cuts_published_ = 0;
@@ -303,6 +381,12 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
     if (!writer) return writer.error();
     recorder = std::make_unique<Recorder>(std::move(*writer));
   }
+  std::unique_ptr<BlackBox> black_box;
+  if (options.black_box) {
+    auto made = BlackBox::make(*options.black_box, options.rate_Hz);
+    if (!made) return made.error();
+    black_box = std::move(*made);
+  }
   std::unique_ptr<Responder> responder;
   if (scene.force_law.kind == ForceLawKind::kNetwork) {
     std::vector<Tissue> tissues;
@@ -313,7 +397,7 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
     responder = std::move(*made);
   }
   auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           recorder.get(), responder.get());
+                                           recorder.get(), responder.get(), black_box.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();

@@ -15,6 +15,7 @@
 #include "formats/device_description.h"
 #include "formats/scene.h"
 #include "runtime/device/simulated_device.h"
+#include "runtime/loop/black_box.h"
 #include "runtime/loop/haptic_loop.h"
 #include "runtime/loop/histogram.h"
 #include "runtime/loop/realtime_thread.h"
@@ -27,6 +28,12 @@ namespace trocar::runtime {
 enum class Clock : std::uint8_t {
   kReal,     ///< wall clock; new meshes are used as soon as they are there
   kVirtual,  ///< as fast as it goes, deterministic: the same input gives the same recording
+};
+
+enum class RecoveryPolicy : std::uint8_t {
+  kNever,      ///< a fault ends the session once torques are zero
+  kOnRequest,  ///< the session goes on without torques until recovery is asked for
+  kAuto,       ///< recovery is asked for as soon as torques are zero
 };
 
 struct SessionOptions {
@@ -42,6 +49,13 @@ struct SessionOptions {
   /// compared with theirs. The device must be a ReplayDevice over the same rows.
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
+  PassivityOptions passivity;
+  CouplingOptions coupling;
+  RecoveryPolicy recovery = RecoveryPolicy::kNever;
+  std::atomic<bool>* recover = nullptr;  ///< kOnRequest: set by the operator, cleared when taken
+  /// Where a fault leaves its black box; none: nowhere.
+  std::optional<std::filesystem::path> black_box;
+  int cpu = -1;                                ///< RealtimeOptions::cpu
   const std::atomic<bool>* stop = nullptr;     ///< ends the session between two ticks
   TripleBuffer<RecordingRow>* live = nullptr;  ///< gets every row
   /// Called at the frame rate, never on the haptic thread, with the latest row and, by `network`,
@@ -49,6 +63,8 @@ struct SessionOptions {
   std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)> on_frame;
   double frame_rate_Hz = 30;
 };
+
+inline constexpr std::size_t kMaxListedFaults = 256;
 
 enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
 
@@ -63,11 +79,25 @@ struct PunctureEvent {
   double judged_force_N = 0;  ///< the one it did not stand
 };
 
+struct FaultEvent {
+  Fault fault = Fault::kNone;
+  double t_s = 0;
+  double rest_t_s = -1;       ///< when torques were zero; -1: not before the end
+  double recovered_t_s = -1;  ///< when forces were rendered again; likewise
+};
+
 struct SessionReport {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;
-  Fault fault = Fault::kNone;
+  Fault fault = Fault::kNone;  ///< that is latched at the end
   double fault_t_s = 0;
+  std::vector<FaultEvent> faults;  ///< all, the first kMaxListedFaults of them
+  std::uint64_t faults_count = 0;
+  std::vector<BlackBoxFile> black_boxes;
+  std::uint64_t black_boxes_lost = 0;
+  double energy_given_max_J = 0;     ///< PassivityState::given_max_J
+  double damping_max_N_s_per_m = 0;  ///< added by the passivity controller
+  std::uint64_t damped_ticks = 0;
   RealtimeReport realtime;  ///< virtual clock: empty
   Histogram tick;           ///< wall time of a tick, from reading the device to publishing
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted in this build
@@ -88,7 +118,8 @@ Result<SimulatedDevice> make_simulated_device(
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
-/// Ends with torques at zero. Errors: the recording cannot be written (unwritable); by `network`, a
+/// Ends with torques at zero. Errors: the recording cannot be written, or the folder of the black
+/// box (unwritable; a black box that fails later is said in the report); by `network`, a
 /// tissue or tool that no membrane fits (refused).
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
                                   Remesher& remesher, Device& device,

@@ -16,6 +16,47 @@ json quantiles(const Histogram& histogram) {
           {"samples", histogram.samples()}};
 }
 
+json buckets(const Histogram& histogram) {
+  json list = json::array();
+  histogram.each_quarter_octave([&](double upper_us, std::uint64_t count) {
+    list.push_back({upper_us, count});
+  });
+  return list;
+}
+
+json describe(const RealtimeReport& realtime) {
+  return {{"scheduling", realtime.scheduling},
+          {"realtime_priority", realtime.fifo},
+          {"memory_locked", realtime.memory_locked},
+          {"cpus", realtime.cpus},
+          {"kernel_is_realtime", realtime.kernel_is_realtime},
+          {"note", realtime.note}};
+}
+
+json time_or_null(double t_s) {
+  return t_s < 0 ? json(nullptr) : json(t_s);
+}
+
+json describe_faults(const SessionReport& report) {
+  json list = json::array();
+  for (std::size_t i = 0; i < report.faults.size(); ++i) {
+    const FaultEvent& event = report.faults[i];
+    json fault = {{"fault", to_word(event.fault)},
+                  {"t_s", event.t_s},
+                  {"torques_zero_t_s", time_or_null(event.rest_t_s)},
+                  {"recovered_t_s", time_or_null(event.recovered_t_s)},
+                  {"black_box", nullptr}};
+    if (i < report.black_boxes.size()) {
+      const BlackBoxFile& box = report.black_boxes[i];
+      fault["black_box"] = box.file.string();
+      fault["black_box_rows"] = box.rows;
+      if (box.error) fault["black_box_error"] = box.error->message;
+    }
+    list.push_back(std::move(fault));
+  }
+  return list;
+}
+
 const CutRecord* find_record(const Remesher& remesher, const PunctureEvent& event) {
   const auto found = std::find_if(
       remesher.records().begin(), remesher.records().end(), [&](const CutRecord& record) {
@@ -78,12 +119,20 @@ json summarize(const Scene& scene, const SessionOptions& options, const SessionR
       {"wake_us", quantiles(report.realtime.wake)},
       {"allocations_in_loop", nullptr},
       {"page_faults_in_loop", report.realtime.page_faults},
-      {"realtime_priority", report.realtime.fifo},
-      {"memory_locked", report.realtime.memory_locked},
+      {"missed_deadlines_in_row_max", report.realtime.missed_in_row_max},
+      {"realtime", describe(report.realtime)},
+      {"tick_histogram_us", buckets(report.tick)},
+      {"wake_histogram_us", buckets(report.realtime.wake)},
       {"max_force_N", report.max_force_N},
       {"punctures", json::array()},
       {"punctures_not_listed", report.punctures_not_listed},
-      {"faults", json::array()},
+      {"faults", describe_faults(report)},
+      {"faults_count", report.faults_count},
+      {"passivity",
+       {{"on", options.passivity.on},
+        {"damped_ticks", report.damped_ticks},
+        {"damping_max_N_s_per_m", report.damping_max_N_s_per_m},
+        {"energy_given_max_J", report.energy_given_max_J}}},
       {"wrench_error_max", report.wrench_error_max},
       {"scaled_ticks", report.scaled_ticks},
       {"torque_max_Nm", report.torque_max_Nm},
@@ -101,9 +150,6 @@ json summarize(const Scene& scene, const SessionOptions& options, const SessionR
   }
   for (const PunctureEvent& event : report.punctures) {
     summary["punctures"].push_back(describe(event, remesher));
-  }
-  if (report.fault != Fault::kNone) {
-    summary["faults"].push_back({{"fault", to_word(report.fault)}, {"t_s", report.fault_t_s}});
   }
   if (!options.replay.empty()) {
     const bool differs = report.replay_first_difference >= 0;

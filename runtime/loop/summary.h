@@ -12,9 +12,10 @@ namespace trocar::runtime {
 
 /// ticks, missed_deadlines, tick_us, wake_us (p50, p99, p999, max, samples), allocations_in_loop
 /// (null where this build does not count), max_force_N, punctures[], faults[], wrench_error_max,
-/// torque_max_Nm, and how the session was run. No quantity is left out; what did not happen is 0
-/// or empty. `network` (responses, prepare_us, free_nodes_max, error bounds) only by that force
-/// law. A puncture's remesh_us and hole_vertices are null if its cut failed.
+/// torque_max_Nm, and how the session was run (`realtime`: what was granted). tick_histogram_us and
+/// wake_histogram_us are lists of [at most us, count]. No quantity is left out; what did not happen
+/// is 0 or empty. `network` (responses, prepare_us, free_nodes_max, error bounds) only by that
+/// force law. A puncture's remesh_us and hole_vertices are null if its cut failed.
 nlohmann::json summarize(const Scene& scene, const SessionOptions& options,
                          const SessionReport& report, const Remesher& remesher);
 

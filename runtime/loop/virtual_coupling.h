@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Virtual coupling (J. Colgate, M. Stanley, J. Brown, Issues in the haptic display of tool use,
+// IROS 1995; R. Adams, B. Hannaford, Stable haptic interaction with virtual environments, IEEE TRA
+// 15(3), 1999): the sheets are met by a proxy of the tool, and spring and damper between the two
+// are what the hand feels. However stiff a sheet, the device renders at most the spring.
+//
+// The proxy has no mass and the plate's orientation; it moves each tick to where coupling and
+// environment balance, the environment taken as linear from where the proxy last was.
+//
+// Laws (tests/virtual_coupling_test.cpp):
+//  1. Where nothing acts on the proxy it is the tool, and no force is felt.
+//  2. At rest in a sheet of stiffness k the force felt is that of k and the coupling in series.
+//  3. A release of the environment is a release of the coupling, in the same tick.
+#pragma once
+
+#include "runtime/device/pose.h"
+
+namespace trocar::runtime {
+
+struct CouplingOptions {
+  bool on = false;
+  double stiffness_N_per_m = 10000;
+  double damping_N_s_per_m = 5;
+};
+
+/// Between ticks.
+struct CouplingState {
+  bool has_last = false;
+  Eigen::Vector3d device_m = Eigen::Vector3d::Zero();  ///< the plate's origin, last tick
+  Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();  ///< proxy less device
+  Eigen::Vector3d last_offset_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d force_N = Eigen::Vector3d::Zero();  ///< of the environment on the proxy
+  double stiffness_N_per_m = 0;                       ///< of the environment, along that force
+};
+
+/// The proxy in the place of the plate at a tick's start.
+Pose move_proxy(const CouplingOptions& options, double dt_s, const Pose& T_device_plate,
+                CouplingState& state) noexcept;
+
+/// The wrench on the plate, given that of the environment on the proxy and the stiffness with
+/// which it answers. The moment is the environment's.
+Wrench felt_wrench(const CouplingOptions& options, double dt_s, const Wrench& environment,
+                   double stiffness_N_per_m, CouplingState& state) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""recovery_e2e_test.py SOURCE BIN SCAN WORK: a fault as a user meets it: the hand lifts the plate to the end of its
+reach and comes back. Exit codes, the black box, recovery by itself, by SIGUSR1 and not at all, and the replay."""
+import json
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+from e2e import check, failures, run
+
+
+def scene_of(source, asset):
+    scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
+    tip = [0.148, 0.148, 0.245, 0.148, 0.148, 0.1]
+    at = [0, 0.1, 0.8, 1.4, 2.2, 4.5]
+    scene.update(asset=str(asset), duration_s=4.8)
+    scene["hand"] = {"trajectory": [{"t_s": t, "tip_m": [0, 0, z]} for t, z in zip(at, tip)]}
+    return scene
+
+
+def boxes(folder):
+    return sorted(folder.glob("black_box_*.csv"))
+
+
+def main():
+    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    trocar_run = programs / "trocar-run"
+    asset = work / "sample.glb"
+    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+    scene = work / "scene.json"
+    scene.write_text(json.dumps(scene_of(source, asset)))
+
+    # Not at all: the session ends with 5, its recording and its black box are there.
+    never = work / "never"
+    never.mkdir()
+    done = run(trocar_run, scene, "--clock", "virtual", "--record", never / "r.csv", "--summary", never / "s.json", "--quiet", expect=5)
+    check("joint_limit" in done.stderr, f"the fault is not named: {done.stderr!r}")
+    summary = json.loads((never / "s.json").read_text())
+    fault, = summary["faults"]
+    check(fault["fault"] == "joint_limit" and fault["recovered_t_s"] is None, fault)
+    check(0 <= fault["torques_zero_t_s"] - fault["t_s"] <= 0.005, f"torques were not zero in time: {fault}")
+    box, = boxes(never)
+    check(str(box) == fault["black_box"] and "_joint_limit" in box.name, f"{box} or {fault}")
+    recording = (never / "r.csv").read_bytes()
+    check(recording == box.read_bytes(), "the black box of a session of less than 4 s is not its recording")
+    check(len(recording.splitlines()) == summary["ticks"] + 1, "rows are missing")
+
+    # By itself: the session goes on, and the tool goes through the slice as ever.
+    auto = work / "auto"
+    auto.mkdir()
+    run(trocar_run, scene, "--clock", "virtual", "--recover", "auto", "--record", auto / "r.csv", "--summary", auto / "s.json", "--quiet")
+    summary = json.loads((auto / "s.json").read_text())
+    fault, = summary["faults"]
+    check(fault["recovered_t_s"] is not None and fault["recovered_t_s"] > fault["t_s"] + 0.25, fault)
+    check(len(summary["punctures"]) == 1 and abs(summary["punctures"][0]["force_N"] - 35) < 0.2, summary["punctures"])
+    check(len(boxes(auto)) == 1, boxes(auto))
+    replayed = run(trocar_run, scene, "--replay", auto / "r.csv", "--recover", "auto", "--record", auto / "again.csv")
+    check("identical" in replayed.stdout, replayed.stdout)
+    check((auto / "r.csv").read_bytes() == (auto / "again.csv").read_bytes(), "the replay of a recovery differs")
+    check(len(boxes(auto)) == 1, "a replay leaves no black box")
+
+    # By the operator, in real time; the black box beside the program where nothing else is said.
+    signalled = work / "signalled"
+    signalled.mkdir()
+    process = subprocess.Popen([trocar_run, scene, "--clock", "real", "--rate", "500", "--recover", "signal", "--summary", "s.json", "--quiet"],
+                               cwd=signalled, stderr=subprocess.PIPE, text=True)
+    time.sleep(2.2)
+    process.send_signal(signal.SIGUSR1)
+    _, errors = process.communicate(timeout=120)
+    check(process.returncode == 0, f"{process.returncode}: {errors}")
+    summary = json.loads((signalled / "s.json").read_text())
+    fault, = summary["faults"]
+    check(fault["recovered_t_s"] is not None, fault)
+    check(summary["ticks"] == 2400 and len(boxes(signalled)) == 1, summary["ticks"])
+    check("scheduling" in summary["realtime"] and isinstance(summary["realtime"]["kernel_is_realtime"], bool), summary["realtime"])
+    check(sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram is not whole")
+
+    run(trocar_run, scene, "--recover", "perhaps", expect=2)
+    run(trocar_run, scene, "--passivity", "1", expect=2)
+    run(trocar_run, scene, "--clock", "virtual", "--black-box", work / "absent", "--quiet", expect=4)
+    for line in failures:
+        print(line)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
