@@ -172,8 +172,8 @@ class Server {
     realtime.rate_Hz = 1 / period_s_;
     realtime.priority = 70;  // below the loop's own
     realtime.stop = &stop_requested;
-    return run_realtime(realtime, [this](double gap_s) {
-      const double skipped = std::clamp(std::round(gap_s / period_s_), 1.0, kMostCaughtUp);
+    return run_realtime(realtime, [this](const TickTiming& timing) {
+      const double skipped = std::clamp(std::round(timing.gap_s / period_s_), 1.0, kMostCaughtUp);
       serve();
       Drive::Answer state;
       drive_.tick(now_ns(), static_cast<int>(skipped), state);
