@@ -30,7 +30,8 @@ TEST(SafetyTable, EveryEventInEveryState) {
 
 TEST(Safety, EveryRampReachesZeroWithinFiveMilliseconds) {
   const SafetyTiming timing;
-  for (double rate_Hz = 200; rate_Hz <= 8000; rate_Hz += 1) {
+  for (int hertz = 200; hertz <= 8000; ++hertz) {
+    const double rate_Hz = hertz;
     const int ticks = ramp_ticks(timing, rate_Hz);
     ASSERT_GE(ticks, 1);
     // The fault is at worst right after a tick, and found in the next; if that tick's own write

@@ -45,9 +45,7 @@ struct ElasticState {
 struct LoopState {
   std::uint64_t tick = 0;  ///< ticks done
   ContactState contact;
-  bool has_state = false;  ///< a device state has been read
-  DeviceState device;      ///< the last one read whose angles are finite
-  int no_data_ticks = 0;
+  DeviceState device;                                ///< the last one read whose angles are finite
   Pose T_device_plate;                               ///< of the last good tick
   Jacobian G = Jacobian::Zero();                     ///< likewise
   MotorVector tau_motor_Nm = MotorVector::Zero();    ///< last written
@@ -57,6 +55,8 @@ struct LoopState {
   PassivityState passivity;
   CouplingState coupling;
   ElasticState elastic;
+  int no_data_ticks = 0;
+  bool has_state = false;  ///< `device` has been read
 };
 
 struct TickResult {
