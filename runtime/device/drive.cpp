@@ -89,7 +89,8 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
   answer.size = encode(welcome, options_.key, answer.bytes);
 }
 
-void Drive::begin(const Session& offered) noexcept {
+/// By value: the offers, of which it is one, are gone in here.
+void Drive::begin(Session offered) noexcept {
   session_ = offered;
   offers_.fill(std::nullopt);
   ++report_.sessions;

@@ -93,7 +93,7 @@ class Drive {
   };
   bool is_alive(std::int64_t now_ns) const noexcept;
   void offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept;
-  void begin(const Session& offered) noexcept;
+  void begin(Session offered) noexcept;
   void take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept;
   void end_session() noexcept;
   void advance(double dt_s) noexcept;
