@@ -54,9 +54,13 @@ struct SheetMesh {
   }
   SheetMesh& operator=(const SheetMesh& other) { return *this = SheetMesh(other); }
 
+  /// Law 4. The memory is written to, so that no later edit is the first to touch it.
   void reserve_stacks() {
-    free_vertices.reserve(vertices.size());
-    free_triangles.reserve(triangles.size());
+    const std::size_t vertices_free = free_vertices.size(), triangles_free = free_triangles.size();
+    free_vertices.resize(vertices.size());
+    free_vertices.resize(vertices_free);
+    free_triangles.resize(triangles.size());
+    free_triangles.resize(triangles_free);
   }
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
