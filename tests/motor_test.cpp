@@ -144,7 +144,8 @@ TEST(Compensation, FrictionFollowsTheRateContinuouslyAndNeverInFull) {
   EXPECT_NEAR(torque(3), 0.8 * (0.1 + 0.06), 1e-12);
   EXPECT_NEAR(torque(-3), -torque(3), 1e-15);
   double last = torque(-0.2);
-  for (double rate = -0.2; rate < 0.2; rate += 1e-4) {
+  for (int i = 0; i < 4000; ++i) {
+    const double rate = -0.2 + 1e-4 * i;
     EXPECT_LE(std::abs(torque(rate)),
               0.8 * (0.1 * std::min(1.0, std::abs(rate) / 0.05) + 0.02 * std::abs(rate)) + 1e-12);
     EXPECT_LT(std::abs(torque(rate) - last), 1e-3);

@@ -75,7 +75,7 @@ MotorVector by_enumeration(const Jacobian& G, const Wrench& wrench, const MotorV
     const MotorVector free = pull.cwiseQuotient(weight);
     const Eigen::Matrix<double, 6, 6> left = G.transpose() * soft;
     const Wrench multipliers = left.fullPivLu().solve(wrench - G.transpose() * free);
-    const MotorVector tau = free + soft * multipliers;
+    MotorVector tau = free + soft * multipliers;
     bool agrees = true;
     for (int i = 0; i < kMotors && agrees; ++i) {
       const double slack = 1e-9 * limit[i];
