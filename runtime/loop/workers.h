@@ -117,8 +117,8 @@ class Remesher {
   void improve(Lane& lane, Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
 
-  RemesherOptions options_;
   SpscQueue<CutRequest, 64> requests_;
+  RemesherOptions options_;
   std::vector<std::unique_ptr<Lane>> lanes_;
   std::unique_ptr<CutWorkspace> work_;
   std::unique_ptr<LocalRefinementWorkspace> refinement_;

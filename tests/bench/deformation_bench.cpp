@@ -6,11 +6,13 @@
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <map>
 #include <utility>
 #include <vector>
 
+#include "runtime/contact/puncture.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
@@ -117,6 +119,35 @@ void TickForceAndSolve(benchmark::State& state) {
   note(state, s);
 }
 BENCHMARK(TickForceAndSolve)->Arg(200)->Unit(benchmark::kMicrosecond);
+
+// And with the contact before it: outline, overlap, state machine, wrench.
+void TickContactForceAndSolve(benchmark::State& state) {
+  const Setting& s = setting(state.range(0));
+  Tick tick(s.region);
+  Sheet sheet;
+  sheet.z_m = 0.12;
+  sheet.transform.lattice = s.lattice;
+  sheet.mesh = s.sheet;
+  sheet.grid = TriangleGrid(sheet.mesh);
+  const std::array<const Sheet*, 1> sheets{&sheet};
+  ContactModel model;
+  model.law = ForceLawKind::kNetwork;
+  model.tool = make_tool(SceneTool{});
+  ContactState contact;
+  ContactOutput output;
+  Pose T_device_plate;
+  double depth_m = -1e-3;
+  for (auto _ : state) {
+    T_device_plate.p_m = {300 * s.lattice.step_m(), 500 * s.lattice.step_m(), sheet.z_m - depth_m};
+    update_contact(model, sheets, {}, T_device_plate, contact, output);
+    benchmark::DoNotOptimize(output);
+    benchmark::DoNotOptimize(tick.force_at(s.region, depth_m));
+    depth_m = 1e-3;
+  }
+  if (output.phase != ContactPhase::kContact) state.SkipWithError("no contact");
+  note(state, s);
+}
+BENCHMARK(TickContactForceAndSolve)->Arg(200)->Unit(benchmark::kMicrosecond);
 
 void PrepareRegion(benchmark::State& state) {
   Setting& s = setting(state.range(0));
