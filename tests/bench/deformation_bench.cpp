@@ -136,13 +136,17 @@ void TickContactForceAndSolve(benchmark::State& state) {
   ContactState contact;
   ContactOutput output;
   Pose T_device_plate;
-  double depth_m = -1e-3;
-  for (auto _ : state) {
+  double depth_m = -1e-3;  // from above
+  const auto meet = [&] {
     T_device_plate.p_m = {300 * s.lattice.step_m(), 500 * s.lattice.step_m(), sheet.z_m - depth_m};
     update_contact(model, sheets, {}, T_device_plate, contact, output);
+  };
+  meet();
+  depth_m = 1e-3;
+  for (auto _ : state) {
+    meet();
     benchmark::DoNotOptimize(output);
     benchmark::DoNotOptimize(tick.force_at(s.region, depth_m));
-    depth_m = 1e-3;
   }
   if (output.phase != ContactPhase::kContact) state.SkipWithError("no contact");
   note(state, s);
