@@ -177,7 +177,7 @@ Scene pressing() {
 }
 
 int runs_of_each() {
-  const char* wanted = std::getenv("TROCAR_FAULT_RUNS");
+  const char* wanted = std::getenv("TROCAR_FAULT_RUNS");  // NOLINT(concurrency-mt-unsafe)
   return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 5;
 }
 
