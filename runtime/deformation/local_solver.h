@@ -43,7 +43,7 @@ struct LocalSolution {
 };
 
 struct LocalOptions {
-  bool bounds = true;  ///< false: leave out the bounds (two thirds of the time)
+  bool bounds = true;  ///< false: leave out the bounds, which need one more solve
 };
 
 /// `kind` has network.size() elements. Returns false, and leaves `solution` unspecified, if the

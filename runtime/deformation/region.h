@@ -33,8 +33,9 @@
 namespace trocar::runtime {
 
 /// The size of the triangles: edges of `at_tool` circumradii along the tool, growing by `grade` per
-/// distance. The defaults keep the stiffness under a hexagon within 1 % of the exact one for
-/// lambda >= 1.5 circumradii at some 200 free nodes (tests/deformation_accuracy_test.cpp).
+/// distance. With a calibrated membrane (calibration.h) the defaults keep the stiffness under a
+/// hexagon within 1 % of the exact one for lambda >= 1.5 circumradii at some 200 free nodes, and
+/// mostly within 1.5 % at rims and holes (tests/deformation_accuracy_test.cpp).
 struct Grading {
   bool graded = true;  ///< false: the sheet's own triangles and what the cut makes of them
   double at_tool = 0.33;

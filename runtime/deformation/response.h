@@ -39,7 +39,7 @@ struct Region {
   RegionResponse response;
 };
 
-/// Arguments as for make_region. Allocates; some 100 us for 200 free nodes. Errors: as cut().
+/// Arguments as for make_region. Allocates; some 200 us for 200 free nodes. Errors: as cut().
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace);

@@ -72,7 +72,7 @@ void note(benchmark::State& state, const Setting& s) {
 void TickSolve(benchmark::State& state) {
   const Setting& s = setting(state.range(0));
   std::vector<double> x(s.region.solution.factor.size());
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     std::fill(x.begin(), x.end(), 1.0);
     s.region.solution.factor.solve(x);
     benchmark::DoNotOptimize(x.data());
@@ -112,7 +112,7 @@ void TickForceAndSolve(benchmark::State& state) {
   const Setting& s = setting(state.range(0));
   Tick tick(s.region);
   double depth_m = 1e-3;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     benchmark::DoNotOptimize(tick.force_at(s.region, depth_m));
     depth_m += 1e-9;
   }
@@ -155,7 +155,7 @@ BENCHMARK(TickContactForceAndSolve)->Arg(200)->Unit(benchmark::kMicrosecond);
 
 void PrepareRegion(benchmark::State& state) {
   Setting& s = setting(state.range(0));
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     auto region =
         prepare_region(s.sheet, s.seeds, s.tool, s.lattice, s.membrane, s.options, s.workspace);
     benchmark::DoNotOptimize(region);
@@ -166,7 +166,7 @@ BENCHMARK(PrepareRegion)->Arg(100)->Arg(200)->Unit(benchmark::kMicrosecond);
 
 void PrepareRegionMesh(benchmark::State& state) {
   Setting& s = setting(200);
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     auto mesh = make_region(s.sheet, s.seeds, s.tool, s.lattice, s.options.region, s.workspace);
     benchmark::DoNotOptimize(mesh);
   }
@@ -176,7 +176,7 @@ BENCHMARK(PrepareRegionMesh)->Unit(benchmark::kMicrosecond);
 
 void PrepareRegionNetwork(benchmark::State& state) {
   const Setting& s = setting(200);
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     auto network = make_network(s.region.mesh.mesh, s.lattice, s.membrane);
     benchmark::DoNotOptimize(network);
   }
@@ -188,7 +188,7 @@ BENCHMARK(PrepareRegionNetwork)->Unit(benchmark::kMicrosecond);
 void RefactorRegion(benchmark::State& state) {
   const Setting& s = setting(200);
   LocalSolution solution;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     solve_local(s.region.network, s.region.mesh.kind, solution);
     benchmark::DoNotOptimize(solution);
   }
@@ -201,7 +201,7 @@ void PrepareAuto(benchmark::State& state) {
   ResponseOptions options = s.options;
   options.error_bound = 1.0 / static_cast<double>(state.range(0));
   std::uint32_t free_nodes = 0;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     auto region =
         prepare_region(s.sheet, s.seeds, s.tool, s.lattice, s.membrane, options, s.workspace);
     free_nodes = region->response.free_nodes;
@@ -223,7 +223,7 @@ void GlobalSolution(benchmark::State& state) {
       make_network(test::triangular_mesh({0, 0}, 256, cells), Lattice{8}, {320, 5e6});
   std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
   kind[network.size() / 2] = NodeKind::kTool;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     auto solution = solve_global(network, kind);
     benchmark::DoNotOptimize(solution);
   }
@@ -237,7 +237,7 @@ void PropagationTick(benchmark::State& state) {
                                                 {.depth = static_cast<int>(state.range(0))});
   PropagationState moving = make_propagation_state(s.region.network, plan);
   double depth_m = 1e-3;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     benchmark::DoNotOptimize(propagate(s.region.network, plan, depth_m, moving));
     depth_m += 1e-9;
   }

@@ -13,10 +13,10 @@
 // (of the calling thread's CPU) as medians, 95 % and largest over the places. solve_us: a tick's
 // work for a general load; prepare_us: what comes before, from the network on; mesh_us (auto):
 // region cut out and refined.
-#include <time.h>
 
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <iostream>
 #include <limits>
 #include <nlohmann/json.hpp>
