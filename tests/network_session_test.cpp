@@ -235,7 +235,8 @@ TEST_P(HundredPunctures, CostNoAllocationAndNoLock) {
   scene.hand.trajectory = {{0, {-0.016, -0.016, 0.122}, {}}};
   double t_s = 0;
   for (int i = 0; i < 100; ++i) {
-    const double x_m = -0.016 + 0.0035 * (i % 10), y_m = -0.016 + 0.0035 * (i / 10);
+    const int column = i % 10, row = i / 10;
+    const double x_m = -0.016 + 0.0035 * column, y_m = -0.016 + 0.0035 * row;
     for (const auto& [seconds, z_m] : {std::pair{0.05, 0.122}, {0.03, 0.117}, {0.03, 0.122}}) {
       t_s += seconds;
       scene.hand.trajectory.push_back({t_s, {x_m, y_m, z_m}, {}});

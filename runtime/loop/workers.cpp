@@ -25,7 +25,8 @@ Remesher::Lane::Lane(const Sheet& sheet)
   first.grid = TriangleGrid();
 }
 
-Remesher::Remesher(std::vector<std::unique_ptr<const Sheet>> sheets, const RemesherOptions& options)
+Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                   const RemesherOptions& options)
     : options_(options) {
   CutCapacity capacity;
   std::size_t vertices = 0, triangles = 0;

@@ -57,7 +57,7 @@ class Remesher {
   static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< of their holes, likewise
 
   /// `sheets` as from place_slices, at most kMaxSceneSlices.
-  explicit Remesher(std::vector<std::unique_ptr<const Sheet>> sheets,
+  explicit Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
                     const RemesherOptions& options = {});
   ~Remesher();
   Remesher(const Remesher&) = delete;
