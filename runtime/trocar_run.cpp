@@ -412,7 +412,8 @@ int session(const Arguments& arguments) {
       frames.add(row, shape);
     };
   }
-  Remesher remesher(std::move(loaded->sheets));
+  Remesher remesher(loaded->sheets);
+  loaded->sheets.clear();  // it has replicas of its own
   LinkCounts packets;
   const Result<SessionReport> report =
       is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, packets)

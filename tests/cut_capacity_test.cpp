@@ -177,7 +177,7 @@ TEST(CutAllocations, NoOutcomeMakesOne) {
 TEST(CutAllocations, NorDoesTheRemesher) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
   const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   const Tool tool = make_tool(scene.tool);
   for (std::uint32_t i = 1; i <= 60; ++i) {
     Pose pose;

@@ -279,7 +279,7 @@ void run(const Case& test, int index) {
   Trouble trouble = test.make(random, options);
   if (test.fault == Fault::kMotorOverload) description.motor_continuous_torque_Nm = 0.15;
 
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   auto simulated = make_simulated_device(scene, description);
   ASSERT_TRUE(simulated);
   TroubledDevice device(*simulated, trouble, begin, begin + lasts);
@@ -297,7 +297,7 @@ void run(const Case& test, int index) {
   if (testing::Test::HasFatalFailure()) return;
 
   ReplayDevice replay(*rows);
-  Remesher fresh(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
   SessionOptions again = options;
   again.replay = *rows;
   again.record = folder.path() / "again.csv";
@@ -334,7 +334,7 @@ TEST(Faults, ALateTickInRealTime) {
   options.black_box = folder.path();
   options.limits.missed_deadlines_max = 1'000'000;  // those are this machine's own
   options.limits.gap_max_s = 0.25;
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   auto simulated = make_simulated_device(scene, default_device_description());
   Trouble late;
   late.late_ms = 300;
@@ -352,7 +352,7 @@ TEST(Faults, ALateTickInRealTime) {
   expect_black_boxes(*report, text_of(*options.record), 500);
   // The replay knows of it although its own time is another.
   ReplayDevice replay(*rows);
-  Remesher fresh(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
   SessionOptions again;
   again.rate_Hz = 500;
   again.replay = *rows;

@@ -22,7 +22,7 @@ namespace {
 
 TEST(Remesher, ServesAndPublishesFromItsThread) {
   const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(2), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
   const std::int64_t whole = doubled_area(to_slice_mesh(remesher.current(0)->mesh));
   remesher.start();
   std::int64_t removed = 0;
@@ -58,8 +58,7 @@ class TwoReplicas : public testing::Test {
  protected:
   TwoReplicas() {
     scene_ = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
-    remesher_ =
-        std::make_unique<Remesher>(std::move(*place_slices(scene_, test::square_asset(2), "a")));
+    remesher_ = std::make_unique<Remesher>(*place_slices(scene_, test::square_asset(2), "a"));
   }
   void ask(std::int32_t sheet, std::uint32_t cut) {
     Pose pose;
@@ -143,8 +142,7 @@ TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetStaysAsItIs) {
 
 TEST_F(TwoReplicas, TheQualityPassLeavesNoSharpAngleThatTheOutlineDoesNotAskFor) {
   for (const double min_angle_deg : {0.0, 20.0}) {
-    Remesher remesher(std::move(*place_slices(scene_, test::square_asset(2), "a")),
-                      {min_angle_deg});
+    Remesher remesher(*place_slices(scene_, test::square_asset(2), "a"), {min_angle_deg});
     Pose pose;
     pose.p_m = {0.0004, 0.0003, 0.1};
     const Sheet& placed = remesher.first_version(0);

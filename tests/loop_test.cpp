@@ -502,7 +502,7 @@ TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {
 TEST(Session, AStopEndsItWithTorquesAtZero) {
   const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
     auto device = make_simulated_device(scene, default_device_description());
     ASSERT_TRUE(device);
     std::atomic<bool> stop{false};
@@ -529,7 +529,7 @@ TEST(Session, AStopEndsItWithTorquesAtZero) {
 
 TEST(Session, AFaultEndsItAfterTheRamp) {
   const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   ScriptedDevice device;
   device.on_read = DeviceStatus::kLinkLost;
   SessionOptions options;
@@ -544,7 +544,7 @@ TEST(Session, AFaultEndsItAfterTheRamp) {
 
 TEST(Session, AnUnwritableRecordingIsSaidBeforeAnythingRuns) {
   const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   ScriptedDevice device;
   SessionOptions options;
   options.record = "/no/such/folder/r.csv";

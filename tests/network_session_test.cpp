@@ -68,7 +68,7 @@ Finished run(const Scene& scene, SessionOptions options, const fs::path& record)
   Finished out;
   auto sheets = place_slices(scene, test::square_asset(1), "asset");
   EXPECT_TRUE(sheets) << sheets.error().message;
-  Remesher remesher(std::move(*sheets));
+  Remesher remesher(*sheets);
   const DeviceDescription description = default_device_description();
   auto device = make_simulated_device(scene, description);
   EXPECT_TRUE(device) << device.error().message;
@@ -152,7 +152,7 @@ TEST(NetworkSession, IsTheSameTwiceAndInAReplay) {
   }));
 
   auto sheets = place_slices(scene, test::square_asset(1), "asset");
-  Remesher remesher(std::move(*sheets));
+  Remesher remesher(*sheets);
   ReplayDevice device(once.rows);
   SessionOptions options = virtual_time();
   options.replay = once.rows;

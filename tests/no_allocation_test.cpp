@@ -119,7 +119,7 @@ TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
   scene.hand.trajectory.push_back({down_s + 0.5, {0.009, 0, 0.135}});
   scene.hand.trajectory.push_back({down_s + 1.0, {0.009, 0, 0.1}});
   scene.duration_s = down_s + 1.1;
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(2), "a")));
+  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
   auto device = make_simulated_device(scene, default_device_description());
   ASSERT_TRUE(device);
   std::string file = (std::filesystem::temp_directory_path() / "trocar.XXXXXX").string();
@@ -148,7 +148,7 @@ TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
                            {1.2, {0, 0, 0.133}, {}}, {1.3, {0, 0, 0.145}, {}},
                            {1.5, {0, 0, 0.133}, {}}};
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "a")));
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
     auto device = make_simulated_device(scene, default_device_description());
     ASSERT_TRUE(device);
     std::string file = (std::filesystem::temp_directory_path() / "trocar.XXXXXX").string();

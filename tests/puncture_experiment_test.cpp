@@ -53,7 +53,7 @@ Finished run_virtual(const Scene& scene, double rate_Hz, const fs::path& record)
   const Asset asset = test::square_asset(static_cast<int>(scene.slices.size()));
   auto sheets = place_slices(scene, asset, "asset");
   EXPECT_TRUE(sheets) << sheets.error().message;
-  run.remesher = std::make_unique<Remesher>(std::move(*sheets));
+  run.remesher = std::make_unique<Remesher>(*sheets);
   const DeviceDescription description = default_device_description();
   auto device = make_simulated_device(scene, description);
   EXPECT_TRUE(device) << device.error().message;
@@ -164,7 +164,7 @@ TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
   ASSERT_TRUE(rate_Hz);
   EXPECT_EQ(*rate_Hz, GetParam());
 
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(3), "asset")));
+  Remesher remesher(*place_slices(scene, test::square_asset(3), "asset"));
   ReplayDevice device(run.rows);
   SessionOptions options;
   options.rate_Hz = *rate_Hz;
@@ -181,7 +181,7 @@ TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
   std::vector<RecordingRow> other = run.rows;
   other[1234].tau_Nm[3] = std::nextafter(other[1234].tau_Nm[3], 10.0);
   ReplayDevice again(other);
-  Remesher fresh(std::move(*place_slices(scene, test::square_asset(3), "asset")));
+  Remesher fresh(*place_slices(scene, test::square_asset(3), "asset"));
   options.replay = other;
   options.record.reset();
   const auto differs = run_session(
@@ -251,7 +251,7 @@ TEST(Session, TheRealClockFeelsTheSameForces) {
   const Folder folder;
   Scene scene = test::descent_scene({0.12}, 0.123, 0.105, 0.05);
   const DeviceDescription description = default_device_description();
-  Remesher remesher(std::move(*place_slices(scene, test::square_asset(1), "asset")));
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "asset"));
   auto device = make_simulated_device(scene, description);
   ASSERT_TRUE(device);
   SessionOptions options;
@@ -274,7 +274,7 @@ TEST(Session, TheRealClockFeelsTheSameForces) {
 
   // Hand-overs at whatever tick they came: the replay has them at the same.
   ReplayDevice replay(*rows);
-  Remesher fresh(std::move(*place_slices(scene, test::square_asset(1), "asset")));
+  Remesher fresh(*place_slices(scene, test::square_asset(1), "asset"));
   SessionOptions again;
   again.rate_Hz = 500;
   again.replay = *rows;

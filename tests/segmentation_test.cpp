@@ -16,9 +16,9 @@ Image image_of(int width, int height, std::vector<float> values) {
 TEST(Segmentation, TheMeanIsOfWhatIsAtOrAboveTheThreshold) {
   std::mt19937_64 random(1);
   for (const int width : {1, 3, 8, 17, 64}) {
-    std::vector<float> values;
-    for (int i = 0; i < width * 5; ++i)
-      values.push_back(static_cast<float>(static_cast<int>(random() % 2000) - 1000) + 0.25F);
+    std::vector<float> values(static_cast<std::size_t>(width) * 5);
+    for (float& value : values)
+      value = static_cast<float>(static_cast<int>(random() % 2000) - 1000) + 0.25F;
     values[0] = 100;  // the threshold itself is material
     const Field field =
         segment(image_of(width, 5, values), Calibration::kHounsfield, Threshold{100});
