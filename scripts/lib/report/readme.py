@@ -11,7 +11,12 @@ def update(path, sentence, lines):
     _, end, tail = rest.partition(END)
     if not begin or not end:
         raise SystemExit(f"{path}: has no {BEGIN} ... {END}")
-    body = "\n".join([*lines, "", f"(From `scripts/report`: {sentence}.)"])
+    spaced = []
+    for line in lines:  # a table starts after an empty line
+        if line.startswith("|") and spaced and spaced[-1] and not spaced[-1].startswith("|"):
+            spaced.append("")
+        spaced.append(line)
+    body = "\n".join([*spaced, "", f"(From `scripts/report`: {sentence}.)"])
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(f"{head}{begin}\n{body}\n{end}{tail}", encoding="utf-8")
     os.replace(temporary, path)
