@@ -143,7 +143,7 @@ void TickContactForceAndSolve(benchmark::State& state) {
   };
   meet();
   depth_m = 1e-3;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     meet();
     benchmark::DoNotOptimize(output);
     benchmark::DoNotOptimize(tick.force_at(s.region, depth_m));
