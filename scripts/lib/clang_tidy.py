@@ -2,7 +2,9 @@
 """clang_tidy.py ROOT BUILD [REGEX]: clang-tidy over the compile database, in parallel.
 
 Files that passed before are remembered in BUILD/clang-tidy/ by a digest of the
-file, every header of ours, .clang-tidy and the compile command, and are skipped.
+file, the headers of ours that it includes (by ninja's record of its last
+compilation; every one if there is none), .clang-tidy and the compile command,
+and are skipped.
 Exit 0 if all pass, 1 otherwise.
 """
 import concurrent.futures
@@ -11,6 +13,7 @@ import json
 import os
 import pathlib
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -18,12 +21,32 @@ import time
 OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
 
 
-def common_digest(root):
+def headers_of_objects(build):
+    """Object file, relative to the build folder -> what its last compilation read."""
+    listing = subprocess.run(["ninja", "-C", str(build), "-t", "deps"], stdout=subprocess.PIPE,
+                             stderr=subprocess.DEVNULL, text=True, check=False).stdout
+    read, object_file = {}, None
+    for line in listing.splitlines():
+        if line.startswith("    "):
+            if object_file:
+                read[object_file].append(pathlib.Path(os.path.normpath(build / line.strip())))
+        elif ": #deps" in line:
+            name, rest = line.split(": #deps", 1)
+            object_file = name if "(VALID)" in rest else None
+            if object_file:
+                read[object_file] = []
+    return read
+
+
+def digest_of(entry, root, build, read, every_header):
     digest = hashlib.sha256((root / ".clang-tidy").read_bytes())
-    for folder in OURS:
-        for header in sorted((root / folder).rglob("*.h")):
-            digest.update(str(header.relative_to(root)).encode())
-            digest.update(header.read_bytes())
+    words = shlex.split(entry["command"])
+    output = words[words.index("-o") + 1] if "-o" in words else ""
+    headers = [h for h in read[output] if h.is_relative_to(root)] if output in read else every_header
+    for file in sorted({*headers, pathlib.Path(entry["file"])}):
+        digest.update(str(file).encode())
+        digest.update(file.read_bytes() if file.exists() else b"")
+    digest.update(entry["command"].encode())
     return digest
 
 
@@ -39,7 +62,8 @@ def main():
     root, build = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
     wanted = re.compile(sys.argv[3] if len(sys.argv) > 3 else "")
     database = json.loads((build / "compile_commands.json").read_text())
-    base = common_digest(root)
+    read = headers_of_objects(build)
+    every_header = [h for folder in OURS for h in (root / folder).rglob("*.h")]
     stamps = build / "clang-tidy"
     stamps.mkdir(exist_ok=True)
     todo, total = [], 0
@@ -50,9 +74,7 @@ def main():
         if not wanted.search(str(path.relative_to(root))):
             continue
         total += 1
-        digest = base.copy()
-        digest.update(path.read_bytes())
-        digest.update(entry["command"].encode())
+        digest = digest_of(entry, root, build, read, every_header)
         stamp = stamps / digest.hexdigest()
         if not stamp.exists():
             # Largest first, so that the last one to finish is a small one.
