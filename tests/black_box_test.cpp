@@ -2,6 +2,7 @@
 // The black box by itself: the last rows, whole, whatever the haptic thread does meanwhile; and no
 // mixture where it came round.
 #include "runtime/loop/black_box.h"
+#include "tests/temporary_folder.h"
 
 #include <gtest/gtest.h>
 
@@ -16,11 +17,6 @@ namespace fs = std::filesystem;
 
 class BlackBoxTest : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "trocar.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-  }
-  void TearDown() override { fs::remove_all(folder_); }
   static RecordingRow row(std::uint64_t i) {
     RecordingRow row;
     row.t_s = static_cast<double>(i);
@@ -40,7 +36,8 @@ class BlackBoxTest : public testing::Test {
       ASSERT_EQ(got.motor_heat_max, static_cast<double>(i));
     }
   }
-  fs::path folder_;
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
 };
 
 TEST_F(BlackBoxTest, HoldsTheLastFourSecondsOrTheWholeSession) {

@@ -18,6 +18,7 @@
 #include "runtime/loop/replay_device.h"
 #include "runtime/loop/session.h"
 #include "tests/sheet_fixture.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -152,19 +153,6 @@ std::string text_of(const fs::path& file) {
   return all.str();
 }
 
-class Folder {
- public:
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "trocar.XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path_); }
-  const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
-
 /// Down into the sheet, held there, moved on slowly, up, and after a pause down again.
 Scene pressing() {
   Scene scene = test::descent_scene({0.12}, 0.122, 0.11, 0.1);
@@ -258,7 +246,7 @@ void expect_black_boxes(const SessionReport& report, const std::string& recordin
 
 void run(const Case& test, int index) {
   std::mt19937_64 random(static_cast<std::uint64_t>(index) * 7919 + test.name[0]);
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Scene scene = pressing();
   DeviceDescription description = default_device_description();
   SessionOptions options;
@@ -325,7 +313,7 @@ TEST_P(Faults, AtRandomMomentsUnderLoad) {
 }
 
 TEST(Faults, ALateTickInRealTime) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Scene scene = pressing();
   SessionOptions options;
   options.rate_Hz = 500;

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "formats/nearest_name.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar {
 namespace {
@@ -16,16 +17,12 @@ namespace fs = std::filesystem;
 
 class FileIo : public testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = fs::temp_directory_path() / ("trocar_file_io_" + std::to_string(::getpid()));
-    fs::create_directories(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
   std::size_t files() const {
     return static_cast<std::size_t>(
         std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
   }
-  fs::path folder_;
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
 };
 
 TEST_F(FileIo, WritesAndReadsBack) {

@@ -15,26 +15,12 @@
 #include "runtime/loop/replay_device.h"
 #include "runtime/loop/session.h"
 #include "tests/sheet_fixture.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
 
 namespace fs = std::filesystem;
-
-class Folder {
- public:
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "trocar.XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path operator/(const std::string& name) const { return path_ / name; }
-
- private:
-  fs::path path_;
-};
 
 /// A press to 4 mm and back at each place of a 40 mm sheet at 0.12 m, x to the right.
 Scene presses(const std::vector<double>& x_m, double depth_m) {
@@ -104,7 +90,7 @@ std::vector<double> felt_N_per_m(const std::vector<RecordingRow>& rows) {
 }
 
 TEST(NetworkSession, FeelsTheTissuesStiffnessInTheMiddleAndLessBesideARim) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const std::vector<double> felt = felt_N_per_m(
       run(presses({0, 0.012, 0.015, 0.017}, 0.004), virtual_time(), folder / "r").rows);
   ASSERT_EQ(felt.size(), 4U);
@@ -116,7 +102,7 @@ TEST(NetworkSession, FeelsTheTissuesStiffnessInTheMiddleAndLessBesideARim) {
 }
 
 TEST(NetworkSession, TheForceNeverJumpsInContact) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   // Drawn along over 15 mm while pressed: the sheet answers anew again and again.
   Scene scene = presses({0}, 0.004);
   scene.hand.trajectory.resize(3);
@@ -139,7 +125,7 @@ TEST(NetworkSession, TheForceNeverJumpsInContact) {
 }
 
 TEST(NetworkSession, IsTheSameTwiceAndInAReplay) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Scene scene = presses({-0.006, 0.008, -0.004}, 0.0105);  // gives way; then beside the hole
   const Finished once = run(scene, virtual_time(), folder / "a");
   const Finished twice = run(scene, virtual_time(), folder / "b");
@@ -165,7 +151,7 @@ TEST(NetworkSession, IsTheSameTwiceAndInAReplay) {
 }
 
 TEST(NetworkSession, EverySolverRunsAndLocalOnesAreNearTheGlobalOne) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   Scene scene = presses({0, 0.013}, 0.004);
   const auto felt = [&](NetworkSolver solver) {
     scene.force_law.solver = solver;
@@ -189,7 +175,7 @@ TEST(NetworkSession, EverySolverRunsAndLocalOnesAreNearTheGlobalOne) {
 }
 
 TEST(NetworkSession, TheDisplayGetsTheSheetAtFrameRate) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Scene scene = presses({0}, 0.004);
   SessionOptions options = virtual_time();
   int frames = 0;
@@ -245,7 +231,7 @@ TEST_P(HundredPunctures, CostNoAllocationAndNoLock) {
   scene.duration_s = t_s;
   SessionOptions options;
   options.clock = GetParam();
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const std::uint64_t locks_before = locks_in_scopes();
   const Finished session = run(scene, options, folder / "r");
   EXPECT_EQ(session.report.punctures.size(), 100U);

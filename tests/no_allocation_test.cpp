@@ -22,6 +22,7 @@
 #include "runtime/loop/session.h"
 #include "tests/loop_rig.h"
 #include "tests/sheet_fixture.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -122,8 +123,7 @@ TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
   Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
   auto device = make_simulated_device(scene, default_device_description());
   ASSERT_TRUE(device);
-  std::string file = (std::filesystem::temp_directory_path() / "trocar.XXXXXX").string();
-  const std::filesystem::path folder = ::mkdtemp(file.data());
+  const test::TemporaryFolder folder;
   SessionOptions options;
   options.clock = GetParam();
   options.duration_s = scene.duration_s;
@@ -132,7 +132,6 @@ TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
   const auto report = run_session(
       scene, default_device_description(), remesher, *device,
       [&](double dt_s) { device->step(dt_s); }, options);
-  std::filesystem::remove_all(folder);
   ASSERT_TRUE(report);
   EXPECT_EQ(report->fault, Fault::kNone) << to_word(report->fault);
   EXPECT_EQ(report->punctures.size(), 4U);
@@ -151,13 +150,12 @@ TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
     Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
     auto device = make_simulated_device(scene, default_device_description());
     ASSERT_TRUE(device);
-    std::string file = (std::filesystem::temp_directory_path() / "trocar.XXXXXX").string();
-    const std::filesystem::path folder = ::mkdtemp(file.data());
+    const test::TemporaryFolder folder;
     SessionOptions options;
     options.clock = clock;
     options.duration_s = 2;
     options.record = folder / "r.csv";
-    options.black_box = folder;
+    options.black_box = folder.path();
     options.recovery = RecoveryPolicy::kAuto;
     options.coupling.on = true;
     options.limits.gap_max_s = 0;
@@ -165,7 +163,6 @@ TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
     const auto report = run_session(
         scene, default_device_description(), remesher, *device,
         [&](double dt_s) { device->step(dt_s); }, options);
-    std::filesystem::remove_all(folder);
     ASSERT_TRUE(report);
     EXPECT_EQ(report->faults_count, 2U);
     EXPECT_EQ(report->end, SessionEnd::kDone);

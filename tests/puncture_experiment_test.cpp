@@ -14,6 +14,7 @@
 #include "runtime/loop/session.h"
 #include "runtime/loop/summary.h"
 #include "tests/sheet_fixture.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -21,19 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 constexpr double kStiffness_N_per_m = 5000, kThreshold_N = 35;
 constexpr double kBreak_m = kThreshold_N / kStiffness_N_per_m;
-
-class Folder {
- public:
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "trocar.XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path_); }
-  fs::path operator/(const std::string& name) const { return path_ / name; }
-
- private:
-  fs::path path_;
-};
 
 std::string bytes_of(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -129,7 +117,7 @@ INSTANTIATE_TEST_SUITE_P(Paper, Rates, testing::Values(500.0, 1000.0),
                          [](const auto& rate) { return std::to_string(int(rate.param)) + "Hz"; });
 
 TEST_P(Rates, OneSliceGivesOnePeak) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Finished run = run_virtual(one_slice(), GetParam(), folder / "r.csv");
   expect_paper_force(run.rows, {0.12}, {0});
   ASSERT_EQ(run.report.punctures.size(), 1U);
@@ -140,7 +128,7 @@ TEST_P(Rates, OneSliceGivesOnePeak) {
 }
 
 TEST_P(Rates, ThreeSlicesGiveThreePeaksAtTheirHeights) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
   expect_paper_force(run.rows, {0.19, 0.14, 0.10}, {0, 1, 2});
   ASSERT_EQ(run.report.punctures.size(), 3U);
@@ -148,7 +136,7 @@ TEST_P(Rates, ThreeSlicesGiveThreePeaksAtTheirHeights) {
 }
 
 TEST_P(Rates, VirtualTimeIsReproducible) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   run_virtual(three_slices(), GetParam(), folder / "a.csv");
   run_virtual(three_slices(), GetParam(), folder / "b.csv");
   const std::string a = bytes_of(folder / "a.csv");
@@ -157,7 +145,7 @@ TEST_P(Rates, VirtualTimeIsReproducible) {
 }
 
 TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Scene scene = three_slices();
   const Finished run = run_virtual(scene, GetParam(), folder / "a.csv");
   const auto rate_Hz = recorded_rate_Hz(run.rows, "a.csv");
@@ -191,7 +179,7 @@ TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
 }
 
 TEST_P(Rates, PuncturedSheetsAreValidAndLackTheHoleExactly) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
   ASSERT_EQ(run.remesher->records().size(), 3U);
   for (const CutRecord& record : run.remesher->records()) {
@@ -214,7 +202,7 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackTheHoleExactly) {
 }
 
 TEST(Session, SummaryHasEveryFieldOfTheContract) {
-  const Folder folder;
+  const test::TemporaryFolder folder;
   const Scene scene = one_slice();
   const Finished run = run_virtual(scene, 1000, folder / "r.csv");
   SessionOptions options;
@@ -248,7 +236,7 @@ TEST(Session, SummaryHasEveryFieldOfTheContract) {
 
 TEST(Session, TheRealClockFeelsTheSameForces) {
   // Timing is the machine's; what is felt at which place is not.
-  const Folder folder;
+  const test::TemporaryFolder folder;
   Scene scene = test::descent_scene({0.12}, 0.123, 0.105, 0.05);
   const DeviceDescription description = default_device_description();
   Remesher remesher(*place_slices(scene, test::square_asset(1), "asset"));

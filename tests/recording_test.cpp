@@ -11,6 +11,7 @@
 #include <random>
 
 #include "formats/file_io.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar {
 namespace {
@@ -19,16 +20,12 @@ namespace fs = std::filesystem;
 
 class Recording : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "trocar.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-  }
-  void TearDown() override { fs::remove_all(folder_); }
   std::size_t files() const {
     return static_cast<std::size_t>(
         std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
   }
-  fs::path folder_;
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
 };
 
 /// Any finite double, all exponents alike.

@@ -23,6 +23,7 @@
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"
 #include "sample_ct/write_nifti.h"
+#include "tests/temporary_folder.h"
 
 // DCMTK last: its configuration header defines names of its own.
 #include <dcmtk/config/osconfig.h>
@@ -63,16 +64,8 @@ std::map<std::string, std::vector<std::uint8_t>> contents(const fs::path& folder
 
 class Writers : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "trocar_writers_XXXXXX").string();
-    ASSERT_NE(::mkdtemp(name.data()), nullptr);
-    folder_ = name;
-  }
-  void TearDown() override {
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);
-  }
-  fs::path folder_;
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
 };
 
 TEST_F(Writers, PngIsTheWindowedScanInThreeEqualChannels) {

@@ -20,6 +20,7 @@
 #include "runtime/device/drive.h"
 #include "runtime/device/link_key.h"
 #include "runtime/loop/allocation_counter.h"
+#include "tests/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -373,15 +374,11 @@ TEST(UdpDevice, ReadAndWriteAllocateNothing) {
 
 class KeyFile : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "trocar.XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-    file_ = folder_ / "key";
-    ASSERT_TRUE(start_link());
-  }
-  void TearDown() override { fs::remove_all(folder_); }
+  void SetUp() override { ASSERT_TRUE(start_link()); }
   void write(const std::string& text) { std::ofstream(file_, std::ios::binary) << text; }
-  fs::path folder_, file_;
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
+  fs::path file_ = folder_ / "key";
 };
 
 TEST_F(KeyFile, IsMadePrivateOnceAndReadAgain) {
