@@ -51,7 +51,7 @@ struct Arguments {
   std::string scene, asset, device = "inproc", key_file, description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
-  std::string black_box, recover = "never", passivity = "on";
+  std::string black_box, recover = "never", passivity = "on", compensate = "none";
   std::optional<double> coupling_N_per_m;
   int cpu = -1, late_ticks = 3;
   bool check = false, quiet = false;
@@ -106,6 +106,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--passivity", arguments.passivity, "the passivity controller: on or off (on)");
   app.add_option("--coupling", arguments.coupling_N_per_m,
                  "virtual coupling, N/m (none: the tool itself meets the sheets)");
+  app.add_option("--compensate", arguments.compensate,
+                 "torques that hide the device's own: none, friction, weight or both (none)");
   app.add_option("--cpu", arguments.cpu, "the processor that the loop stays on (any)");
   app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
@@ -149,6 +151,10 @@ Result<void> check_arguments(const Arguments& a) {
   }
   if (a.passivity != "on" && a.passivity != "off") {
     return usage("--passivity " + a.passivity + ": must be on or off");
+  }
+  if (a.compensate != "none" && a.compensate != "friction" && a.compensate != "weight" &&
+      a.compensate != "both") {
+    return usage("--compensate " + a.compensate + ": must be none, friction, weight or both");
   }
   if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
     return usage("--coupling: must be within 100 and 1000000 N/m");
@@ -326,6 +332,9 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   options.coupling.on = arguments.coupling_N_per_m.has_value();
   options.coupling.stiffness_N_per_m =
       arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);
+  options.compensation.friction =
+      arguments.compensate == "friction" || arguments.compensate == "both";
+  options.compensation.gravity = arguments.compensate == "weight" || arguments.compensate == "both";
   options.cpu = arguments.cpu;
   options.limits.missed_deadlines_max =
       arguments.late_ticks > 0 ? arguments.late_ticks - 1 : std::numeric_limits<int>::max();
