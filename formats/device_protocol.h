@@ -67,8 +67,9 @@ enum class CommandMode : std::uint8_t {
 enum class DriveMode : std::uint8_t {
   kReady = 1,          ///< torques are zero, a torque command is taken
   kTorque = 2,         ///< the last command's torques are applied
-  kWatchdog = 3,       ///< commands fell silent: torques are zero until the session's next one
-  kEmergencyStop = 4,  ///< torques are zero whatever is commanded
+  kWatchdog = 3,       ///< commands fell silent: torques are zero until one comes that has seen it
+  kEmergencyStop = 4,  ///< pressed, or released and no command has come yet that has seen it:
+                       ///< torques are zero whatever is commanded
 };
 
 struct HelloPacket {

@@ -271,8 +271,21 @@ Result<SessionReport> watched(const Arguments& arguments, SessionOptions& option
   return report;
 }
 
+/// The summary's "link": packets by what became of them.
+nlohmann::json describe(const UdpDevice& device) {
+  nlohmann::json refused = nlohmann::json::object();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    refused[to_word(static_cast<LinkRefusal>(i))] = device.packets().by_refusal[i];
+  }
+  return {{"sessions", device.sessions()},
+          {"packets_accepted", device.packets().accepted()},
+          {"packets_refused", refused},
+          {"states_missed", device.states_missed()}};
+}
+
 Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loaded,
-                                 Remesher& remesher, SessionOptions& options, LinkCounts& packets) {
+                                 Remesher& remesher, SessionOptions& options,
+                                 nlohmann::json& of_link) {
   UdpDeviceOptions link;
   const Result<Endpoint> peer = parse_endpoint(arguments.device.substr(kRemote.size()), 1);
   if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
@@ -290,7 +303,7 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   Result<SessionReport> report = watched(arguments, options, [&] {
     return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
   });
-  packets = (*device)->packets();
+  of_link = describe(**device);
   return report;
 }
 
@@ -311,15 +324,6 @@ Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& 
   return watched(arguments, options, [&] {
     return run_session(loaded.scene, loaded.description, remesher, *device, advance, options);
   });
-}
-
-/// The summary's "link": packets by what became of them.
-nlohmann::json describe(const LinkCounts& packets) {
-  nlohmann::json refused = nlohmann::json::object();
-  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    refused[to_word(static_cast<LinkRefusal>(i))] = packets.by_refusal[i];
-  }
-  return {{"packets_accepted", packets.accepted()}, {"packets_refused", refused}};
 }
 
 /// What the options say of safety and of how the loop renders.
@@ -368,10 +372,10 @@ bool print_faults(const SessionReport& report) {
 
 Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
                            const SessionOptions& options, const SessionReport& report,
-                           const Remesher& remesher, const LinkCounts& packets) {
+                           const Remesher& remesher, const nlohmann::json& of_link) {
   if (!arguments.summary.empty()) {
     nlohmann::json summary = summarize(loaded.scene, options, report, remesher);
-    if (is_remote(arguments)) summary["link"] = describe(packets);
+    if (is_remote(arguments)) summary["link"] = of_link;
     const std::string text = summary.dump(2) + "\n";
     if (Result<void> done = write_file_atomically(arguments.summary, text); !done) return done;
   }
@@ -423,9 +427,9 @@ int session(const Arguments& arguments) {
   }
   Remesher remesher(loaded->sheets);
   loaded->sheets.clear();  // it has replicas of its own
-  LinkCounts packets;
+  nlohmann::json of_link;
   const Result<SessionReport> report =
-      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, packets)
+      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, of_link)
                            : run(arguments, *loaded, remesher, options);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {
@@ -435,7 +439,7 @@ int session(const Arguments& arguments) {
     }
   }
   if (const Result<void> written =
-          write_outputs(arguments, *loaded, options, *report, remesher, packets);
+          write_outputs(arguments, *loaded, options, *report, remesher, of_link);
       !written) {
     return fail(written.error());
   }

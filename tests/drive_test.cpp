@@ -10,6 +10,7 @@
 #include <random>
 #include <vector>
 
+#include "runtime/device/drive_record.h"
 #include "runtime/device/fault_plan.h"
 
 namespace trocar::runtime {
@@ -55,6 +56,7 @@ class Host {
     packet.session = session_;
     packet.sequence = ++sequence_;
     packet.mode = mode;
+    packet.state_seen = last_state_;
     packet.tau_motor_Nm.fill(tau_Nm);
     sent_.resize(kLargestPacketBytes);
     sent_.resize(encode(packet, session_key_, sent_));
@@ -171,6 +173,71 @@ TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndTheNextCommandGivesThemBack) 
   EXPECT_EQ(host.torque(0.5, 1015 * kMs), LinkRefusal::kSession);
   drive.tick(1016 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0);
+}
+
+TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
+  for (const char* faults : {"", "stop@0.03..0.031"}) {
+    Drive drive(options(LinkClock::kReal, faults), held_device());
+    Host host(drive, key_);
+    Drive::Answer state;
+    ASSERT_TRUE(host.greet(0));
+    std::int64_t ms = 0;
+    for (; ms < 20; ++ms) {
+      ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+      drive.tick(ms * kMs, 4, state);
+      host.state_in(state);
+    }
+    ASSERT_EQ(torque_of(drive), 1);
+    // Silence until the watchdog acts; or a stop, pressed and released again. The host sees none of
+    // it, and what it has sent meanwhile comes now.
+    const bool silence = faults[0] == 0;
+    for (; ms < 40; ++ms) {
+      if (!silence) host.torque(1, ms * kMs);
+      drive.tick(ms * kMs, 4, state);
+    }
+    const DriveMode told = silence ? DriveMode::kWatchdog : DriveMode::kEmergencyStop;
+    for (; ms < 60; ++ms) {
+      ASSERT_EQ(torque_of(drive), 0) << ms;
+      ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+      drive.tick(ms * kMs, 4, state);
+      ASSERT_EQ(drive.mode(), told) << "it is told until the host knows";
+    }
+    EXPECT_GE(drive.report().stale_commands, 20U);
+    EXPECT_EQ(host.state_in(state).mode, told);
+    ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(torque_of(drive), 1);
+    EXPECT_EQ(host.state_in(state).mode, DriveMode::kTorque);
+  }
+}
+
+TEST_F(DriveLink, ItsStepsAreKeptAndWritten) {
+  DriveOptions some = options(LinkClock::kLockStep, "stop@0.01..0.02");
+  some.record_steps = 25;
+  Drive drive(some, held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int tick = 0; tick < 30; ++tick) {
+    host.torque(-0.25, 0);
+    host.state();
+  }
+  const std::vector<DriveStep>& steps = drive.report().steps;
+  ASSERT_EQ(steps.size(), 25U) << "no more than was asked for";
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    const bool pressed = k >= 10 && k < 20;
+    EXPECT_EQ(steps[k].session, 1U);
+    EXPECT_NEAR(steps[k].t_s, 1e-3 * static_cast<double>(k + 1), 1e-12);
+    EXPECT_EQ(steps[k].command_taken, k + 1);
+    EXPECT_EQ(steps[k].fault, pressed);
+    EXPECT_EQ(steps[k].commanded_max_Nm, pressed ? 0 : 0.25);
+    EXPECT_EQ(steps[k].applied_max_Nm, pressed ? 0 : 0.25);
+    EXPECT_EQ(steps[k].mode, pressed ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+  }
+  EXPECT_EQ(to_csv(std::span(steps).subspan(9, 2)),
+            "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
+            "packets_refused\n"
+            "1,0.010000000000000002,torque,0,0,10,0.25,0.25,0\n"
+            "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0\n");
 }
 
 TEST_F(DriveLink, ASlowHostHasAsLongAsItsPeriodsTake) {

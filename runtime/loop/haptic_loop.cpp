@@ -329,6 +329,9 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   if (fault == Fault::kNone && (heat != Fault::kNone || hot)) fault = Fault::kMotorOverload;
   const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
   advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
+  const bool is_away =
+      row.device_read == DeviceAnswer::kLinkLost || row.device_read == DeviceAnswer::kMotorFault;
+  if (safety.state == SafetyState::kRecovering && is_away) device.restore();
 
   // Torques.
   MotorVector tau_motor_Nm = MotorVector::Zero();
