@@ -142,7 +142,7 @@ TEST_F(DriveLink, InLockStepTimeGoesOnByTorqueCommandsAlone) {
   EXPECT_EQ(host.state().mode, DriveMode::kReady);
 }
 
-TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndTheNextCommandGivesThemBack) {
+TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndAHostThatKnowsGetsThemBack) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
   Drive::Answer state;
@@ -164,6 +164,7 @@ TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndTheNextCommandGivesThemBack) 
   EXPECT_EQ(host.give(host.sent(), 12 * kMs), LinkRefusal::kSequence);
   drive.tick(12 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0);
+  ASSERT_EQ(host.torque(0, 13 * kMs), LinkRefusal::kNone);
   ASSERT_EQ(host.torque(0.5, 13 * kMs), LinkRefusal::kNone);
   drive.tick(13 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0.5);
@@ -204,6 +205,10 @@ TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
     }
     EXPECT_GE(drive.report().stale_commands, 20U);
     EXPECT_EQ(host.state_in(state).mode, told);
+    ASSERT_EQ(host.torque(0.75, ms * kMs), LinkRefusal::kNone);  // its way down
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(torque_of(drive), 0);
+    ASSERT_EQ(host.torque(0, ms * kMs), LinkRefusal::kNone);
     ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
     drive.tick(ms * kMs, 4, state);
     EXPECT_EQ(torque_of(drive), 1);
@@ -224,14 +229,14 @@ TEST_F(DriveLink, ItsStepsAreKeptAndWritten) {
   const std::vector<DriveStep>& steps = drive.report().steps;
   ASSERT_EQ(steps.size(), 25U) << "no more than was asked for";
   for (std::size_t k = 0; k < steps.size(); ++k) {
-    const bool pressed = k >= 10 && k < 20;
+    const bool pressed = k >= 10 && k < 20, stopped = k >= 10;
     EXPECT_EQ(steps[k].session, 1U);
     EXPECT_NEAR(steps[k].t_s, 1e-3 * static_cast<double>(k + 1), 1e-12);
     EXPECT_EQ(steps[k].command_taken, k + 1);
     EXPECT_EQ(steps[k].fault, pressed);
-    EXPECT_EQ(steps[k].commanded_max_Nm, pressed ? 0 : 0.25);
-    EXPECT_EQ(steps[k].applied_max_Nm, pressed ? 0 : 0.25);
-    EXPECT_EQ(steps[k].mode, pressed ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+    EXPECT_EQ(steps[k].commanded_max_Nm, stopped ? 0 : 0.25);
+    EXPECT_EQ(steps[k].applied_max_Nm, stopped ? 0 : 0.25);
+    EXPECT_EQ(steps[k].mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
   }
   EXPECT_EQ(to_csv(std::span(steps).subspan(9, 2)),
             "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
@@ -359,10 +364,19 @@ TEST_F(DriveLink, TheEmergencyStopHoldsTheTorquesAtZero) {
   ASSERT_TRUE(host.greet(0));
   for (int tick = 0; tick < 30; ++tick) {
     ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
-    // It is pressed in the period that begins at 10 ms and shows in the state at its end.
-    const bool pressed = tick >= 10 && tick < 20;
-    EXPECT_EQ(torque_of(drive), pressed ? 0 : 1) << tick;
-    EXPECT_EQ(host.state().mode, pressed ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+    // It is pressed in the period that begins at 10 ms and shows in the state at its end. Released,
+    // it is told until the host has asked for nothing.
+    const bool stopped = tick >= 10 && tick <= 25;
+    EXPECT_EQ(torque_of(drive), stopped ? 0 : 1) << tick;
+    EXPECT_EQ(host.state().mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+    if (tick == 15) {
+      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      EXPECT_EQ(host.state().mode, DriveMode::kEmergencyStop) << "it is still pressed";
+    }
+    if (tick == 25) {
+      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      EXPECT_EQ(host.state().mode, DriveMode::kReady);
+    }
   }
   EXPECT_EQ(drive.report().emergency_stops, 1U);
 }

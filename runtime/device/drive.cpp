@@ -124,20 +124,24 @@ void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answ
   session_->last_command_ns = now_ns;
   if (command.mode == CommandMode::kStop) return end_session();
   judge_stop();
-  const bool knows = command.state_seen >= session_->told_from;
-  if (!stop_pressed_ && knows) {
+  const auto& tau = command.tau_motor_Nm;  // zeros unless the mode is torque
+  const bool knows = command.state_seen >= session_->told_from &&
+                     std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
+  if (!stop_pressed_ && knows) session_->told_from = 0;
+  if (session_->told_from == 0) {
     const bool torque = command.mode == CommandMode::kTorque;
     mode_ = torque ? DriveMode::kTorque : DriveMode::kReady;
     command_ = {};
-    if (torque) command_.tau_motor_Nm = command.tau_motor_Nm;
+    if (torque) command_.tau_motor_Nm = tau;
+  } else {
+    ++report_.stale_commands;
   }
-  if (!knows) ++report_.stale_commands;
   if (options_.clock != LinkClock::kLockStep) return;
   if (command.mode == CommandMode::kTorque) advance(session_->period_s);
   send_state(answer);
 }
 
-/// Torques are zero until a host comes that has seen why.
+/// Torques are zero until the host has seen why and asks for none.
 void Drive::take_away(DriveMode mode) noexcept {
   mode_ = mode;
   command_ = {};

@@ -5,8 +5,9 @@
 // Laws (tests/drive_test.cpp):
 //  1. Torques are other than zero only while the newest accepted command is one of mode torque, not
 //     older than the watchdog's time (real clock), and no emergency stop is pressed. Once watchdog
-//     or stop have taken them away, only a host that knows it gets them back: by a command that
-//     has seen a state which says so. Commands that were on their way are none.
+//     or stop have taken them away they stay at zero until a command has come that has seen a
+//     state which says so and that asks for none: neither commands that were on their way nor a
+//     host's own way down bring them back.
 //  2. A refused datagram changes nothing but a count.
 //  3. While a session is alive no other one begins.
 //  4. Lock-step: time goes on by one of the host's periods a torque command, and by nothing else.
@@ -63,7 +64,7 @@ struct DriveReport {
   LinkCounts packets;
   std::uint64_t commands_missed = 0;  ///< never accepted: lost, or overtaken
   std::uint64_t watchdog_trips = 0;   ///< that took a torque away
-  std::uint64_t stale_commands = 0;   ///< of hosts that did not yet know, law 1
+  std::uint64_t stale_commands = 0;   ///< before such a one (law 1)
   std::uint64_t emergency_stops = 0;
   double largest_torque_Nm = 0;     ///< applied
   double largest_hand_force_N = 0;  ///< of the hand on the tool's tip, any direction
@@ -108,7 +109,8 @@ class Drive {
     double watchdog_s = 0;  ///< for it
     bool fresh = false;
     std::uint64_t last_command = 0, last_state = 0;
-    std::uint64_t told_from = 0;  ///< law 1: the first state that says it
+    /// Law 1: the first state that says it; 0: nothing is to be said.
+    std::uint64_t told_from = 0;
     std::int64_t last_command_ns = 0;
   };
   bool is_alive(std::int64_t now_ns) const noexcept;

@@ -110,7 +110,7 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   drive_period_s_ = welcome.period_s;
   last_command_ = last_state_ = 0;
   newest_ = {};
-  fresh_state_ = has_written_ = false;
+  fresh_state_ = has_written_ = counts_missed_ = false;
   // The first command begins the session; it may be lost like any other.
   for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
     if (!in_time()) return silence();
@@ -146,6 +146,7 @@ bool UdpDevice::drain() noexcept {
     Endpoint from;
     switch (socket_.receive(buffer, bytes, from)) {
       case UdpSocket::Outcome::kNothing:
+        counts_missed_ = has_written_;
         return true;
       case UdpSocket::Outcome::kGone:
         return false;
@@ -161,7 +162,7 @@ bool UdpDevice::drain() noexcept {
         decode(std::span(buffer).first(bytes), session_key_, session_, last_state_, newest_);
     counts_.add(refusal);
     if (refusal == LinkRefusal::kNone) {
-      states_missed_ += last_state_ - before - 1;
+      if (counts_missed_) states_missed_ += last_state_ - before - 1;
       fresh_state_ = true;
       newest_ns_ = now_ns();
     }

@@ -61,7 +61,8 @@ class UdpDevice final : public Device {
 
   /// While nothing is being restored.
   const LinkCounts& packets() const noexcept { return counts_; }
-  /// States that were sent in this device's sessions and never accepted: lost, or overtaken.
+  /// States that were sent in this device's sessions and never accepted: lost, or overtaken. From
+  /// the first torques on: before them a loop may take its time.
   std::uint64_t states_missed() const noexcept { return states_missed_; }
   std::uint64_t sessions() const noexcept { return sessions_; }
   double drive_period_s() const noexcept { return drive_period_s_; }
@@ -90,6 +91,7 @@ class UdpDevice final : public Device {
   bool has_written_ = false;    ///< torques, in this session
   LinkCounts counts_;
   std::uint64_t states_missed_ = 0, sessions_ = 0;
+  bool counts_missed_ = false;
   bool answers_come_ = true;  ///< lock-step
   bool is_away_ = false;      ///< the last read() has found it so
   bool given_up_ = false;     ///< lock-step: no drive came back
