@@ -278,6 +278,19 @@ TEST_F(DriveLink, NobodyTakesOverASessionThatIsAlive) {
   EXPECT_EQ(drive.report().sessions, 2U);
 }
 
+// A drive that was busy answers all that has queued up, and the host takes the first answer.
+TEST_F(DriveLink, AHostThatAsksAgainIsOfferedTheSame) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_), other(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int i = 1; i < 10; ++i)
+    ASSERT_EQ(host.give(host.hello(), i * kMs), LinkRefusal::kNone);
+  ASSERT_TRUE(other.greet(10 * kMs));
+  EXPECT_EQ(host.torque(1, 11 * kMs), LinkRefusal::kNone);
+  EXPECT_TRUE(drive.in_session());
+  EXPECT_EQ(other.torque(1, 12 * kMs), LinkRefusal::kSession);
+}
+
 TEST_F(DriveLink, ARecordingOfASessionIsWorthNothing) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);

@@ -41,13 +41,14 @@ STALLS = {"no_data", "link_lost", "deadline_missed"}
 class Kind:
     """How a fault is ordered from the simulator, and what must come of it."""
 
-    def __init__(self, order, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None):
+    def __init__(self, order, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S):
         self.order = order        # of (random, moment): the plan's item
         self.names = set(names)   # empty: must be survived
         self.within_s = within_s  # from the moment to being found
         self.clock = clock
         self.counted = counted    # of (summary, simulator's summary): how often it was noticed
         self.own_s = own_s        # the drive itself takes the torques away by then
+        self.contact_s = contact_s  # when in a cycle it begins
 
 
 def refused(words):
@@ -70,9 +71,10 @@ KINDS = {
                          ["encoder_jump"], 0.003),
     "encoder_off": Kind(lambda r, at: f"jump:{r.choice((1, 3, 5, 7, 9, 11, 13, 15))}:{r.choice((-1, 1)) * 0.04:.4f}@{at:.5f}..{at + 0.02:.5f}",
                         ["pose_residual"], 0.003),
-    # Found once the others have moved on.
+    # Found once the others have moved on: when the fit is off by 0.5 mm, some 0.013 rad of theta3. So it begins early enough
+    # for every encoder to have moved as far.
     "encoder_stuck": Kind(lambda r, at: f"stuck:{r.randrange(16)}@{at:.5f}..{at + 0.25:.5f}",
-                          ["pose_residual"], 0.25),
+                          ["pose_residual"], 0.25, contact_s=(0.40, 0.46)),
     # The motors of theta1 carry the load; one without a torque to give is not missed.
     "motor_dead": Kind(lambda r, at: f"dead:{2 * r.randrange(4)}@{at:.5f}..{at + 0.05:.5f}", ["motor_fault"], 0.012),
     "emergency_stop": Kind(window("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001),
@@ -280,7 +282,7 @@ def many(rig, name, kind, row, wanted):
     """One session with a fault in each of its cycles."""
     folder = rig.folder()
     count = min(wanted, CYCLES)
-    moments = [cycle * CYCLE_S + row.random.uniform(*CONTACT_S) for cycle in range(count)]
+    moments = [cycle * CYCLE_S + row.random.uniform(*kind.contact_s) for cycle in range(count)]
     plan = ",".join(kind.order(row.random, at) for at in moments) if kind.order else ""
     duration_s = round((count + 1) * CYCLE_S, 3)
     simulator = Simulator(rig, row, folder, plan, kind.clock)
@@ -289,7 +291,7 @@ def many(rig, name, kind, row, wanted):
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
     said = process.communicate(timeout=300)[1]
     simulator.end()
-    if process.returncode not in (0, 5):
+    if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
         row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
         return 0
     told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
@@ -353,6 +355,16 @@ def judge_moments(kind, row, moments, told, recording, steps, offset_s, first_st
     return done
 
 
+def await_end(first, other):
+    """Whether the first process ends before the other one."""
+    while first.poll() is None:
+        if other.poll() is not None:
+            time.sleep(0.2)
+            return first.poll() is not None
+        time.sleep(0.002)
+    return True
+
+
 def killed_drive(rig, name, kind, row, _):
     """One session, whose drive is killed and started again."""
     folder = rig.folder()
@@ -362,14 +374,22 @@ def killed_drive(rig, name, kind, row, _):
     process = rig.start(simulator, folder, kind.clock, duration_s)
     if kind.clock == "real":
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
-    simulator.process.wait(timeout=30)
+    if not await_end(simulator.process, process):
+        said = process.communicate(timeout=30)[1]
+        simulator.end()
+        if process.returncode == 5 and any(f"_{name}.csv" in said for name in STALLS):
+            row.void += 1  # stopped by the machine before the moment
+            row.machine += 1
+        else:
+            row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        return 0
     steps = simulator.steps()
     if simulator.process.returncode != -signal.SIGKILL:
         row.fail(f"{folder.name}: the simulator ended with {simulator.process.returncode}")
     again = Simulator(rig, row, folder, "", kind.clock, simulator.address)
     said = process.communicate(timeout=300)[1]
     again.end()
-    if process.returncode not in (0, 5):
+    if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
         row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
         return 0
     told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")

@@ -187,6 +187,18 @@ TEST(UdpDevice, TheNewestOfSeveralStatesCounts) {
   EXPECT_GT(device->packets().accepted(), 3U);
 }
 
+TEST(UdpDevice, AfterALongQueueTheNextStateCounts) {
+  Peer peer(LinkClock::kReal);
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  sleep_ms(500);  // as long as a loop may take to start: the socket's buffer is full
+  DeviceState state;
+  EXPECT_EQ(device->read(state), DeviceStatus::kNoData);
+  EXPECT_EQ(state.t_s, 0);
+  ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
+  EXPECT_GT(state.t_s, 0.2);
+}
+
 TEST(UdpDevice, InLockStepEachWriteHasItsAnswer) {
   Peer peer(LinkClock::kLockStep);
   const auto device = connected(to(peer, LinkClock::kLockStep));

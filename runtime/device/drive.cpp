@@ -80,20 +80,28 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
 }
 
 void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept {
+  // A host that asks again is offered the same: the answers may all reach it at once, late.
+  auto* const known = std::find_if(offers_.begin(), offers_.end(), [&](const auto& offered) {
+    return offered && offered->host_nonce == hello.host_nonce;
+  });
+  // Several are kept: an old hello sent again must not spoil the one that is being answered.
+  auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
+  if (known == offers_.end()) {
+    offered.emplace();
+    offered->host_nonce = hello.host_nonce;
+    offered->drive_nonce = random_nonce();
+    offered->key = session_key(options_.key, offered->host_nonce, offered->drive_nonce);
+    offered->number = session_number(offered->drive_nonce);
+    offered->period_s = hello.period_s;
+    offered->watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
+    offered->fresh = hello.fresh;
+  }
   WelcomePacket welcome;
   welcome.time_ns = now_ns;
-  welcome.host_nonce = hello.host_nonce;
-  welcome.drive_nonce = random_nonce();
+  welcome.host_nonce = offered->host_nonce;
+  welcome.drive_nonce = offered->drive_nonce;
   welcome.period_s = options_.period_s;
   welcome.clock = options_.clock;
-  Session offered;
-  offered.key = session_key(options_.key, welcome.host_nonce, welcome.drive_nonce);
-  offered.number = session_number(welcome.drive_nonce);
-  offered.period_s = hello.period_s;
-  offered.watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
-  offered.fresh = hello.fresh;
-  // Several are kept: an old hello sent again must not spoil the one that is being answered.
-  offers_[next_offer_++ % kOffers] = offered;
   answer.size = encode(welcome, options_.key, answer.bytes);
 }
 

@@ -104,6 +104,7 @@ class Drive {
  private:
   struct Session {
     LinkKey key;
+    LinkNonce host_nonce{}, drive_nonce{};
     std::uint64_t number = 0;
     double period_s = 0;    ///< the host's
     double watchdog_s = 0;  ///< for it

@@ -141,6 +141,7 @@ UdpSocket::Outcome UdpDevice::send(CommandMode mode, const DeviceCommand& comman
 
 bool UdpDevice::drain() noexcept {
   std::array<std::uint8_t, kLargestPacketBytes> buffer;
+  queued_ = 0;
   for (int i = 0; i < kMostDatagrams; ++i) {
     std::size_t bytes = 0;
     Endpoint from;
@@ -164,6 +165,7 @@ bool UdpDevice::drain() noexcept {
     if (refusal == LinkRefusal::kNone) {
       if (counts_missed_) states_missed_ += last_state_ - before - 1;
       fresh_state_ = true;
+      ++queued_;
       newest_ns_ = now_ns();
     }
   }
@@ -179,6 +181,7 @@ DeviceStatus UdpDevice::read(DeviceState& state) noexcept {
     return is_away_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
   }
   fresh_state_ = false;
+  if (queued_ >= kLongQueue) return DeviceStatus::kNoData;
   const DeviceStatus status = status_of_newest();
   is_away_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;

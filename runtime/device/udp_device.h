@@ -41,7 +41,8 @@ class UdpDevice final : public Device {
   UdpDevice(const UdpDevice&) = delete;
   UdpDevice& operator=(const UdpDevice&) = delete;
 
-  /// The newest state that has come since the last call. kNoData: none has, and not for long;
+  /// The newest state that has come since the last call. kNoData: none has, and not for long, or so
+  /// many wait (after a loop's slow start) that the newest of all may have found no room;
   /// kLinkLost: none for silence_s, the other end is closed, or the drive has not heard our torques
   /// of the last silence_s (2.5 periods if that is longer), or its watchdog has acted;
   /// kEmergencyStop, kMotorFault: what it says.
@@ -79,6 +80,8 @@ class UdpDevice final : public Device {
 
   /// More than these wait for the next tick, so that no flood can hold one up.
   static constexpr int kMostDatagrams = 512;
+  /// Of states: a socket's own buffer holds some 270.
+  static constexpr int kLongQueue = 128;
 
   UdpDeviceOptions options_;
   UdpSocket socket_;
@@ -87,6 +90,7 @@ class UdpDevice final : public Device {
   double drive_period_s_ = 0;
   StatePacket newest_;
   bool fresh_state_ = false;
+  int queued_ = 0;              ///< states that the last drain() took
   std::int64_t newest_ns_ = 0;  ///< when newest_ came
   bool has_written_ = false;    ///< torques, in this session
   LinkCounts counts_;
