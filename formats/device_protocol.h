@@ -65,10 +65,12 @@ enum class CommandMode : std::uint8_t {
   kStop = 3,    ///< torques must be zero; the session is over
 };
 enum class DriveMode : std::uint8_t {
-  kReady = 1,          ///< torques are zero, a torque command is taken
-  kTorque = 2,         ///< the last command's torques are applied
-  kWatchdog = 3,       ///< commands fell silent: torques are zero until the session's next one
-  kEmergencyStop = 4,  ///< torques are zero whatever is commanded
+  kReady = 1,     ///< torques are zero, a torque command is taken
+  kTorque = 2,    ///< the last command's torques are applied
+  kWatchdog = 3,  ///< commands fell silent: torques are zero until one that has seen it asks for
+                  ///< none
+  kEmergencyStop = 4,  ///< pressed, or released and no such command has come yet:
+                       ///< torques are zero whatever is commanded
 };
 
 struct HelloPacket {

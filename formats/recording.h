@@ -35,7 +35,8 @@ enum class Fault : std::uint8_t {
   kEncoderJump,       ///< an encoder moved faster than the mechanism can
   kJointLimit,        ///< a motor angle is outside its limits
   kPoseResidual,      ///< the encoders contradict each other, or give no pose
-  kSingularity,       ///< the Jacobian's inverse condition number is too small
+  kSingularity,       ///< the Jacobian's inverse condition number, or a leg's distance to the end
+                      ///< of its reach, is too small
   kTorqueNotFinite,   ///< the computed wrench or torques are not finite
   kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
   kRemeshBacklog,     ///< more cuts wait for their mesh than can be kept track of
@@ -46,7 +47,7 @@ enum class Fault : std::uint8_t {
   kSpeed,             ///< the plate moves or turns too fast
   kTorqueLimit,       ///< a torque beyond the session's limit was asked of a motor
   kTorqueRate,        ///< the wanted torques rise faster than they may, for too long
-  kMotorOverload,     ///< a motor's torque squared, smoothed over its thermal time, is too large
+  kMotorOverload,     ///< a motor has overdrawn its i2t budget, or gave too little for too long
 };
 inline constexpr int kFaults = 20;
 
@@ -108,7 +109,7 @@ struct RecordingRow {
   double authority = 1;            ///< share of the wanted wrench; < 1 after a recovery
   double passivity_J = 0;          ///< the observer's balance; < 0: more was given than taken
   double passivity_N_s_per_m = 0;  ///< damping that the controller adds
-  double motor_heat_max = 0;       ///< of the motors, as a share of what is a fault
+  double motor_heat_max = 0;       ///< the largest share of its i2t budget that a motor has spent
 };
 
 /// The header line without its end: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,

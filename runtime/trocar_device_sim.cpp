@@ -20,6 +20,7 @@
 #include "formats/nearest_name.h"
 #include "formats/scene.h"
 #include "runtime/device/drive.h"
+#include "runtime/device/drive_record.h"
 #include "runtime/device/link_key.h"
 #include "runtime/device/udp_socket.h"
 #include "runtime/loop/realtime_thread.h"
@@ -37,7 +38,7 @@ void request_stop(int) {
 
 struct Arguments {
   std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
-  std::string faults, description, summary;
+  std::string faults, description, summary, record;
   double rate_Hz = 4000, noise_rad = 0;
   std::uint64_t seed = 1, sessions = 0;
   bool quiet = false;
@@ -79,6 +80,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--sessions", a.sessions, "end after so many; 0: run until stopped (0)");
   app.add_option("--device-description", a.description,
                  "a device description (JSON) in the place of the scene's");
+  app.add_option("--record", a.record,
+                 "write what the drive did in each of its steps: CSV, the first million steps");
   app.add_option("--summary", a.summary, "write what happened and what the hand felt: JSON");
   app.add_flag("--quiet", a.quiet, "print errors and the address only");
   app.set_help_flag("-h,--help", "print this");
@@ -155,16 +158,23 @@ std::int64_t now_ns() noexcept {
   return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
 }
 
+constexpr std::size_t kMostRecorded = 1'000'000;
+
+Result<void> write_record(const std::string& file, const DriveReport& report) {
+  return file.empty() ? Result<void>{} : write_file_atomically(file, to_csv(report.steps));
+}
+
 /// A drive behind a socket, with a faulty link in between.
 class Server {
  public:
-  Server(const DriveOptions& options, SimulatedDevice model, UdpSocket socket, std::uint64_t seed,
-         std::uint64_t sessions)
+  Server(const DriveOptions& options, SimulatedDevice model, UdpSocket socket,
+         const Arguments& arguments)
       : drive_(options, std::move(model)),
         socket_(std::move(socket)),
-        in_(options.faults, LinkWay::kCommands, 2 * seed),
-        out_(options.faults, LinkWay::kStates, 2 * seed + 1),
-        sessions_(sessions),
+        in_(options.faults, LinkWay::kCommands, 2 * arguments.seed),
+        out_(options.faults, LinkWay::kStates, 2 * arguments.seed + 1),
+        sessions_(arguments.sessions),
+        record_(arguments.record),
         period_s_(options.period_s) {}
 
   RealtimeReport run_real() {
@@ -232,7 +242,10 @@ class Server {
   }
 
   void die_if_due() const {
-    if (drive_.must_die()) ::raise(SIGKILL);
+    if (!drive_.must_die()) return;
+    // What it did is for those who look at it afterwards; a process that is killed says nothing.
+    (void)write_record(record_, drive_.report());
+    ::raise(SIGKILL);
   }
   bool is_done() const {
     return sessions_ > 0 && drive_.report().sessions >= sessions_ && !drive_.in_session();
@@ -243,6 +256,7 @@ class Server {
   FaultyLink in_, out_;
   Endpoint host_;
   std::uint64_t sessions_;
+  std::string record_;
   double period_s_;
 };
 
@@ -262,6 +276,8 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
           {"rate_Hz", arguments.rate_Hz},
           {"sessions", report.sessions},
           {"packets", {{"accepted", report.packets.accepted()}, {"refused", refused}}},
+          {"commands_missed", report.commands_missed},
+          {"stale_commands", report.stale_commands},
           {"watchdog_trips", report.watchdog_trips},
           {"emergency_stops", report.emergency_stops},
           {"torque_max_Nm", report.largest_torque_Nm},
@@ -285,12 +301,13 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
 }
 
 int serve(const Arguments& arguments) {
-  if (const auto writable = check_writable(arguments.summary); !writable) {
-    return fail(writable.error());
+  for (const std::string& file : {arguments.summary, arguments.record}) {
+    if (const auto writable = check_writable(file); !writable) return fail(writable.error());
   }
   DriveOptions options;
   options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
   options.period_s = 1 / arguments.rate_Hz;
+  options.record_steps = arguments.record.empty() ? 0 : kMostRecorded;
   Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
   if (!faults) return fail(faults.error());
   options.faults = std::move(*faults);
@@ -306,7 +323,7 @@ int serve(const Arguments& arguments) {
 
   std::printf("ready on %s\n", to_string(socket->local()).c_str());
   std::fflush(stdout);
-  Server server(options, std::move(*model), std::move(*socket), arguments.seed, arguments.sessions);
+  Server server(options, std::move(*model), std::move(*socket), arguments);
   RealtimeReport realtime;
   if (options.clock == LinkClock::kReal) {
     realtime = server.run_real();
@@ -324,6 +341,7 @@ int serve(const Arguments& arguments) {
       std::fprintf(stderr, "trocar-device-sim: note: %s\n", realtime.note.c_str());
     }
   }
+  if (const auto done = write_record(arguments.record, report); !done) return fail(done.error());
   if (!arguments.summary.empty()) {
     const std::string text = summarize(arguments, server.drive(), realtime).dump(2) + "\n";
     if (const auto done = write_file_atomically(arguments.summary, text); !done) {

@@ -51,7 +51,7 @@ struct Arguments {
   std::string scene, asset, device = "inproc", key_file, description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
-  std::string black_box, recover = "never", passivity = "on";
+  std::string black_box, recover = "never", passivity = "on", compensate = "none";
   std::optional<double> coupling_N_per_m;
   int cpu = -1, late_ticks = 3;
   bool check = false, quiet = false;
@@ -106,6 +106,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--passivity", arguments.passivity, "the passivity controller: on or off (on)");
   app.add_option("--coupling", arguments.coupling_N_per_m,
                  "virtual coupling, N/m (none: the tool itself meets the sheets)");
+  app.add_option("--compensate", arguments.compensate,
+                 "torques that hide the device's own: none, friction, weight or both (none)");
   app.add_option("--cpu", arguments.cpu, "the processor that the loop stays on (any)");
   app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
@@ -149,6 +151,10 @@ Result<void> check_arguments(const Arguments& a) {
   }
   if (a.passivity != "on" && a.passivity != "off") {
     return usage("--passivity " + a.passivity + ": must be on or off");
+  }
+  if (a.compensate != "none" && a.compensate != "friction" && a.compensate != "weight" &&
+      a.compensate != "both") {
+    return usage("--compensate " + a.compensate + ": must be none, friction, weight or both");
   }
   if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
     return usage("--coupling: must be within 100 and 1000000 N/m");
@@ -265,8 +271,21 @@ Result<SessionReport> watched(const Arguments& arguments, SessionOptions& option
   return report;
 }
 
+/// The summary's "link": packets by what became of them.
+nlohmann::json describe(const UdpDevice& device) {
+  nlohmann::json refused = nlohmann::json::object();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    refused[to_word(static_cast<LinkRefusal>(i))] = device.packets().by_refusal[i];
+  }
+  return {{"sessions", device.sessions()},
+          {"packets_accepted", device.packets().accepted()},
+          {"packets_refused", refused},
+          {"states_missed", device.states_missed()}};
+}
+
 Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loaded,
-                                 Remesher& remesher, SessionOptions& options, LinkCounts& packets) {
+                                 Remesher& remesher, SessionOptions& options,
+                                 nlohmann::json& of_link) {
   UdpDeviceOptions link;
   const Result<Endpoint> peer = parse_endpoint(arguments.device.substr(kRemote.size()), 1);
   if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
@@ -284,7 +303,7 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   Result<SessionReport> report = watched(arguments, options, [&] {
     return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
   });
-  packets = (*device)->packets();
+  of_link = describe(**device);
   return report;
 }
 
@@ -307,15 +326,6 @@ Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& 
   });
 }
 
-/// The summary's "link": packets by what became of them.
-nlohmann::json describe(const LinkCounts& packets) {
-  nlohmann::json refused = nlohmann::json::object();
-  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    refused[to_word(static_cast<LinkRefusal>(i))] = packets.by_refusal[i];
-  }
-  return {{"packets_accepted", packets.accepted()}, {"packets_refused", refused}};
-}
-
 /// What the options say of safety and of how the loop renders.
 void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
@@ -326,6 +336,9 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   options.coupling.on = arguments.coupling_N_per_m.has_value();
   options.coupling.stiffness_N_per_m =
       arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);
+  options.compensation.friction =
+      arguments.compensate == "friction" || arguments.compensate == "both";
+  options.compensation.gravity = arguments.compensate == "weight" || arguments.compensate == "both";
   options.cpu = arguments.cpu;
   options.limits.missed_deadlines_max =
       arguments.late_ticks > 0 ? arguments.late_ticks - 1 : std::numeric_limits<int>::max();
@@ -359,10 +372,10 @@ bool print_faults(const SessionReport& report) {
 
 Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
                            const SessionOptions& options, const SessionReport& report,
-                           const Remesher& remesher, const LinkCounts& packets) {
+                           const Remesher& remesher, const nlohmann::json& of_link) {
   if (!arguments.summary.empty()) {
     nlohmann::json summary = summarize(loaded.scene, options, report, remesher);
-    if (is_remote(arguments)) summary["link"] = describe(packets);
+    if (is_remote(arguments)) summary["link"] = of_link;
     const std::string text = summary.dump(2) + "\n";
     if (Result<void> done = write_file_atomically(arguments.summary, text); !done) return done;
   }
@@ -414,9 +427,9 @@ int session(const Arguments& arguments) {
   }
   Remesher remesher(loaded->sheets);
   loaded->sheets.clear();  // it has replicas of its own
-  LinkCounts packets;
+  nlohmann::json of_link;
   const Result<SessionReport> report =
-      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, packets)
+      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, of_link)
                            : run(arguments, *loaded, remesher, options);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {
@@ -426,7 +439,7 @@ int session(const Arguments& arguments) {
     }
   }
   if (const Result<void> written =
-          write_outputs(arguments, *loaded, options, *report, remesher, packets);
+          write_outputs(arguments, *loaded, options, *report, remesher, of_link);
       !written) {
     return fail(written.error());
   }

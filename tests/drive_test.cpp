@@ -10,6 +10,7 @@
 #include <random>
 #include <vector>
 
+#include "runtime/device/drive_record.h"
 #include "runtime/device/fault_plan.h"
 
 namespace trocar::runtime {
@@ -55,6 +56,7 @@ class Host {
     packet.session = session_;
     packet.sequence = ++sequence_;
     packet.mode = mode;
+    packet.state_seen = last_state_;
     packet.tau_motor_Nm.fill(tau_Nm);
     sent_.resize(kLargestPacketBytes);
     sent_.resize(encode(packet, session_key_, sent_));
@@ -140,7 +142,7 @@ TEST_F(DriveLink, InLockStepTimeGoesOnByTorqueCommandsAlone) {
   EXPECT_EQ(host.state().mode, DriveMode::kReady);
 }
 
-TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndTheNextCommandGivesThemBack) {
+TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndAHostThatKnowsGetsThemBack) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
   Drive::Answer state;
@@ -162,6 +164,7 @@ TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndTheNextCommandGivesThemBack) 
   EXPECT_EQ(host.give(host.sent(), 12 * kMs), LinkRefusal::kSequence);
   drive.tick(12 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0);
+  ASSERT_EQ(host.torque(0, 13 * kMs), LinkRefusal::kNone);
   ASSERT_EQ(host.torque(0.5, 13 * kMs), LinkRefusal::kNone);
   drive.tick(13 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0.5);
@@ -171,6 +174,75 @@ TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndTheNextCommandGivesThemBack) 
   EXPECT_EQ(host.torque(0.5, 1015 * kMs), LinkRefusal::kSession);
   drive.tick(1016 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0);
+}
+
+TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
+  for (const char* faults : {"", "stop@0.03..0.031"}) {
+    Drive drive(options(LinkClock::kReal, faults), held_device());
+    Host host(drive, key_);
+    Drive::Answer state;
+    ASSERT_TRUE(host.greet(0));
+    std::int64_t ms = 0;
+    for (; ms < 20; ++ms) {
+      ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+      drive.tick(ms * kMs, 4, state);
+      host.state_in(state);
+    }
+    ASSERT_EQ(torque_of(drive), 1);
+    // Silence until the watchdog acts; or a stop, pressed and released again. The host sees none of
+    // it, and what it has sent meanwhile comes now.
+    const bool silence = faults[0] == 0;
+    for (; ms < 40; ++ms) {
+      if (!silence) host.torque(1, ms * kMs);
+      drive.tick(ms * kMs, 4, state);
+    }
+    const DriveMode told = silence ? DriveMode::kWatchdog : DriveMode::kEmergencyStop;
+    for (; ms < 60; ++ms) {
+      ASSERT_EQ(torque_of(drive), 0) << ms;
+      ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+      drive.tick(ms * kMs, 4, state);
+      ASSERT_EQ(drive.mode(), told) << "it is told until the host knows";
+    }
+    EXPECT_GE(drive.report().stale_commands, 20U);
+    EXPECT_EQ(host.state_in(state).mode, told);
+    ASSERT_EQ(host.torque(0.75, ms * kMs), LinkRefusal::kNone);  // its way down
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(torque_of(drive), 0);
+    ASSERT_EQ(host.torque(0, ms * kMs), LinkRefusal::kNone);
+    ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(torque_of(drive), 1);
+    EXPECT_EQ(host.state_in(state).mode, DriveMode::kTorque);
+  }
+}
+
+TEST_F(DriveLink, ItsStepsAreKeptAndWritten) {
+  DriveOptions some = options(LinkClock::kLockStep, "stop@0.01..0.02");
+  some.record_steps = 25;
+  Drive drive(some, held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int tick = 0; tick < 30; ++tick) {
+    host.torque(-0.25, 0);
+    host.state();
+  }
+  const std::vector<DriveStep>& steps = drive.report().steps;
+  ASSERT_EQ(steps.size(), 25U) << "no more than was asked for";
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    const bool pressed = k >= 10 && k < 20, stopped = k >= 10;
+    EXPECT_EQ(steps[k].session, 1U);
+    EXPECT_NEAR(steps[k].t_s, 1e-3 * static_cast<double>(k + 1), 1e-12);
+    EXPECT_EQ(steps[k].command_taken, k + 1);
+    EXPECT_EQ(steps[k].fault, pressed);
+    EXPECT_EQ(steps[k].commanded_max_Nm, stopped ? 0 : 0.25);
+    EXPECT_EQ(steps[k].applied_max_Nm, stopped ? 0 : 0.25);
+    EXPECT_EQ(steps[k].mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+  }
+  EXPECT_EQ(to_csv(std::span(steps).subspan(9, 2)),
+            "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
+            "packets_refused\n"
+            "1,0.010000000000000002,torque,0,0,10,0.25,0.25,0\n"
+            "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0\n");
 }
 
 TEST_F(DriveLink, ASlowHostHasAsLongAsItsPeriodsTake) {
@@ -204,6 +276,19 @@ TEST_F(DriveLink, NobodyTakesOverASessionThatIsAlive) {
   drive.tick(21 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 2);
   EXPECT_EQ(drive.report().sessions, 2U);
+}
+
+// A drive that was busy answers all that has queued up, and the host takes the first answer.
+TEST_F(DriveLink, AHostThatAsksAgainIsOfferedTheSame) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_), other(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int i = 1; i < 10; ++i)
+    ASSERT_EQ(host.give(host.hello(), i * kMs), LinkRefusal::kNone);
+  ASSERT_TRUE(other.greet(10 * kMs));
+  EXPECT_EQ(host.torque(1, 11 * kMs), LinkRefusal::kNone);
+  EXPECT_TRUE(drive.in_session());
+  EXPECT_EQ(other.torque(1, 12 * kMs), LinkRefusal::kSession);
 }
 
 TEST_F(DriveLink, ARecordingOfASessionIsWorthNothing) {
@@ -292,10 +377,19 @@ TEST_F(DriveLink, TheEmergencyStopHoldsTheTorquesAtZero) {
   ASSERT_TRUE(host.greet(0));
   for (int tick = 0; tick < 30; ++tick) {
     ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
-    // It is pressed in the period that begins at 10 ms and shows in the state at its end.
-    const bool pressed = tick >= 10 && tick < 20;
-    EXPECT_EQ(torque_of(drive), pressed ? 0 : 1) << tick;
-    EXPECT_EQ(host.state().mode, pressed ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+    // It is pressed in the period that begins at 10 ms and shows in the state at its end. Released,
+    // it is told until the host has asked for nothing.
+    const bool stopped = tick >= 10 && tick <= 25;
+    EXPECT_EQ(torque_of(drive), stopped ? 0 : 1) << tick;
+    EXPECT_EQ(host.state().mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+    if (tick == 15) {
+      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      EXPECT_EQ(host.state().mode, DriveMode::kEmergencyStop) << "it is still pressed";
+    }
+    if (tick == 25) {
+      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      EXPECT_EQ(host.state().mode, DriveMode::kReady);
+    }
   }
   EXPECT_EQ(drive.report().emergency_stops, 1U);
 }

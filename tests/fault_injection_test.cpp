@@ -142,7 +142,8 @@ std::vector<Case> cases() {
        }),
        0, false},
       {"motor_overload", Fault::kMotorOverload,
-       limits([](SafetyLimits& l, double u) { l.thermal_s = 0.5 + 0.5 * u; }), 0, false},
+       limits([](SafetyLimits& l, double u) { l.overload_time_max_s = 0.01 + 0.03 * u; }), 0,
+       false},
   };
 }
 
@@ -265,7 +266,11 @@ void run(const Case& test, int index) {
   const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
   const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
   Trouble trouble = test.make(random, options);
-  if (test.fault == Fault::kMotorOverload) description.motor_continuous_torque_Nm = 0.15;
+  if (test.fault == Fault::kMotorOverload) {
+    description.motor_continuous_torque_Nm = 0.1;
+    description.motor_peak_torque_Nm = 0.6;
+    description.motor_peak_time_s = 0.01;
+  }
 
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   auto simulated = make_simulated_device(scene, description);

@@ -6,7 +6,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 #include <random>
+
+#include "runtime/device/jacobian.h"
+#include "tests/device_workspace.h"
 
 namespace trocar::runtime {
 namespace {
@@ -90,70 +94,157 @@ TEST(Limits, SpeedIsSeenAtEveryRateAndACountIsNone) {
   EXPECT_EQ(check_speed(limits, Pose{}, 1e-3, state), Fault::kNone) << "and it is over with it";
 }
 
-TEST(Limits, HeatFollowsItsExactSolution) {
-  SafetyLimits limits;
-  limits.thermal_s = 2;
-  DeviceDescription device = default_device_description();
-  device.motor_peak_torque_Nm = 6;
-  device.motor_continuous_torque_Nm = 3;
+TEST(Limits, SingularityIsAConditionNumberAndADistance) {
+  const SafetyLimits limits;
+  std::mt19937_64 random(29);
+  int found[2] = {0, 0};
+  for (int i = 0; i < 20000; ++i) {
+    Singularity at;
+    at.inverse_condition = 0.04 * unit(random);
+    at.nearest_branch_m = 1e-3 * (2 * unit(random) - 1);
+    const bool good = at.inverse_condition >= 0.02 && at.nearest_branch_m >= 0.5e-3;
+    ASSERT_EQ(check_singularity(limits, at), good ? Fault::kNone : Fault::kSingularity);
+    ++found[good ? 0 : 1];
+  }
+  EXPECT_GT(found[0], 1000);
+  EXPECT_GT(found[1], 1000);
+  for (double Singularity::*measure :
+       {&Singularity::inverse_condition, &Singularity::nearest_branch_m}) {
+    Singularity at;
+    at.inverse_condition = at.nearest_branch_m = 1;
+    ASSERT_EQ(check_singularity(limits, at), Fault::kNone);
+    at.*measure = NAN;
+    EXPECT_EQ(check_singularity(limits, at), Fault::kSingularity);
+  }
+}
+
+// The poses that the design states, all of them usable; and beyond them poses that only the
+// distance finds, since the condition number is still good there.
+TEST(Limits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
+  const SafetyLimits limits;
+  const DeviceDescription device = default_device_description();
+  const auto at = [&](const Pose& T, Singularity& singularity) {
+    const InverseResult inverse = inverse_kinematics(device, T);
+    if (!inverse.status || !check_joint_limits(device, encoder_angles(inverse.joints)))
+      return false;
+    const JacobianResult motion = jacobian(device, T, inverse.joints);
+    singularity = measure_singularity(device, T, inverse.joints, motion.G);
+    return true;
+  };
+  testing_support::Random random(31);
+  double least_m = 1;
+  for (int i = 0; i < 100'000; ++i) {
+    Singularity found;
+    ASSERT_TRUE(at(testing_support::random_workspace_pose(random), found));
+    ASSERT_EQ(check_singularity(limits, found), Fault::kNone);
+    least_m = std::min(least_m, found.nearest_branch_m);
+  }
+  std::printf("nearest branch over the stated workspace: %.3f mm\n", least_m * 1e3);
+  EXPECT_LT(least_m, 1e-3) << "it is near, so the limit is not idle";
+  int by_distance_alone = 0;
+  for (int i = 0; i < 100'000; ++i) {
+    Singularity found;
+    const testing_support::Workspace box = {0.06, 0.24, 0.06, limits.plate_tilt_max_rad};
+    if (!at(testing_support::random_workspace_pose(random, box), found)) continue;
+    by_distance_alone += found.inverse_condition >= limits.inverse_condition_min &&
+                         check_singularity(limits, found) == Fault::kSingularity;
+  }
+  EXPECT_GT(by_distance_alone, 50);
+}
+
+TEST(Limits, HeatIsOverdrawnAfterTheTimeThatABudgetLasts) {
+  const DeviceDescription device = default_device_description();
+  const MotorModel motor = make_motor_model(device);
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
-    for (int motor = 0; motor < kMotors; ++motor) {
+    for (int i = 0; i < kMotors; ++i) {
       LimitState state;
       MotorVector tau = MotorVector::Zero();
-      tau[motor] = motor % 2 == 0 ? 3 : -3;
-      for (int k = 0; k < 100 * rate_Hz; ++k) {
-        ASSERT_EQ(check_heat(limits, device, tau, 1 / rate_Hz, state), Fault::kNone);
-      }
-      EXPECT_NEAR(state.heat[motor], 1, 1e-9) << "the continuous torque, for ever";
+      tau[i] = i % 2 == 0 ? device.motor_continuous_torque_Nm : -device.motor_continuous_torque_Nm;
+      for (int k = 0; k < 20 * rate_Hz; ++k)
+        ASSERT_EQ(check_heat(motor, tau, 1 / rate_Hz, state), Fault::kNone);
+      EXPECT_NEAR(budget_spent(motor, state.load), 0, 1e-9) << "the continuous torque, for ever";
       state = {};
-      tau[motor] *= 2;
+      tau[i] *= 2;  // the peak torque, whatever limit_torques would say
       int ticks = 0;
-      while (check_heat(limits, device, tau, 1 / rate_Hz, state) == Fault::kNone)
+      while (check_heat(motor, tau, 1 / rate_Hz, state) == Fault::kNone)
         ASSERT_LT(++ticks, 20000);
-      EXPECT_NEAR(ticks / rate_Hz, 2 * std::log(1 / (1 - 0.25)), 2 / rate_Hz);
+      EXPECT_NEAR(ticks / rate_Hz, device.motor_peak_time_s, 2 / rate_Hz);
     }
     if (rate_Hz > 1000) break;
   }
 }
 
+TEST(Limits, OverloadIsTooLittleForTooLongFromMotorsThatGiveWay) {
+  const SafetyLimits limits;
+  const MotorModel motor = make_motor_model(default_device_description());
+  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
+    const double dt_s = 1 / rate_Hz;
+    LimitState cold;
+    for (int k = 0; k < 3 * rate_Hz; ++k)
+      ASSERT_EQ(check_overload(limits, motor, 0.1, dt_s, cold), Fault::kNone) << "it never could";
+    LimitState hot;
+    hot.load.excess_A2s[5] =
+        0.9 * (motor.peak_A.cwiseAbs2() - motor.continuous_A.cwiseAbs2())[5] * motor.peak_time_s;
+    for (int k = 0; k < 3 * rate_Hz; ++k)
+      ASSERT_EQ(check_overload(limits, motor, 0.5, dt_s, hot), Fault::kNone);
+    for (int k = 0; k < 3 * rate_Hz; ++k)  // now and then a tick that gives enough
+      ASSERT_EQ(check_overload(limits, motor, k % 400 == 0 ? 1 : 0.1, dt_s, hot), Fault::kNone);
+    ASSERT_EQ(check_overload(limits, motor, 1, dt_s, hot), Fault::kNone);
+    int ticks = 0;
+    while (check_overload(limits, motor, 0.49, dt_s, hot) == Fault::kNone)
+      ASSERT_LT(++ticks, 20000);
+    EXPECT_NEAR(ticks * dt_s, limits.overload_time_max_s, 1.1 * dt_s);
+    EXPECT_EQ(check_overload(limits, motor, NAN, dt_s, hot), Fault::kMotorOverload);
+  }
+}
+
 TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
   std::mt19937_64 random(17);
-  const DeviceDescription device = default_device_description();
   SafetyLimits limits;
   limits.torque_rise_time_max_s = 1e9;
-  const double peak_Nm = device.motor_peak_torque_Nm;
+  constexpr double kPeak_Nm = 6;
   MotorVector last = MotorVector::Zero();
   LimitState state;
-  int refused = 0, shortened = 0, unchanged = 0;
+  int refused = 0, shortened = 0, unchanged = 0, scaled = 0;
   for (int i = 0; i < 20000; ++i) {
     limits.torque_rise_max_Nm_per_s = i % 3 == 0 ? 1e9 : 800;
-    MotorVector wanted;
-    for (int k = 0; k < kMotors; ++k)
-      wanted[k] = (unit(random) - 0.5) * (i % 7 == 0 ? 2.2 : 1.9) * peak_Nm;
+    MotorVector wanted, limit_Nm;
+    for (int k = 0; k < kMotors; ++k) {
+      limit_Nm[k] = kPeak_Nm * (1 - 0.6 * unit(random));  // the last torques may be beyond it
+      wanted[k] = (unit(random) - 0.5) * (i % 7 == 0 ? 2.2 : 1.9) * limit_Nm[k];
+    }
     const MotorVector before = wanted;
-    const bool too_much = wanted.cwiseAbs().maxCoeff() > peak_Nm * (1 + 1e-9);
-    const Fault fault = limit_torques(limits, device, last, 1e-3, wanted, state);
+    const bool too_much = wanted.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff() > 1 + 1e-9;
+    const Fault fault = limit_torques(limits, limit_Nm, last, 1e-3, wanted, state);
     ASSERT_EQ(fault, too_much ? Fault::kTorqueLimit : Fault::kNone);
     if (fault != Fault::kNone) {
       ++refused;
       continue;
     }
-    ASSERT_LE(wanted.cwiseAbs().maxCoeff(), peak_Nm);
+    ASSERT_TRUE((wanted.cwiseAbs().array() <= limit_Nm.array()).all());
     ++(wanted == before ? unchanged : shortened);
+    bool by_rate = false;
+    const MotorVector slower =
+        limit_rise(last, before, limits.torque_rise_max_Nm_per_s * 1e-3, by_rate);
+    const double share = slower.norm() > 0 ? wanted.norm() / slower.norm() : 1;
+    ASSERT_LE(share, 1 + 1e-12);
+    ASSERT_LT((wanted - share * slower).cwiseAbs().maxCoeff(), 1e-12) << "never motor by motor";
+    scaled += share < 1 - 1e-12;
     last = wanted;
   }
   EXPECT_GT(refused, 100);
   EXPECT_GT(shortened, 100);
   EXPECT_GT(unchanged, 100);
+  EXPECT_GT(scaled, 100);
   for (const double bad : {static_cast<double>(NAN), static_cast<double>(INFINITY)}) {
     MotorVector wanted = MotorVector::Zero();
     wanted[3] = bad;
-    EXPECT_EQ(limit_torques(limits, device, last, 1e-3, wanted, state), Fault::kTorqueNotFinite);
+    EXPECT_EQ(limit_torques(limits, MotorVector::Constant(kPeak_Nm), last, 1e-3, wanted, state),
+              Fault::kTorqueNotFinite);
   }
 }
 
 TEST(Limits, AWallThatRingsAgainstTheRateLimitIsAFaultAndAReleaseIsNoPause) {
-  const DeviceDescription device = default_device_description();
   const SafetyLimits limits;
   LimitState state;
   MotorVector last = MotorVector::Zero();
@@ -161,7 +252,7 @@ TEST(Limits, AWallThatRingsAgainstTheRateLimitIsAFaultAndAReleaseIsNoPause) {
   int tick = 0;
   for (; tick < 1000 && fault == Fault::kNone; ++tick) {  // full up, then nothing, in turn
     MotorVector wanted = MotorVector::Constant(tick % 2 == 0 ? 5.9 : 0);
-    fault = limit_torques(limits, device, last, 1e-3, wanted, state);
+    fault = limit_torques(limits, MotorVector::Constant(6), last, 1e-3, wanted, state);
     last = wanted;
   }
   EXPECT_EQ(fault, Fault::kTorqueRate);

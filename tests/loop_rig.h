@@ -53,6 +53,7 @@ class Rig {
     }
     description_ = default_device_description();
     description_.joint_viscous_friction_Nms_per_rad = options.joint_friction_Nms_per_rad;
+    description_.motor_peak_time_s = 1e6;
     sheets_ = std::move(*runtime::place_slices(scene, square_asset(1), "rig"));
     current_ = {sheets_[0].get()};
     device_ = std::make_unique<runtime::SimulatedDevice>(
@@ -66,7 +67,6 @@ class Rig {
     // What is looked at here is what the loop does, not when it stops.
     model_.limits.speed_max_m_per_s = model_.limits.turn_rate_max_rad_per_s = 1e6;
     model_.limits.encoder_rate_max_rad_per_s = 1e6;
-    model_.limits.thermal_s = 1e6;
     model_.limits.torque_rise_time_max_s = 1e6;
     model_.limits.torque_rise_max_Nm_per_s = 1e9;
   }

@@ -42,7 +42,9 @@ if(NOT TROCAR_SANITIZE)
     ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/device_link)
   trocar_script_test(recovery_e2e e2e recovery_e2e_test.py
     ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/recovery)
+  trocar_script_test(fault_campaign e2e fault_campaign_test.py
+    ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/fault_campaign --times 2)
   set_tests_properties(assets_e2e_sample experiments_e2e memory_growth_test same_bytes_test
-    device_link_e2e recovery_e2e
+    device_link_e2e recovery_e2e fault_campaign
     PROPERTIES FIXTURES_REQUIRED scan)
 endif()

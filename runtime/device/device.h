@@ -38,6 +38,9 @@ class Device {
   virtual DeviceStatus read(DeviceState& state) = 0;
   /// Torques to hold until the next write.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
+  /// While recovering from a fault, after a read() of kLinkLost or kMotorFault: asks that the
+  /// connection be made anew. Returns at once; read() says kLinkLost until it is there.
+  virtual void restore() {}
 };
 
 }  // namespace trocar::runtime

@@ -22,6 +22,7 @@ double seconds(std::int64_t ns) noexcept {
 Drive::Drive(const DriveOptions& options, SimulatedDevice model)
     : options_(options), fresh_(std::move(model)), model_(fresh_) {
   report_.peaks.reserve(DriveReport::kMaxPeaks);
+  report_.steps.reserve(options.record_steps);
 }
 
 bool Drive::is_alive(std::int64_t now_ns) const noexcept {
@@ -31,12 +32,15 @@ bool Drive::is_alive(std::int64_t now_ns) const noexcept {
   return seconds(now_ns - session_->last_command_ns) <= longest_s;
 }
 
+bool Drive::plans(FaultKind kind) const noexcept {
+  return std::any_of(options_.faults.begin(), options_.faults.end(),
+                     [&](const PlannedFault& fault) {
+                       return fault.kind == kind && fault.is_on(session_time_s());
+                     });
+}
+
 bool Drive::must_die() const noexcept {
-  return session_ && std::any_of(options_.faults.begin(), options_.faults.end(),
-                                 [&](const PlannedFault& fault) {
-                                   return fault.kind == FaultKind::kKill &&
-                                          fault.is_on(session_time_s());
-                                 });
+  return session_ && plans(FaultKind::kKill);
 }
 
 LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns,
@@ -47,7 +51,11 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
   if (claimed_kind(datagram) == PacketKind::kCommand) {
     CommandPacket command;
     if (session_) {
+      const std::uint64_t before = session_->last_command;
       refusal = decode(datagram, session_->key, session_->number, session_->last_command, command);
+      if (refusal == LinkRefusal::kNone) {
+        report_.commands_missed += session_->last_command - before - 1;
+      }
     }
     if (refusal == LinkRefusal::kSession && !is_alive(now_ns)) {
       for (auto& offered : offers_) {
@@ -72,20 +80,28 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
 }
 
 void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept {
+  // A host that asks again is offered the same: the answers may all reach it at once, late.
+  auto* const known = std::find_if(offers_.begin(), offers_.end(), [&](const auto& offered) {
+    return offered && offered->host_nonce == hello.host_nonce;
+  });
+  // Several are kept: an old hello sent again must not spoil the one that is being answered.
+  auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
+  if (known == offers_.end()) {
+    offered.emplace();
+    offered->host_nonce = hello.host_nonce;
+    offered->drive_nonce = random_nonce();
+    offered->key = session_key(options_.key, offered->host_nonce, offered->drive_nonce);
+    offered->number = session_number(offered->drive_nonce);
+    offered->period_s = hello.period_s;
+    offered->watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
+    offered->fresh = hello.fresh;
+  }
   WelcomePacket welcome;
   welcome.time_ns = now_ns;
-  welcome.host_nonce = hello.host_nonce;
-  welcome.drive_nonce = random_nonce();
+  welcome.host_nonce = offered->host_nonce;
+  welcome.drive_nonce = offered->drive_nonce;
   welcome.period_s = options_.period_s;
   welcome.clock = options_.clock;
-  Session offered;
-  offered.key = session_key(options_.key, welcome.host_nonce, welcome.drive_nonce);
-  offered.number = session_number(welcome.drive_nonce);
-  offered.period_s = hello.period_s;
-  offered.watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
-  offered.fresh = hello.fresh;
-  // Several are kept: an old hello sent again must not spoil the one that is being answered.
-  offers_[next_offer_++ % kOffers] = offered;
   answer.size = encode(welcome, options_.key, answer.bytes);
 }
 
@@ -115,16 +131,29 @@ void Drive::end_session() noexcept {
 void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept {
   session_->last_command_ns = now_ns;
   if (command.mode == CommandMode::kStop) return end_session();
-  command_ = {};
-  mode_ = DriveMode::kReady;
-  if (command.mode == CommandMode::kTorque) {
-    command_.tau_motor_Nm = command.tau_motor_Nm;
-    mode_ = DriveMode::kTorque;
-  }
   judge_stop();
+  const auto& tau = command.tau_motor_Nm;  // zeros unless the mode is torque
+  const bool knows = command.state_seen >= session_->told_from &&
+                     std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
+  if (!stop_pressed_ && knows) session_->told_from = 0;
+  if (session_->told_from == 0) {
+    const bool torque = command.mode == CommandMode::kTorque;
+    mode_ = torque ? DriveMode::kTorque : DriveMode::kReady;
+    command_ = {};
+    if (torque) command_.tau_motor_Nm = tau;
+  } else {
+    ++report_.stale_commands;
+  }
   if (options_.clock != LinkClock::kLockStep) return;
   if (command.mode == CommandMode::kTorque) advance(session_->period_s);
   send_state(answer);
+}
+
+/// Torques are zero until the host has seen why and asks for none.
+void Drive::take_away(DriveMode mode) noexcept {
+  mode_ = mode;
+  command_ = {};
+  if (session_) session_->told_from = session_->last_state + 1;
 }
 
 void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
@@ -134,12 +163,11 @@ void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
     if (silence_s > options_.session_s) {
       end_session();
     } else if (silence_s > session_->watchdog_s && mode_ == DriveMode::kTorque) {
-      mode_ = DriveMode::kWatchdog;
       const auto& tau = command_.tau_motor_Nm;
       if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; })) {
         ++report_.watchdog_trips;
       }
-      command_ = {};
+      take_away(DriveMode::kWatchdog);
     }
   }
   if (report_.sessions == 0) return;  // the world begins with its first session
@@ -148,24 +176,19 @@ void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
   if (session_) send_state(answer);
 }
 
-/// The emergency stop as the plan has it, and what follows from it for mode and torques.
+/// The emergency stop as the plan has it. A session that begins while it is pressed is told too.
 void Drive::judge_stop() noexcept {
-  const bool pressed =
-      std::any_of(options_.faults.begin(), options_.faults.end(), [&](const PlannedFault& fault) {
-        return fault.kind == FaultKind::kStop && fault.is_on(session_time_s());
-      });
+  const bool pressed = plans(FaultKind::kStop);
   if (pressed && !stop_pressed_) ++report_.emergency_stops;
-  if (pressed) {
-    mode_ = DriveMode::kEmergencyStop;
-    command_ = {};
-  } else if (mode_ == DriveMode::kEmergencyStop) {
-    mode_ = DriveMode::kReady;
-  }
+  if (pressed && mode_ != DriveMode::kEmergencyStop) take_away(DriveMode::kEmergencyStop);
   stop_pressed_ = pressed;
 }
 
 void Drive::advance(double dt_s) noexcept {
   judge_stop();
+  const bool planned =
+      std::any_of(options_.faults.begin(), options_.faults.end(),
+                  [&](const PlannedFault& f) { return f.is_on(session_time_s()); });
   DeviceCommand applied = command_;
   for (const PlannedFault& fault : options_.faults) {
     if (fault.kind == FaultKind::kDead && fault.is_on(session_time_s())) {
@@ -176,6 +199,23 @@ void Drive::advance(double dt_s) noexcept {
   model_.step(dt_s);
   supervise(dt_s);
   feel();
+  keep_step(planned);
+}
+
+void Drive::keep_step(bool fault) noexcept {
+  if (report_.steps.size() >= options_.record_steps) return;
+  DriveStep step;
+  step.session = report_.sessions;
+  step.t_s = session_time_s();
+  step.mode = mode_;
+  step.motor_faults = motor_faults_;
+  step.fault = fault;
+  step.command_taken = session_ ? session_->last_command : 0;
+  for (const double tau : command_.tau_motor_Nm)
+    step.commanded_max_Nm = std::max(step.commanded_max_Nm, std::abs(tau));
+  step.applied_max_Nm = model_.truth().tau_applied_Nm.cwiseAbs().maxCoeff();
+  step.packets_refused = report_.packets.refused();
+  report_.steps.push_back(step);
 }
 
 /// Each motor's current against its command, as a drive can see it.
@@ -223,14 +263,20 @@ void Drive::send_state(Answer& answer) noexcept {
   state.mode = mode_;
   state.motor_faults = motor_faults_;
   state.command_taken = session_->last_command;
+  std::array<bool, kEncoders> stuck{};
   for (const PlannedFault& fault : options_.faults) {
     const auto i = static_cast<std::size_t>(fault.channel);
     if (!fault.is_on(session_time_s())) continue;
     if (fault.kind == FaultKind::kJump) read.encoder_rad[i] += fault.jump_rad;
-    if (fault.kind == FaultKind::kStuck) {
-      if (!stuck_at_rad_[i]) stuck_at_rad_[i] = read.encoder_rad[i];
-      read.encoder_rad[i] = *stuck_at_rad_[i];
+    if (fault.kind == FaultKind::kStuck) stuck[i] = true;
+  }
+  for (std::size_t i = 0; i < kEncoders; ++i) {
+    if (!stuck[i]) {
+      stuck_at_rad_[i].reset();
+      continue;
     }
+    if (!stuck_at_rad_[i]) stuck_at_rad_[i] = read.encoder_rad[i];
+    read.encoder_rad[i] = *stuck_at_rad_[i];
   }
   state.encoder_rad = read.encoder_rad;
   answer.size = encode(state, session_->key, answer.bytes);

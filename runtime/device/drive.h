@@ -4,7 +4,10 @@
 //
 // Laws (tests/drive_test.cpp):
 //  1. Torques are other than zero only while the newest accepted command is one of mode torque, not
-//     older than the watchdog's time (real clock), and no emergency stop is pressed.
+//     older than the watchdog's time (real clock), and no emergency stop is pressed. Once watchdog
+//     or stop have taken them away they stay at zero until a command has come that has seen a
+//     state which says so and that asks for none: neither commands that were on their way nor a
+//     host's own way down bring them back.
 //  2. A refused datagram changes nothing but a count.
 //  3. While a session is alive no other one begins.
 //  4. Lock-step: time goes on by one of the host's periods a torque command, and by nothing else.
@@ -33,6 +36,20 @@ struct DriveOptions {
   /// another host may have the drive.
   double session_s = 1;
   FaultPlan faults;
+  std::size_t record_steps = 0;  ///< kept at most in DriveReport::steps
+};
+
+/// What the drive did in one step of its world.
+struct DriveStep {
+  std::uint64_t session = 0;  ///< from 1
+  double t_s = 0;             ///< the world's, at the step's end
+  DriveMode mode = DriveMode::kReady;
+  std::uint8_t motor_faults = 0;
+  bool fault = false;                 ///< some fault of the plan was on at the step's begin
+  std::uint64_t command_taken = 0;    ///< as in StatePacket
+  double commanded_max_Nm = 0;        ///< largest of the motors, as commanded
+  double applied_max_Nm = 0;          ///< and as applied
+  std::uint64_t packets_refused = 0;  ///< so far
 };
 
 /// A time at which the hand felt a force give way.
@@ -45,11 +62,14 @@ struct FeltPeak {
 struct DriveReport {
   std::uint64_t sessions = 0;
   LinkCounts packets;
-  std::uint64_t watchdog_trips = 0;  ///< that took a torque away
+  std::uint64_t commands_missed = 0;  ///< never accepted: lost, or overtaken
+  std::uint64_t watchdog_trips = 0;   ///< that took a torque away
+  std::uint64_t stale_commands = 0;   ///< before such a one (law 1)
   std::uint64_t emergency_stops = 0;
   double largest_torque_Nm = 0;     ///< applied
   double largest_hand_force_N = 0;  ///< of the hand on the tool's tip, any direction
   std::vector<FeltPeak> peaks;      ///< the first kMaxPeaks
+  std::vector<DriveStep> steps;     ///< the first DriveOptions::record_steps
   static constexpr std::size_t kMaxPeaks = 4096;
 };
 
@@ -84,11 +104,14 @@ class Drive {
  private:
   struct Session {
     LinkKey key;
+    LinkNonce host_nonce{}, drive_nonce{};
     std::uint64_t number = 0;
     double period_s = 0;    ///< the host's
     double watchdog_s = 0;  ///< for it
     bool fresh = false;
     std::uint64_t last_command = 0, last_state = 0;
+    /// Law 1: the first state that says it; 0: nothing is to be said.
+    std::uint64_t told_from = 0;
     std::int64_t last_command_ns = 0;
   };
   bool is_alive(std::int64_t now_ns) const noexcept;
@@ -101,6 +124,9 @@ class Drive {
   void supervise(double dt_s) noexcept;
   void feel() noexcept;
   void send_state(Answer& answer) noexcept;
+  void take_away(DriveMode mode) noexcept;
+  bool plans(FaultKind kind) const noexcept;
+  void keep_step(bool fault) noexcept;
 
   static constexpr std::size_t kOffers = 4;
 

@@ -53,6 +53,15 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
   return next;
 }
 
+double budget_spent(const MotorModel& model, const MotorLoad& load) noexcept {
+  const MotorVector budget = budget_A2s(model);
+  double most = 0;
+  for (int i = 0; i < kMotors; ++i) {
+    if (budget[i] > 0) most = std::max(most, load.excess_A2s[i] / budget[i]);
+  }
+  return most;
+}
+
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept {
   const MotorVector budget = budget_A2s(model);
   MotorVector current_A;

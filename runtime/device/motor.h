@@ -46,6 +46,10 @@ MotorVector motor_currents(const MotorModel& model, const MotorVector& tau_motor
 MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVector& current_A,
                   double dt_s) noexcept;
 
+/// The largest share of its budget that a motor has spent; at most 1 while the laws' condition
+/// holds. A motor without a budget (peak is continuous) counts as 0.
+double budget_spent(const MotorModel& model, const MotorLoad& load) noexcept;
+
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept;
 /// The same at the joint: allocate_torques' limit. A cold motor's is exactly peak_Nm.
 MotorVector available_torque(const MotorModel& model, const MotorLoad& load) noexcept;

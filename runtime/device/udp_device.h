@@ -2,10 +2,15 @@
 // A drive behind the device link as a Device of the loop. On the haptic thread only non-blocking
 // receive and send calls: no allocation, lock or exception. What is not authentic, or old, is
 // counted and otherwise as if it had not come.
+//
+// A session that is lost is made anew when restore() asks for it: real clock, by a thread that has
+// the socket to itself meanwhile; lock-step, where time stands still, by wait_for_answer().
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
+#include <thread>
 
 #include "formats/device_protocol.h"
 #include "formats/result.h"
@@ -22,7 +27,8 @@ struct UdpDeviceOptions {
   bool fresh = true;                   ///< a simulated world begins anew
   double connect_timeout_s = 5;
   double silence_s = 0.01;  ///< without a state: the link is lost (real clock)
-  double answer_s = 2;      ///< lock-step: longest wait for an answer
+  double answer_s = 2;      ///< lock-step: longest wait for an answer; once one has not come,
+                            ///< silence_s until the next one comes
 };
 
 class UdpDevice final : public Device {
@@ -35,7 +41,8 @@ class UdpDevice final : public Device {
   UdpDevice(const UdpDevice&) = delete;
   UdpDevice& operator=(const UdpDevice&) = delete;
 
-  /// The newest state that has come since the last call. kNoData: none has, and not for long;
+  /// The newest state that has come since the last call. kNoData: none has, and not for long, or so
+  /// many wait (after a loop's slow start) that the newest of all may have found no room;
   /// kLinkLost: none for silence_s, the other end is closed, or the drive has not heard our torques
   /// of the last silence_s (2.5 periods if that is longer), or its watchdog has acted;
   /// kEmergencyStop, kMotorFault: what it says.
@@ -47,23 +54,34 @@ class UdpDevice final : public Device {
   /// has it, or kLinkLost. Blocks.
   bool wait_for_answer() noexcept;
 
-  /// A new session with the same drive after a fault, joining the simulated world as it is.
-  /// Torques are zero. Blocks like connect().
-  Result<void> reconnect();
+  /// A new session with the same drive, or one that was started at its place, joining the
+  /// simulated world as it is: tried until it is there (lock-step: for connect_timeout_s, then
+  /// never again). Torques are zero; read() and write() say kLinkLost meanwhile. Acts only if
+  /// the last read() has found the link lost or a motor's fault, which a drive keeps for a session.
+  void restore() noexcept override;
 
+  /// While nothing is being restored.
   const LinkCounts& packets() const noexcept { return counts_; }
+  /// States that were sent in this device's sessions and never accepted: lost, or overtaken. From
+  /// the first torques on: before them a loop may take its time.
+  std::uint64_t states_missed() const noexcept { return states_missed_; }
+  std::uint64_t sessions() const noexcept { return sessions_; }
   double drive_period_s() const noexcept { return drive_period_s_; }
 
  private:
   UdpDevice(const UdpDeviceOptions& options, UdpSocket socket)
       : options_(options), socket_(std::move(socket)) {}
   Result<void> shake_hands(bool fresh);
+  void restore_when_asked();
+  DeviceStatus status_of_newest() const noexcept;
   /// Takes what is there, at most kMostDatagrams. False: the other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const DeviceCommand& command) noexcept;
 
   /// More than these wait for the next tick, so that no flood can hold one up.
   static constexpr int kMostDatagrams = 512;
+  /// Of states: a socket's own buffer holds some 270.
+  static constexpr int kLongQueue = 128;
 
   UdpDeviceOptions options_;
   UdpSocket socket_;
@@ -72,9 +90,20 @@ class UdpDevice final : public Device {
   double drive_period_s_ = 0;
   StatePacket newest_;
   bool fresh_state_ = false;
+  int queued_ = 0;              ///< states that the last drain() took
   std::int64_t newest_ns_ = 0;  ///< when newest_ came
   bool has_written_ = false;    ///< torques, in this session
   LinkCounts counts_;
+  std::uint64_t states_missed_ = 0, sessions_ = 0;
+  bool counts_missed_ = false;
+  bool answers_come_ = true;  ///< lock-step
+  bool is_away_ = false;      ///< the last read() has found it so
+  bool given_up_ = false;     ///< lock-step: no drive came back
+  /// All else is the restoring thread's while it is set, and the haptic thread's while it is not.
+  std::atomic<bool> restoring_{false};
+  std::atomic<bool> closing_{false};
+  static_assert(std::atomic<bool>::is_always_lock_free);
+  std::thread restorer_;  ///< real clock
 };
 
 }  // namespace trocar::runtime

@@ -7,8 +7,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// A motor that was overloaded rests until its heat is below this.
-constexpr double kCooled = 0.8;
+/// A motor that was overloaded rests until it has this of its budget back.
+constexpr double kCooled = 0.5;
 
 DeviceAnswer answer_of(DeviceStatus status) noexcept {
   switch (status) {
@@ -94,9 +94,10 @@ Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& stat
     }
   }
   const JacobianResult motion = jacobian(model.device, forward.T_device_plate, inverse.joints);
-  if (!motion.status || !(inverse_condition(motion.G) >= model.limits.inverse_condition_min)) {
-    return Fault::kSingularity;
-  }
+  if (!motion.status) return Fault::kSingularity;
+  const Singularity singularity =
+      measure_singularity(model.device, forward.T_device_plate, inverse.joints, motion.G);
+  if (const Fault f = check_singularity(model.limits, singularity); f != Fault::kNone) return f;
   state.T_device_plate = forward.T_device_plate;
   state.G = motion.G;
   residual_m = forward.residual_m;
@@ -196,24 +197,45 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   return Fault::kNone;
 }
 
+/// What hides the device's friction and weight, from nothing on at the beginning.
+MotorVector compensation(const LoopModel& model, const MotorModel& motor,
+                         LoopState& state) noexcept {
+  const double rise_s = model.limits.timing.ramp_up_s;
+  state.compensation_share =
+      std::min(1.0, state.compensation_share + (rise_s > 0 ? 1 / (rise_s * model.rate_Hz) : 1));
+  const MotorVector rate_rad_per_s = state.G * state.limits.twist_device;
+  return state.compensation_share *
+         compensation_torques(model.device, motor, state.G, rate_rad_per_s, model.compensation);
+}
+
 /// Contact, allocation, limits.
-Fault compute_torques(const LoopModel& model, const TickInputs& inputs, LoopState& state,
-                      TickResult& result, MotorVector& tau_motor_Nm) noexcept {
+Fault compute_torques(const LoopModel& model, const MotorModel& motor, const TickInputs& inputs,
+                      LoopState& state, TickResult& result, MotorVector& tau_motor_Nm) noexcept {
   RecordingRow& row = result.row;
   Wrench wanted = Wrench::Zero();
   if (const Fault f = wanted_wrench(model, inputs, state, result, wanted); f != Fault::kNone) {
     return f;
   }
+  const double dt_s = 1 / model.rate_Hz;
+  const MotorVector limit_Nm = available_torque(motor, state.limits.load);
+  const bool compensates = model.compensation.friction || model.compensation.gravity;
+  const MotorVector beside_Nm =
+      compensates ? compensation(model, motor, state) : MotorVector::Zero();
+  if (!((limit_Nm - beside_Nm.cwiseAbs()).minCoeff() > 0)) return Fault::kMotorOverload;
   const AllocationResult allocation =
-      allocate_torques(state.G, wanted, model.device.motor_peak_torque_Nm);
+      compensates ? allocate_torques_beside(state.G, wanted, limit_Nm, beside_Nm)
+                  : allocate_torques(state.G, wanted, limit_Nm);
   if (allocation.kind == Allocation::kRefused) {
     return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
   }
+  const Fault overload = check_overload(model.limits, motor, allocation.scale, dt_s, state.limits);
+  if (overload != Fault::kNone) return overload;
   MotorVector tau = allocation.tau_motor_Nm;
-  const Fault limited = limit_torques(model.limits, model.device, state.tau_motor_Nm,
-                                      1 / model.rate_Hz, tau, state.limits);
+  const Fault limited =
+      limit_torques(model.limits, limit_Nm, state.tau_motor_Nm, dt_s, tau, state.limits);
   if (limited != Fault::kNone) return limited;
   tau_motor_Nm = tau;
+  state.beside_Nm = beside_Nm;
 
   row.phase = result.contact.phase;
   row.active_slice = result.contact.active_sheet < 0
@@ -225,9 +247,14 @@ Fault compute_torques(const LoopModel& model, const TickInputs& inputs, LoopStat
   return Fault::kNone;
 }
 
+/// What the hand feels of the torques: what compensates is used up by the device itself.
+Wrench rendered_wrench(const LoopState& state) noexcept {
+  return state.G.transpose() * (state.tau_motor_Nm - state.beside_Nm);
+}
+
 /// What is known whatever the tick's outcome.
-void describe(const LoopModel& model, const LoopState& state, const DeviceState& read,
-              RecordingRow& row) noexcept {
+void describe(const LoopModel& model, const MotorModel& motor, const LoopState& state,
+              const DeviceState& read, RecordingRow& row) noexcept {
   const Pose& pose = state.T_device_plate;
   const Eigen::Vector3d tip = pose * model.contact.tool.tip_plate_m;
   row.p_m = {pose.p_m.x(), pose.p_m.y(), pose.p_m.z()};
@@ -235,7 +262,7 @@ void describe(const LoopModel& model, const LoopState& state, const DeviceState&
   row.tool_m = {tip.x(), tip.y(), tip.z()};
   row.encoder_rad = read.encoder_rad;
   std::copy(state.tau_motor_Nm.data(), state.tau_motor_Nm.data() + kMotors, row.tau_Nm.begin());
-  put_wrench(state.G.transpose() * state.tau_motor_Nm, row.wrench_delivered);
+  put_wrench(rendered_wrench(state), row.wrench_delivered);
   row.safety = state.safety.state;
   row.fault = state.safety.fault;
   const bool stopped = row.safety == SafetyState::kFault || row.safety == SafetyState::kRecovering;
@@ -243,7 +270,7 @@ void describe(const LoopModel& model, const LoopState& state, const DeviceState&
   row.authority = row.safety == SafetyState::kRunning ? state.safety.authority : 0;
   row.passivity_J = state.passivity.balance_J;
   row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
-  row.motor_heat_max = state.limits.heat.maxCoeff();
+  row.motor_heat_max = budget_spent(motor, state.limits.load);
 }
 
 /// Outside of `running` nothing is met and nothing is owed.
@@ -253,7 +280,9 @@ void forget_contact(LoopState& state) noexcept {
   state.passivity.given_max_J = given_max_J;
   state.coupling = {};
   state.elastic = {};
-  state.limits.rise_s = 0;
+  state.limits.rise_s = state.limits.overload_s = 0;
+  state.beside_Nm.setZero();
+  state.compensation_share = 0;
 }
 
 }  // namespace
@@ -265,6 +294,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   Safety& safety = state.safety;
   const SafetyTiming& timing = model.limits.timing;
   const double dt_s = 1 / model.rate_Hz;
+  const MotorModel motor = make_motor_model(model.device);
   row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
   row.response_sheet = inputs.response.sheet;
   row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
@@ -292,17 +322,21 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
 
   // State.
   const SafetyState before = safety.state;
-  const Fault heat = check_heat(model.limits, model.device, state.tau_motor_Nm, dt_s, state.limits);
-  const bool hot =
-      safety.state == SafetyState::kRecovering && state.limits.heat.maxCoeff() > kCooled;
+  const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
+  const bool hot = safety.state == SafetyState::kRecovering &&
+                   safety.fault == Fault::kMotorOverload &&
+                   budget_spent(motor, state.limits.load) > kCooled;
   if (fault == Fault::kNone && (heat != Fault::kNone || hot)) fault = Fault::kMotorOverload;
   const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
   advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
+  const bool is_away =
+      row.device_read == DeviceAnswer::kLinkLost || row.device_read == DeviceAnswer::kMotorFault;
+  if (safety.state == SafetyState::kRecovering && is_away) device.restore();
 
   // Torques.
   MotorVector tau_motor_Nm = MotorVector::Zero();
   if (safety.state == SafetyState::kRunning) {
-    fault = compute_torques(model, inputs, state, result, tau_motor_Nm);
+    fault = compute_torques(model, motor, inputs, state, result, tau_motor_Nm);
     if (fault != Fault::kNone) raise(safety, fault, row.t_s);
   }
   if (safety.state != SafetyState::kRunning) {
@@ -325,13 +359,13 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
     if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
   }
   state.tau_motor_Nm = tau_motor_Nm;
-  note_delivered(state.G.transpose() * tau_motor_Nm, state.passivity);
+  note_delivered(rendered_wrench(state), state.passivity);
   const bool stopped =
       safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
   const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
   if (stopped && !was_stopped) result.new_fault = safety.fault;
   result.at_rest = at_rest(safety, timing, model.rate_Hz);
-  describe(model, state, read, row);
+  describe(model, motor, state, read, row);
   ++state.tick;
 }
 

@@ -3,7 +3,7 @@
 // torques out, and a row that says what happened. No allocation, lock or exception.
 //
 // Laws (tests/loop_test.cpp), beside those of safety.h, limits.h, passivity.h:
-//  1. No torque that is not finite, or beyond the motors' peak, is ever written.
+//  1. No torque that is not finite, or beyond what its motor's heat allows, is ever written.
 //  2. Outside of `running` torques are the ramp of safety.h from those it was left with (a write
 //     that fails: from those it failed to write, one tick later), else zero.
 //  3. The row holds all that the torques depend on: the same rows give the same torques.
@@ -16,6 +16,7 @@
 #include "formats/recording.h"
 #include "runtime/contact/puncture.h"
 #include "runtime/device/device.h"
+#include "runtime/device/motor.h"
 #include "runtime/device/torque_allocation.h"
 #include "runtime/loop/limits.h"
 #include "runtime/loop/passivity.h"
@@ -31,6 +32,7 @@ struct LoopModel {
   SafetyLimits limits;
   PassivityOptions passivity;
   CouplingOptions coupling;
+  CompensationOptions compensation;  ///< beside the rendered torques, while `running` only
   double rate_Hz = 1000;
 };
 
@@ -50,6 +52,8 @@ struct LoopState {
   Jacobian G = Jacobian::Zero();                     ///< likewise
   MotorVector tau_motor_Nm = MotorVector::Zero();    ///< last written
   MotorVector tau_at_stop_Nm = MotorVector::Zero();  ///< when `running` was left
+  MotorVector beside_Nm = MotorVector::Zero();       ///< compensation in tau_motor_Nm
+  double compensation_share = 0;                     ///< rises as Safety::authority does
   Safety safety;
   LimitState limits;
   PassivityState passivity;

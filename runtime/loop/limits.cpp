@@ -38,12 +38,27 @@ Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double
   return good ? Fault::kNone : Fault::kSpeed;
 }
 
-Fault check_heat(const SafetyLimits& limits, const DeviceDescription& device,
-                 const MotorVector& tau_motor_Nm, double dt_s, LimitState& state) noexcept {
-  const double share = limits.thermal_s > 0 ? 1 - std::exp(-dt_s / limits.thermal_s) : 1;
-  const MotorVector now = (tau_motor_Nm / device.motor_continuous_torque_Nm).cwiseAbs2();
-  state.heat += share * (now - state.heat);
-  return state.heat.maxCoeff() <= 1 + 1e-9 ? Fault::kNone : Fault::kMotorOverload;
+Fault check_singularity(const SafetyLimits& limits, const Singularity& singularity) noexcept {
+  return singularity.inverse_condition >= limits.inverse_condition_min &&
+                 singularity.nearest_branch_m >= limits.branch_distance_min_m
+             ? Fault::kNone
+             : Fault::kSingularity;
+}
+
+Fault check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
+                 LimitState& state) noexcept {
+  state.load = advance(motor, state.load, motor_currents(motor, tau_motor_Nm), dt_s);
+  return budget_spent(motor, state.load) <= 1 + 1e-9 ? Fault::kNone : Fault::kMotorOverload;
+}
+
+Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale, double dt_s,
+                     LimitState& state) noexcept {
+  const bool gives_way =
+      (available_torque(motor, state.load).array() < motor.peak_Nm.array()).any();
+  const bool too_little = gives_way && !(scale >= limits.overload_scale_min);
+  state.overload_s = too_little ? state.overload_s + dt_s : 0;
+  return state.overload_s > limits.overload_time_max_s + dt_s / 2 ? Fault::kMotorOverload
+                                                                  : Fault::kNone;
 }
 
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
@@ -56,24 +71,26 @@ MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, doubl
   return last + (rise_max_Nm / step_Nm) * (wanted - last);
 }
 
-Fault limit_torques(const SafetyLimits& limits, const DeviceDescription& device,
+Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
                     const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
                     LimitState& state) noexcept {
   if (!wanted_Nm.allFinite()) return Fault::kTorqueNotFinite;
-  const double peak_Nm = device.motor_peak_torque_Nm;
-  const double largest_Nm = limits.torque_max_Nm > 0 ? limits.torque_max_Nm : peak_Nm * (1 + 1e-9);
-  if (wanted_Nm.cwiseAbs().maxCoeff() > largest_Nm) return Fault::kTorqueLimit;
+  const MotorVector largest_Nm = limits.torque_max_Nm > 0
+                                     ? MotorVector::Constant(limits.torque_max_Nm)
+                                     : MotorVector(limit_Nm * (1 + 1e-9));
+  if ((wanted_Nm.cwiseAbs().array() > largest_Nm.array()).any()) return Fault::kTorqueLimit;
   const double rise_max_Nm = limits.torque_rise_max_Nm_per_s * dt_s;
   bool shortened = false;
-  const MotorVector tau_Nm = limit_rise(last_Nm, wanted_Nm, rise_max_Nm, shortened);
+  MotorVector tau_Nm = limit_rise(last_Nm, wanted_Nm, rise_max_Nm, shortened);
   if (!tau_Nm.allFinite()) return Fault::kTorqueNotFinite;
   if (shortened) {
     state.rise_s += dt_s;
   } else if ((wanted_Nm - last_Nm).cwiseAbs().maxCoeff() <= rise_max_Nm / 2) {
     state.rise_s = 0;  // a steep release is no pause
   }
-  // Between two torques within the limit only rounding can leave it.
-  wanted_Nm = tau_Nm.cwiseMax(-peak_Nm).cwiseMin(peak_Nm);
+  const double beyond = tau_Nm.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff();
+  if (beyond > 1) tau_Nm /= beyond;
+  wanted_Nm = tau_Nm.cwiseMax(-limit_Nm).cwiseMin(limit_Nm);  // rounding
   return state.rise_s > limits.torque_rise_time_max_s + dt_s / 2 ? Fault::kTorqueRate
                                                                  : Fault::kNone;
 }

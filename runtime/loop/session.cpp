@@ -62,6 +62,7 @@ class Session {
     model_.limits = options.limits;
     model_.passivity = options.passivity;
     model_.coupling = options.coupling;
+    model_.compensation = options.compensation;
     model_.rate_Hz = options.rate_Hz;
     sheets_.resize(remesher.size());
     report_.punctures.reserve(kMaxListedPunctures);

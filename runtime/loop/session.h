@@ -51,6 +51,7 @@ struct SessionOptions {
   SafetyLimits limits;
   PassivityOptions passivity;
   CouplingOptions coupling;
+  CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
   std::atomic<bool>* recover = nullptr;  ///< kOnRequest: set by the operator, cleared when taken
   /// Where a fault leaves its black box; none: nowhere.

@@ -1,0 +1,522 @@
+# SPDX-License-Identifier: Apache-2.0
+"""fault_campaign_test.py SOURCE BIN SCAN WORK [--times N] [--only FAULT,...] [--seed N] [--jobs N]: every fault of the
+device and its link, N times at random moments while the tool is pressed into a sheet, against trocar-device-sim as
+a process of its own. A table, one row a fault.
+
+What must hold for each fault, by the drive's own record (its steps, in its own time) and the session's files:
+ - found under load, latched, named as it should be; torques at zero at the drive within 5 ms of being found, and zero
+   there until forces are rendered again;
+ - the black box holds the recording's own lines, the last 4 s or since the start;
+ - the recording has every tick; recovery comes by request only and brings the forces back.
+What a link may do without a fault (single losses, short delays, copies, overtaking, flipped bits) is no fault, and counted.
+
+Lock-step where time may stand still, so that a moment is exact; real time for silence, loss, delay and killed processes.
+A fault that the machine itself brings about (a stalled process) is told apart: it is counted, and what it made void
+is injected again.
+"""
+import argparse
+import bisect
+import csv
+import json
+import pathlib
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from e2e import run
+
+RATE_HZ = 1000
+CYCLE_S, CONTACT_S = 0.75, (0.40, 0.52)  # of the hand's motion, and when in it the tool is in the sheet
+CYCLES = 10  # of a session
+TO_ZERO_S, BLACK_BOX_S = 0.005, 4.0
+LOADED_NM = 0.1
+STALLS = {"no_data", "link_lost", "deadline_missed"}
+
+
+class Kind:
+    """How a fault is ordered from the simulator, and what must come of it."""
+
+    def __init__(self, order, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S):
+        self.order = order        # of (random, moment): the plan's item
+        self.names = set(names)   # empty: must be survived
+        self.within_s = within_s  # from the moment to being found
+        self.clock = clock
+        self.counted = counted    # of (summary, simulator's summary): how often it was noticed
+        self.own_s = own_s        # the drive itself takes the torques away by then
+        self.contact_s = contact_s  # when in a cycle it begins
+
+
+def refused(words):
+    def count(ours, drives):
+        return sum(ours["link"]["packets_refused"][w] + drives["packets"]["refused"][w] for w in words)
+    return count
+
+
+def missed(ours, drives):
+    return ours["link"]["states_missed"] + drives["commands_missed"]
+
+
+def window(item, lasts_s):
+    return lambda random, at: f"{item}@{at:.5f}..{at + lasts_s:.5f}"
+
+
+BENT = ("size", "magic", "kind", "session", "mac", "contents")
+KINDS = {
+    "encoder_jump": Kind(lambda r, at: f"jump:{r.randrange(16)}:{r.choice((-1, 1)) * r.uniform(0.1, 1):.4f}@{at:.5f}..{at + 0.02:.5f}",
+                         ["encoder_jump"], 0.003),
+    "encoder_off": Kind(lambda r, at: f"jump:{r.choice((1, 3, 5, 7, 9, 11, 13, 15))}:{r.choice((-1, 1)) * 0.04:.4f}@{at:.5f}..{at + 0.02:.5f}",
+                        ["pose_residual"], 0.003),
+    # Found once the others have moved on: when the fit is off by 0.5 mm, some 0.013 rad of theta3. So it begins early enough
+    # for every encoder to have moved as far.
+    "encoder_stuck": Kind(lambda r, at: f"stuck:{r.randrange(16)}@{at:.5f}..{at + 0.25:.5f}",
+                          ["pose_residual"], 0.25, contact_s=(0.40, 0.46)),
+    # The motors of theta1 carry the load; one without a torque to give is not missed.
+    "motor_dead": Kind(lambda r, at: f"dead:{2 * r.randrange(4)}@{at:.5f}..{at + 0.05:.5f}", ["motor_fault"], 0.012),
+    "emergency_stop": Kind(window("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001),
+    "emergency_stop_1ms": Kind(window("stop", 0.001), ["emergency_stop"], 0.003, own_s=0.001),
+    "drive_killed": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost"], 0.003, own_s=0.001),
+    "drive_killed_real": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost", "no_data"], 0.02, "real", own_s=0.001),
+    "silence_of_states": Kind(window("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real"),
+    "silence_of_commands": Kind(window("command-loss:1", 0.04), ["link_lost"], 0.02, "real", own_s=0.0115),
+    "silence_both_ways": Kind(window("loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
+    "delay_30ms": Kind(window("delay:1:30", 0.06), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
+    "host_killed": Kind(None, (), 0, "real", own_s=0.0115),
+    "single_loss": Kind(window("loss:1", 0.001), clock="real", counted=missed),
+    "delay_2ms": Kind(window("delay:1:2", 0.03), clock="real", counted=lambda *_: 1e9),
+    "duplication": Kind(window("duplicate:1", 0.01), clock="real", counted=refused(["sequence"])),
+    "reordering": Kind(window("reorder:0.4", 0.01), clock="real", counted=refused(["sequence"])),
+    "bit_flip": Kind(window("flip:1", 0.001), clock="real", counted=refused(BENT)),
+    "duplication_lock_step": Kind(window("duplicate:1", 0.01), counted=refused(["sequence"])),
+}
+
+
+class Row:
+    """Of the table."""
+
+    def __init__(self, seed):
+        self.random = random.Random(seed)
+        self.times = self.found = self.named = self.recovered = self.rows_lost = self.machine = self.void = 0
+        self.counted = 0
+        self.to_zero_s, self.from_moment_s = [], []
+        self.failures = []
+
+    def fail(self, message):
+        self.failures.append(message)
+
+
+class Simulator:
+    """trocar-device-sim for one session; its record and summary afterwards."""
+
+    def __init__(self, rig, row, folder, faults, clock, address="127.0.0.1:0"):
+        self.files = folder / "drive.csv", folder / "drive.json"
+        for file in self.files:
+            file.unlink(missing_ok=True)
+        command = [rig.programs / "trocar-device-sim", rig.scene, "--listen", address, "--key-file", folder / "key", "--clock", clock,
+                   "--seed", row.random.getrandbits(32), "--record", self.files[0], "--summary", self.files[1], "--quiet"]
+        if faults:
+            command += ["--faults", faults]
+        self.process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, text=True)
+        self.address = self.process.stdout.readline().split()[2]
+
+    def end(self):
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        self.process.communicate(timeout=30)
+
+    def steps(self):
+        """(times, commanded, applied, modes, sessions): one entry a step of the drive."""
+        with self.files[0].open() as file:
+            rows = list(csv.reader(file))[1:]
+        return ([float(r[1]) for r in rows], [float(r[6]) for r in rows], [float(r[7]) for r in rows],
+                [r[2] for r in rows], [int(r[0]) for r in rows])
+
+    def summary(self):
+        return json.loads(self.files[1].read_text())
+
+
+class Recording:
+    def __init__(self, file):
+        self.lines = file.read_text().splitlines()
+        head = {name: i for i, name in enumerate(self.lines[0].split(","))}
+        self.torque, self.safety, self.fault, self.asked, self.t_s = [], [], [], [], []
+        first = head["tau_1_1_Nm"]
+        for line in self.lines[1:]:
+            cells = line.split(",")
+            self.torque.append(max(abs(float(cell)) for cell in cells[first:first + 8]))
+            self.safety.append(cells[head["safety"]])
+            self.fault.append(cells[head["fault"]])
+            self.asked.append(cells[head["recovery_asked"]] == "1")
+            self.t_s.append(float(cells[head["t_s"]]))
+
+
+class Rig:
+    """Scene, programs and a folder for each session."""
+
+    def __init__(self, source, programs, scan, work):
+        self.programs, self.work = programs, work
+        self.sessions, self.lock = 0, threading.Lock()
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        asset = work / "sample.glb"
+        run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+        scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
+        scene.update(asset=str(asset), duration_s=3600)
+        scene["tissue"] = {"stiffness_N_per_m": 5000, "threshold_N": 1000}
+        keys = []
+        for cycle in range(CYCLES + 3):
+            for at, x, y, z in ((0.30, 0, 0, 0.124), (0.38, 0, 0, 0.113), (0.53, 0.008, 0.005, 0.109), (0.60, 0.008, 0.005, 0.124)):
+                keys.append({"t_s": round(cycle * CYCLE_S + at, 5), "tip_m": [x, y, z]})
+        scene["hand"] = {"trajectory": [{"t_s": 0, "tip_m": keys[0]["tip_m"]}] + keys}
+        self.scene = work / "scene.json"
+        self.scene.write_text(json.dumps(scene))
+
+    def folder(self):
+        with self.lock:
+            self.sessions += 1
+            made = self.work / str(self.sessions)
+        made.mkdir()
+        return made
+
+    def start(self, simulator, folder, clock, duration_s):
+        command = [self.programs / "trocar-run", self.scene, "--device", f"udp:{simulator.address}", "--key-file", folder / "key",
+                   "--clock", "virtual" if clock == "lock-step" else "real", "--rate", RATE_HZ, "--duration", duration_s,
+                   "--recover", "auto" if clock == "lock-step" else "signal", "--record", folder / "run.csv",
+                   "--summary", folder / "run.json", "--black-box", folder, "--quiet"]
+        return subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
+
+
+def operator(process, folder):
+    """Asks for recovery some time after each new black box, as one who has seen it."""
+    seen = 0
+    while process.poll() is None:
+        boxes = len(list(folder.glob("black_box_*.csv")))
+        if boxes > seen:
+            seen = boxes
+            time.sleep(0.02)
+            if process.poll() is None:
+                process.send_signal(signal.SIGUSR1)
+        time.sleep(0.01)
+
+
+def judge_files(row, recording, told, folder, duration_s):
+    """Every tick is there, and each black box holds the recording's own lines."""
+    expected = round(duration_s * RATE_HZ)
+    row.rows_lost += expected - (len(recording.lines) - 1)
+    if told["ticks"] != expected or len(recording.lines) - 1 != expected:
+        row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {told['ticks']} ticks of {expected}")
+    for event in told["faults"]:
+        rest = round(event["torques_zero_t_s"] * RATE_HZ) + 1
+        first = max(0, rest - round(BLACK_BOX_S * RATE_HZ))
+        box = pathlib.Path(event["black_box"]).read_text().splitlines()
+        if event["fault"] not in event["black_box"] or box != recording.lines[:1] + recording.lines[1 + first:1 + rest]:
+            row.fail(f"{folder.name}: the black box of {event['fault']} at {event['t_s']} s is not the recording's last 4 s")
+
+
+def drive_offset(recording, steps):
+    """The drive's time less the session's, by the torques that both know."""
+    first_step = {}
+    for i, value in enumerate(steps[1]):
+        if value > LOADED_NM:
+            first_step.setdefault(value, i)
+    found = sorted(steps[0][first_step[v]] - t for v, t in zip(recording.torque, recording.t_s) if v > LOADED_NM and v in first_step)
+    return (found[len(found) // 2] if found else None), first_step
+
+
+def judge_latch(row, recording, event, last_moment, folder):
+    """From a fault to its recovery, in the session's rows."""
+    k = round(event["t_s"] * RATE_HZ)
+    rest = round(event["torques_zero_t_s"] * RATE_HZ)
+    where = f"{folder.name}: {event['fault']} at {event['t_s']} s"
+    asked = next((i for i in range(k, len(recording.t_s)) if recording.asked[i]), len(recording.t_s))
+    if any(s != "fault" for s in recording.safety[k:min(asked, len(recording.safety))]):
+        row.fail(f"{where}: left without a request")
+    if rest - k > TO_ZERO_S * RATE_HZ or any(recording.torque[rest:asked]):
+        row.fail(f"{where}: torques {rest - k} ticks later, or again")
+    if event["recovered_t_s"] is None:
+        if not last_moment:
+            row.fail(f"{where}: no recovery")
+        return last_moment
+    back = round(event["recovered_t_s"] * RATE_HZ)
+    if any(recording.torque[rest:back]):
+        row.fail(f"{where}: torques before the recovery")
+    if any(f != event["fault"] for f, s in zip(recording.fault[k:back], recording.safety[k:back]) if s != "ready"):
+        row.fail(f"{where}: its name does not stay")
+    return True
+
+
+def judge_drive(row, kind, steps, first_step, recording, event, moment_s, offset_s, folder):
+    """What the drive's own record says of the way to zero."""
+    times, _, applied, modes, _ = steps
+    step_s = times[1] - times[0]
+    at = bisect.bisect_left(times, moment_s)
+    k = round(event["t_s"] * RATE_HZ)
+    ramp = [first_step[v] for v in recording.torque[k:k + 5] if v in first_step]
+    own = next((i for i in range(at, len(times)) if modes[i] != "torque"), len(times))
+    zero = next((i for i in range(at, len(times)) if applied[i] == 0), len(times))
+    found = min(ramp + [own, zero])
+    if zero == len(times) and "kill" not in (kind.order(random.Random(0), 0) if kind.order else ""):
+        row.fail(f"{folder.name}: no zero torque at the drive after {event['fault']}")
+        return
+    if zero == len(times):  # it was killed: what it did last is the end of its torques
+        zero = found = len(times) - 1
+    to_zero = times[zero] - times[found] if zero < len(times) else 0
+    from_moment = times[min(zero, len(times) - 1)] - step_s - moment_s
+    row.to_zero_s.append(to_zero)
+    row.from_moment_s.append(max(0.0, from_moment))
+    if to_zero > TO_ZERO_S + 1e-9:
+        row.fail(f"{folder.name}: {to_zero * 1e3:.2f} ms to zero at the drive after {event['fault']} at {event['t_s']} s")
+    if kind.own_s is not None and from_moment > kind.own_s + step_s + 1e-9:
+        row.fail(f"{folder.name}: the drive itself took {from_moment * 1e3:.2f} ms")
+    back_s = event["recovered_t_s"] + offset_s if event["recovered_t_s"] is not None else times[-1]
+    again = next((i for i in range(zero, len(times)) if applied[i] != 0), len(times))
+    if again < len(times) and times[again] < back_s - 0.003:
+        row.fail(f"{folder.name}: torques at the drive again at {times[again]} s, before the recovery")
+
+
+def many(rig, name, kind, row, wanted):
+    """One session with a fault in each of its cycles."""
+    folder = rig.folder()
+    count = min(wanted, CYCLES)
+    moments = [cycle * CYCLE_S + row.random.uniform(*kind.contact_s) for cycle in range(count)]
+    plan = ",".join(kind.order(row.random, at) for at in moments) if kind.order else ""
+    duration_s = round((count + 1) * CYCLE_S, 3)
+    simulator = Simulator(rig, row, folder, plan, kind.clock)
+    process = rig.start(simulator, folder, kind.clock, duration_s)
+    if kind.clock == "real":
+        threading.Thread(target=operator, args=(process, folder), daemon=True).start()
+    said = process.communicate(timeout=300)[1]
+    simulator.end()
+    if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
+        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        return 0
+    told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
+    judge_files(row, recording, told, folder, duration_s)
+    steps = simulator.steps()
+    offset_s, first_step = drive_offset(recording, steps)
+    if offset_s is None:
+        row.void += count
+        return 0
+    done = judge_moments(kind, row, moments, told, recording, steps, offset_s, first_step, folder)
+    if kind.counted and done:
+        row.counted += min(kind.counted(told, simulator.summary()), 10**6)
+    if not row.failures:
+        shutil.rmtree(folder)
+    return done
+
+
+def judge_moments(kind, row, moments, told, recording, steps, offset_s, first_step, folder):
+    times, _, applied, _, _ = steps
+    events = list(told["faults"])
+    done = 0
+    for i, moment_s in enumerate(moments):
+        at = bisect.bisect_left(times, moment_s) - 1
+        found = [e for e in events if moment_s - 0.003 <= e["t_s"] + offset_s <= moment_s + kind.within_s + 0.003]
+        if applied[at] < LOADED_NM:
+            row.void += 1  # a fault of the machine's own came before
+            continue
+        if not kind.names:
+            if found and {e["fault"] for e in found} <= STALLS:
+                row.machine += 1
+                continue
+            row.times += 1
+            done += 1
+            if found:
+                row.fail(f"{folder.name}: {found[0]['fault']} at {moment_s:.4f} s, which is to be survived")
+            else:
+                row.found += 1
+            continue
+        row.times += 1
+        done += 1
+        if len(found) != 1:
+            row.fail(f"{folder.name}: {len(found)} faults after {moment_s:.4f} s")
+            continue
+        event = found[0]
+        events.remove(event)
+        row.found += 1
+        if event["fault"] in kind.names:
+            row.named += 1
+        elif event["fault"] == "deadline_missed":
+            row.machine += 1
+            row.named += 1
+        else:
+            row.fail(f"{folder.name}: named {event['fault']} at {moment_s:.4f} s")
+        row.recovered += judge_latch(row, recording, event, i + 1 == len(moments) and event["recovered_t_s"] is None, folder)
+        judge_drive(row, kind, steps, first_step, recording, event, moment_s, offset_s, folder)
+    for event in events:
+        if kind.clock == "real" and event["fault"] in STALLS:
+            row.machine += 1
+        elif kind.names or kind.clock == "lock-step":
+            row.fail(f"{folder.name}: {event['fault']} at {event['t_s']} s came by itself")
+    return done
+
+
+def await_end(first, other):
+    """Whether the first process ends before the other one."""
+    while first.poll() is None:
+        if other.poll() is not None:
+            time.sleep(0.2)
+            return first.poll() is not None
+        time.sleep(0.002)
+    return True
+
+
+def killed_drive(rig, name, kind, row, _):
+    """One session, whose drive is killed and started again."""
+    folder = rig.folder()
+    moment_s = row.random.uniform(*CONTACT_S)
+    duration_s = 2.25 if kind.clock == "real" else 1.75
+    simulator = Simulator(rig, row, folder, kind.order(row.random, moment_s), kind.clock)
+    process = rig.start(simulator, folder, kind.clock, duration_s)
+    if kind.clock == "real":
+        threading.Thread(target=operator, args=(process, folder), daemon=True).start()
+    if not await_end(simulator.process, process):
+        said = process.communicate(timeout=30)[1]
+        simulator.end()
+        if process.returncode == 5 and any(f"_{name}.csv" in said for name in STALLS):
+            row.void += 1  # stopped by the machine before the moment
+            row.machine += 1
+        else:
+            row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        return 0
+    steps = simulator.steps()
+    if simulator.process.returncode != -signal.SIGKILL:
+        row.fail(f"{folder.name}: the simulator ended with {simulator.process.returncode}")
+    again = Simulator(rig, row, folder, "", kind.clock, simulator.address)
+    said = process.communicate(timeout=300)[1]
+    again.end()
+    if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
+        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        return 0
+    told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
+    judge_files(row, recording, told, folder, duration_s)
+    offset_s, first_step = drive_offset(recording, steps)
+    if offset_s is None or steps[2][-1] < LOADED_NM:
+        row.void += 1
+        return 0
+    events = [e for e in told["faults"] if e["t_s"] + offset_s >= moment_s - 0.003]
+    row.times += 1
+    if not events or events[0]["t_s"] + offset_s > moment_s + kind.within_s + 0.003:
+        row.fail(f"{folder.name}: {told['faults']}")
+        return 1
+    event = events[0]
+    row.found += 1
+    row.named += event["fault"] in kind.names
+    row.machine += len(told["faults"]) - 1
+    if event["fault"] not in kind.names:
+        row.fail(f"{folder.name}: named {event['fault']}")
+    # What is rendered afterwards is the new process's.
+    after = again.steps()
+    felt = max(after[2]) if after[2] else 0
+    if event["recovered_t_s"] is None or (felt < LOADED_NM and len(told["faults"]) == 1):
+        row.fail(f"{folder.name}: no recovery with the new process: {told['faults']}")
+    else:
+        row.recovered += judge_latch(row, recording, event, False, folder)
+    row.to_zero_s.append(0.0)  # with the process its torques end
+    row.from_moment_s.append(max(0.0, steps[0][-1] - moment_s))
+    if told["link"]["sessions"] < 2:
+        row.fail(f"{folder.name}: {told['link']['sessions']} sessions")
+    if not row.failures:
+        shutil.rmtree(folder)
+    return 1
+
+
+def killed_host(rig, name, kind, row, _):
+    """trocar-run dies under load: the drive's watchdog; then another one has the drive."""
+    folder = rig.folder()
+    simulator = Simulator(rig, row, folder, "", "real")
+    process = rig.start(simulator, folder, "real", 2.0)
+    time.sleep(0.1 + row.random.uniform(*CONTACT_S))
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=30)
+    second = rig.start(simulator, folder, "real", 0.6)
+    said = second.communicate(timeout=60)[1]
+    simulator.end()
+    times, _, applied, modes, sessions = simulator.steps()
+    last = max((i for i in range(len(times)) if sessions[i] == 1 and modes[i] == "torque"), default=0)
+    if not applied or applied[last] < LOADED_NM:
+        row.void += 1
+        return 0
+    row.times += 1
+    row.found += modes[min(last + 1, len(modes) - 1)] == "watchdog"
+    row.named += modes[min(last + 1, len(modes) - 1)] == "watchdog"
+    # How old its last command was: from the step in which it was taken.
+    with simulator.files[0].open() as file:
+        taken = [int(r["command_taken"]) for r in csv.DictReader(file)]
+    first = next(i for i in range(len(times)) if sessions[i] == 1 and taken[i] == taken[last])
+    row.to_zero_s.append(0.0)
+    row.from_moment_s.append(times[last] - times[first])
+    if times[last] - times[first] > kind.own_s:
+        row.fail(f"{folder.name}: the drive kept a dead host's torques for {(times[last] - times[first]) * 1e3:.2f} ms")
+    if any(applied[i] for i in range(last + 1, len(times)) if sessions[i] == 1):
+        row.fail(f"{folder.name}: torques of a dead host")
+    told = json.loads((folder / "run.json").read_text()) if (folder / "run.json").exists() else {"faults": [{"fault": said}]}
+    if second.returncode == 0 and max(a for a, s in zip(applied, sessions) if s == 2) > LOADED_NM:
+        row.recovered += 1
+    elif {e["fault"] for e in told["faults"]} <= STALLS:
+        row.machine += 1
+        row.recovered += 1
+    else:
+        row.fail(f"{folder.name}: the next host: {second.returncode} {said}")
+    if (folder / "run.csv").exists() and len((folder / "run.csv").read_text().splitlines()) != 601 and second.returncode == 0:
+        row.fail(f"{folder.name}: the next host's recording is not whole")
+    if not row.failures:
+        shutil.rmtree(folder)
+    return 1
+
+
+def campaign(rig, name, kind, times, seed):
+    start = time.monotonic()
+    row = Row(f"{seed} {name}")
+    one = killed_host if name == "host_killed" else killed_drive if name.startswith("drive_killed") else many
+    for _ in range(2 * times + 8):
+        if row.times >= times or len(row.failures) >= 5:
+            break
+        one(rig, name, kind, row, times - row.times)
+    if row.times < times and not row.failures:
+        row.fail(f"only {row.times} of {times}: this machine stalls")
+    if kind.counted and row.counted < row.times:
+        row.fail(f"{row.counted} counted of {row.times}")
+    row.took_s = time.monotonic() - start
+    return row
+
+
+def largest_ms(values):
+    return f"{max(values) * 1e3:.2f}" if values else "-"
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folders", nargs=4, type=pathlib.Path)
+    parser.add_argument("--times", type=int, default=3)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=4, help="faults looked at at the same time")
+    options = parser.parse_args()
+    rig = Rig(*options.folders)
+    names = [name for name in KINDS if not options.only or name in options.only.split(",")]
+    failed = 0
+    print(f"{'fault':21} {'times':>5} {'found':>5} {'named':>5} {'recovered':>9} {'rows lost':>9} {'to zero ms':>10} {'since begin ms':>14} "
+          f"{'counted':>7} {'machine':>7} {'void':>5} {'s':>4}")
+    with ThreadPoolExecutor(options.jobs) as pool:
+        rows = [pool.submit(campaign, rig, name, KINDS[name], options.times, options.seed) for name in names]
+        for name, future in zip(names, rows):
+            row, kind = future.result(), KINDS[name]
+            survives = not kind.names and name != "host_killed"
+            of_faults = ["-"] * 3 if survives else [row.found, row.named, row.recovered]
+            counted = row.counted if kind.counted and row.counted < 10**6 else "-"
+            print(f"{name:21} {row.times:5} {of_faults[0]:>5} {of_faults[1]:>5} {of_faults[2]:>9} {row.rows_lost:9} "
+                  f"{largest_ms(row.to_zero_s):>10} {largest_ms(row.from_moment_s):>14} {counted:>7} {row.machine:7} {row.void:5} "
+                  f"{row.took_s:4.0f}", flush=True)
+            for line in row.failures[:5]:
+                print("   ", line)
+            failed += len(row.failures)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
