@@ -68,7 +68,8 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 /// The result is valid and constrained Delaunay, as what triangulate() gives is, with each
 /// boundary edge of the input a chain of edges whose inner vertices lie on it or, where the
 /// lattice does not meet it, on its material side less than three steps away (each split rounds by
-/// less than 1.5 steps, and passes on less than half of its parent's).
+/// less than 1.5 steps and passes on a part of its parent's; one that would come to three is not
+/// made).
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

@@ -97,16 +97,41 @@ def write_packets(folder):
         (folder / f"{name}.bin").write_bytes(data)
 
 
+def write_streams(folder):
+    """Operations of fuzz_stream.cpp: hello 0, command 1 (host, how, torque), repeat 3 (which), change 4 (which, where, how, bit),
+    invent 5 (size, bytes), wait 6 (periods), held up 7 (tenths of a second). First byte: 0 real clock, 1 lock-step."""
+    hello, torque, stop, hold, late = [0, 1, 2, 0], [1, 0, 0, 50], [1, 0, 15], [1, 0, 14], [1, 0, 5, 90]
+    wait, again, newest = [6, 3], [3, 1], [3, 2]
+    streams = {
+        "session": hello + (torque + wait) * 3 + stop + wait,
+        "silence_trips_the_watchdog": hello + torque + wait * 5 + torque + wait,
+        "repeated_command": hello + torque + again * 3 + wait + again,
+        "overtaken_command": hello + torque + late + torque + newest + wait,
+        "repeated_hello": hello + [3, 0] * 5 + torque + wait,
+        "two_hosts": hello + [0, 9, 9, 1] + torque + wait + [1, 1, 0, 20] + wait * 4 + [1, 1, 0, 20] + wait,
+        "changed_command": hello + torque + [4, 1, 60, 0, 3, 4, 1, 140, 0, 7, 4, 1, 100, 1, 4, 1, 3, 2, 9] + wait,
+        "invented": hello + [5, 8, 84, 82, 67, 82, 1, 3, 144, 0] + torque + wait,
+        "old_session_after_stop": hello + torque + stop + again + wait + hello + [3, 1, 3, 2] + torque + wait,
+        "taken_over_after_silence": hello + torque + [7, 5] + hello + torque + [3, 1] + wait,
+        "sequence_gap": hello + [1, 0, 7, 10] + torque + [1, 0, 11, 10] + wait,
+        "hold_and_torque": hello + hold + wait + torque + wait + hold + wait,
+    }
+    for name, operations in streams.items():
+        for first, clock in ((0, "real"), (1, "lock_step")):
+            (folder / f"{name}_{clock}.bin").write_bytes(bytes([first] + operations))
+
+
 def main():
     programs, corpus = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
     folders = {}
-    for kind in ("dicom", "nifti", "image", "glb", "packet"):
+    for kind in ("dicom", "nifti", "image", "glb", "packet", "stream"):
         folders[kind] = corpus / kind
         folders[kind].mkdir(parents=True, exist_ok=True)
     write_dicom(folders["dicom"])
     write_nifti(folders["nifti"])
     write_images(folders["image"])
     write_packets(folders["packet"])
+    write_streams(folders["stream"])
     write_assets(folders["glb"], programs / "trocar-mesh")
 
 
