@@ -57,7 +57,7 @@ bool cut_and_check(SliceMesh& sheet, const Ring& tool, std::size_t little) {
   const CutReport tight = cut_with(little, sheet, tool, in_place);
   if (tight.outcome != CutOutcome::kCapacity && tight.outcome != done->outcome)
     fail("another outcome with little room");
-  const CutReport report = cut_with(4096, sheet, tool, in_place);
+  const CutReport report = cut_with(512, sheet, tool, in_place);
   if (report.outcome != done->outcome ||
       report.doubled_area_removed != done->doubled_area_removed ||
       triangles_of(to_slice_mesh(in_place)) != triangles_of(done->mesh))

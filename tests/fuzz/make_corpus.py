@@ -121,10 +121,35 @@ def write_streams(folder):
             (folder / f"{name}_{clock}.bin").write_bytes(bytes([first] + operations))
 
 
+def write_raw_outlines(folder):
+    """Bytes that fuzz_pslg.cpp takes for rings or pixels: angle, area, tolerance, kind 0 rings, 1 mask, 2 chains, 3 grey."""
+    rng = np.random.default_rng(5)
+    blob = (np.hypot(*np.mgrid[-8:8, -8:8]) < 6.5).astype("u1")
+    noise = rng.integers(0, 2, (16, 16), "u1")
+    for name, picture in (("blob", blob), ("noise", noise)):
+        bits = np.packbits(picture.ravel(), bitorder="little").tobytes()
+        for kind, what in ((1, "mask"), (2, "chains")):
+            (folder / f"bytes_{name}_{what}.bin").write_bytes(bytes([30, 8, 2, kind, 15, 15]) + bits)
+        grey = (picture * 50 + rng.integers(0, 60, (16, 16))).astype("u1").tobytes()
+        (folder / f"bytes_{name}_grey.bin").write_bytes(bytes([20, 4, 1, 3, 15, 15]) + grey)
+    square, hole = [100, 156, 100, 100, 156, 100, 156, 156], [236, 236, 236, 20, 20, 20, 20, 236]
+    for scale in range(4):
+        (folder / f"bytes_rings_{scale}.bin").write_bytes(bytes([30, 12, 0, 0, scale, 0, 1, *square[2:], *square[:2], 1, 1, *hole]))
+
+
+def write_raw_cuts(folder):
+    """Bytes that fuzz_cut.cpp takes for a square sheet (cells, cell, scale) and tools (place, corners - 3, corners)."""
+    hexagon = [3, 100, 0, 50, 87, 206, 87, 156, 0, 206, 169, 50, 169]
+    for cells in (0, 3, 7):
+        for scale in (0, 9, 39):
+            tools = [byte for at in ((0, 0), (10, 3), (246, 20), (60, 60)) for byte in (*at, *hexagon)]
+            (folder / f"bytes_{cells + 1}_cells_{scale}.bin").write_bytes(bytes([cells, 40, scale] + tools))
+
+
 def main():
     programs, corpus = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
     folders = {}
-    for kind in ("dicom", "nifti", "image", "glb", "packet", "stream"):
+    for kind in ("dicom", "nifti", "image", "glb", "packet", "stream", "pslg", "cut"):
         folders[kind] = corpus / kind
         folders[kind].mkdir(parents=True, exist_ok=True)
     write_dicom(folders["dicom"])
@@ -132,6 +157,8 @@ def main():
     write_images(folders["image"])
     write_packets(folders["packet"])
     write_streams(folders["stream"])
+    write_raw_outlines(folders["pslg"])
+    write_raw_cuts(folders["cut"])
     write_assets(folders["glb"], programs / "trocar-mesh")
 
 
