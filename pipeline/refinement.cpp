@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "pipeline/quarter_turn.h"
 #include "pipeline/refinement_mesh.h"
 #include "pipeline/refinement_outline.h"
 #include "pipeline/refinement_places.h"
@@ -479,14 +480,8 @@ std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
   return static_cast<std::uint32_t>(std::min(double{kMostVertices}, vertices));
 }
 
-}  // namespace
-
-bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2) {
-  return shape_of(a, b, c, {sine2, 0}).is_sharp;
-}
-
-Refined refine(const Triangulation& from, const Lattice& lattice,
-               const RefinementOptions& options) {
+Refined refine_as_it_lies(const Triangulation& from, const Lattice& lattice,
+                          const RefinementOptions& options) {
   thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{angle_deg, options.max_area_mm2,
@@ -518,6 +513,25 @@ Refined refine(const Triangulation& from, const Lattice& lattice,
   }
   best.outcome = RefinementOutcome::kAngleNotReached;
   return best;
+}
+
+}  // namespace
+
+bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2) {
+  return shape_of(a, b, c, {sine2, 0}).is_sharp;
+}
+
+Refined refine(const Triangulation& from, const Lattice& lattice,
+               const RefinementOptions& options) {
+  const QuarterTurn turn = own_turn(from.mesh.vertices);
+  if (turn.quarters == 0) return refine_as_it_lies(from, lattice, options);
+  Triangulation turned = from;
+  for (LatticePoint& p : turned.mesh.vertices)
+    p = turn(p);
+  Refined out = refine_as_it_lies(turned, lattice, options);
+  for (LatticePoint& p : out.mesh.vertices)
+    p = turn.back()(p);
+  return out;
 }
 
 }  // namespace trocar::pipeline
