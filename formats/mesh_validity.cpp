@@ -16,6 +16,12 @@ std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
 }
 
+// Beyond, the predicates would overflow.
+bool is_on_lattice(LatticePoint p) {
+  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
+         p.y <= kMaxCoordinate;
+}
+
 struct Box {
   LatticePoint low, high;
 };
@@ -104,10 +110,7 @@ Result<void> check_nesting(const std::vector<Ring>& rings) {
 Result<void> check_mesh(const SliceMesh& mesh) {
   const std::size_t n = mesh.vertices.size();
   for (LatticePoint p : mesh.vertices) {
-    if (p.x < -kMaxCoordinate || p.x > kMaxCoordinate || p.y < -kMaxCoordinate ||
-        p.y > kMaxCoordinate) {
-      return refused("vertex outside the lattice's range " + place(p));
-    }
+    if (!is_on_lattice(p)) return refused("vertex outside the lattice's range " + place(p));
   }
   std::vector<std::uint32_t> degree(n, 0);
   for (const Triangle& t : mesh.triangles) {
@@ -187,6 +190,7 @@ Result<void> check_pslg(const Pslg& pslg) {
     if (ring.size() < 3) return refused("a ring of fewer than three vertices");
     for (std::size_t i = 0; i < ring.size(); ++i) {
       const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+      if (!is_on_lattice(a)) return refused("outline outside the lattice's range " + place(a));
       segments.push_back({a, b});
     }
     Ring sorted = ring;

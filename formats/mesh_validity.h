@@ -24,10 +24,11 @@ Result<void> check_mesh(const SliceMesh& mesh);
 /// direction, and their areas are equal.
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 
-/// Proves that rings have >= 3 vertices and none of them twice, that no two edges cross or
-/// coincide (touching in vertices is allowed), and that they nest: every outer ring lies in
-/// nothing or in a hole, every hole directly in an outer ring. Then every point of the plane
-/// is either material once or not at all. O(n log n) typically, O(rings^2) boxes.
+/// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
+/// at most kMaxCoordinate), that no two edges cross or coincide (touching in vertices is allowed),
+/// and that they nest: every outer ring lies in nothing or in a hole, every hole directly in an
+/// outer ring. Then every point of the plane is either material once or not at all. O(n log n)
+/// typically, O(rings^2) boxes.
 Result<void> check_pslg(const Pslg& pslg);
 
 /// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.

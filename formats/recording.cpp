@@ -328,8 +328,9 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.pose_residual_m);
     reader.number(row.cuts_published);
     reader.number(row.response_sheet);
-    reader.finite(row.response_stiffness_N_per_m);
-    reader.finite(row.response_offset_m);
+    reader.number(row.response_stiffness_N_per_m);
+    for (double& offset_m : row.response_offset_m)
+      reader.number(offset_m);
     reader.word(row.fault, kFaultWords);
     reader.word(row.device_read, kAnswerWords);
     reader.word(row.device_write, kAnswerWords);

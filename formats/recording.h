@@ -144,8 +144,8 @@ class RecordingWriter {
 };
 
 /// The whole recording. Refused, naming line and column: another header, a missing or spare
-/// field, a number that is not one or is not finite (encoders excepted: a broken one is what a
-/// recording may be about), t_s not ascending, an unknown word, no row at all.
+/// field, a number that is not one or is not finite (encoders and responses excepted: a
+/// broken one is what a recording may be about), t_s not ascending, an unknown word, no row at all.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file);
 

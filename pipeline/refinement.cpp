@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "pipeline/quarter_turn.h"
 #include "pipeline/refinement_mesh.h"
 #include "pipeline/refinement_outline.h"
 #include "pipeline/refinement_places.h"
@@ -20,6 +21,9 @@ namespace {
 // An edge is not split into halves of fewer lattice steps than this, nor a triangle with a shorter
 // edge improved: rounding to the lattice would decide the angles.
 constexpr std::int64_t kShortestEdge = 4;
+// No vertex on the outline is this many lattice steps from the input segment that it splits.
+constexpr double kFarthestFromOutline = 3;
+
 // Places for a split of an outline's edge, the preferred first.
 constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
 // A point over a side of a triangle that is too large is to make an equilateral one with sides
@@ -262,6 +266,15 @@ class Refiner {
            (r.a == b && diametral_dot(p, from, to) < 0 ? 1 : 0);
   }
 
+  // Splits of splits, each rounded inwards, move away from what they split.
+  bool is_far_from_segment(LatticePoint p, std::uint32_t segment) const {
+    const Refined::Segment& input = outline_.segments()[segment];
+    const LatticePoint a = at(input.from), b = at(input.to);
+    const auto area = static_cast<double>(orient2d(a, b, p));
+    return area * area >=
+           kFarthestFromOutline * kFarthestFromOutline * static_cast<double>(distance2(a, b));
+  }
+
   bool split_side(Side s) {
     const auto [ia, ib] = mesh_.ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s));
@@ -275,7 +288,7 @@ class Refiner {
       const double fraction =
           has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
       const std::optional<LatticePoint> p = split_point(a, b, c, fraction);
-      if (!p) continue;
+      if (!p || is_far_from_segment(*p, segment)) continue;
       if (!is_found) {
         is_found = look_at_split(s, *p, best_);
         fewest = best_.flaws;
@@ -467,14 +480,8 @@ std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
   return static_cast<std::uint32_t>(std::min(double{kMostVertices}, vertices));
 }
 
-}  // namespace
-
-bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2) {
-  return shape_of(a, b, c, {sine2, 0}).is_sharp;
-}
-
-Refined refine(const Triangulation& from, const Lattice& lattice,
-               const RefinementOptions& options) {
+Refined refine_as_it_lies(const Triangulation& from, const Lattice& lattice,
+                          const RefinementOptions& options) {
   thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{angle_deg, options.max_area_mm2,
@@ -506,6 +513,25 @@ Refined refine(const Triangulation& from, const Lattice& lattice,
   }
   best.outcome = RefinementOutcome::kAngleNotReached;
   return best;
+}
+
+}  // namespace
+
+bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2) {
+  return shape_of(a, b, c, {sine2, 0}).is_sharp;
+}
+
+Refined refine(const Triangulation& from, const Lattice& lattice,
+               const RefinementOptions& options) {
+  const QuarterTurn turn = own_turn(from.mesh.vertices);
+  if (turn.quarters == 0) return refine_as_it_lies(from, lattice, options);
+  Triangulation turned = from;
+  for (LatticePoint& p : turned.mesh.vertices)
+    p = turn(p);
+  Refined out = refine_as_it_lies(turned, lattice, options);
+  for (LatticePoint& p : out.mesh.vertices)
+    p = turn.back()(p);
+  return out;
 }
 
 }  // namespace trocar::pipeline

@@ -68,7 +68,9 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 /// The result is valid and constrained Delaunay, as what triangulate() gives is, with each
 /// boundary edge of the input a chain of edges whose inner vertices lie on it or, where the
 /// lattice does not meet it, on its material side less than three steps away (each split rounds by
-/// less than 1.5 steps, and passes on less than half of its parent's).
+/// less than 1.5 steps and passes on a part of its parent's; one that would come to three is not
+/// made). Moved by lattice steps or turned by right angles, an outline gives the same mesh, moved
+/// and turned, unless a turn brings it onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

@@ -18,20 +18,22 @@ struct Place {
   double along, away;
 };
 
-/// Of a coordinate in steps; what lies beyond the lattice's bounds comes back on them. (std::lrint
-/// is a call.)
-inline std::int32_t rounded(double x) {
-  const double inside = std::clamp(x, -double{kMaxCoordinate}, double{kMaxCoordinate});
-  return static_cast<std::int32_t>(inside < 0 ? inside - 0.5 : inside + 0.5);
+/// The lattice coordinate nearest to `away` steps from another; of two the upper one. What lies
+/// beyond the lattice's bounds comes back on them. Places are measured from a vertex near by, and
+/// ties go one way everywhere: so a mesh does not depend on where its outline lies. (std::floor is
+/// a call.)
+inline std::int32_t beside(std::int32_t from, double away) {
+  const double up = std::clamp(away, -2.0 * kMaxCoordinate, 2.0 * kMaxCoordinate) + 0.5;
+  const auto whole = static_cast<std::int32_t>(up);
+  const std::int64_t at = std::int64_t{from} + whole - (whole > up ? 1 : 0);
+  return static_cast<std::int32_t>(std::clamp<std::int64_t>(at, -kMaxCoordinate, kMaxCoordinate));
 }
 
 /// The lattice point nearest to a place on the left of the side pq.
 inline LatticePoint over(LatticePoint p, LatticePoint q, Place place) {
   const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
-  const double x = 0.5 * (static_cast<double>(q.x) + p.x),
-               y = 0.5 * (static_cast<double>(q.y) + p.y);
-  return {rounded(x + (place.along * dx - place.away * dy)),
-          rounded(y + (place.along * dy + place.away * dx))};
+  return {beside(p.x, 0.5 * dx + (place.along * dx - place.away * dy)),
+          beside(p.y, 0.5 * dy + (place.along * dy + place.away * dx))};
 }
 
 /// How much nearer to a side of this length (squared) a place is to be, for rounding to the lattice
@@ -74,7 +76,7 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r, 
   // The centre lies on the bisector, this far away: half the cotangent of the angle at r.
   const double cross = qx * ry - qy * rx, dot = rx * (rx - qx) + ry * (ry - qy);
   const double away = std::min(0.5 * dot / cross, most_away);
-  return {rounded(p.x + (0.5 * qx - away * qy)), rounded(p.y + (0.5 * qy + away * qx))};
+  return {beside(p.x, 0.5 * qx - away * qy), beside(p.y, 0.5 * qy + away * qx)};
 }
 
 /// The lattice point nearest to the point at this fraction from a to b, among the four around it,
@@ -83,16 +85,18 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r, 
 /// the triangle that held it still does.
 inline std::optional<LatticePoint> split_point(LatticePoint a, LatticePoint b, LatticePoint c,
                                                double fraction) {
-  const double x = a.x + fraction * (static_cast<double>(b.x) - a.x),
-               y = a.y + fraction * (static_cast<double>(b.y) - a.y);
+  const double x = fraction * (static_cast<double>(b.x) - a.x),
+               y = fraction * (static_cast<double>(b.y) - a.y);
   const auto is_allowed = [&](LatticePoint m) {
     return orient2d(a, b, m) >= 0 && orient2d(b, c, m) > 0 && orient2d(c, a, m) > 0;
   };
-  const LatticePoint near{rounded(x), rounded(y)};
+  const LatticePoint near{beside(a.x, x), beside(a.y, y)};
   if (is_allowed(near)) return near;
-  const LatticePoint beside_x{near.x + (x < near.x ? -1 : 1), near.y},
-      beside_y{near.x, near.y + (y < near.y ? -1 : 1)};
-  const bool x_first = std::abs(x - near.x) > std::abs(y - near.y);
+  const double off_x = x - (static_cast<double>(near.x) - a.x),
+               off_y = y - (static_cast<double>(near.y) - a.y);
+  const LatticePoint beside_x{near.x + (off_x < 0 ? -1 : 1), near.y},
+      beside_y{near.x, near.y + (off_y < 0 ? -1 : 1)};
+  const bool x_first = std::abs(off_x) > std::abs(off_y);
   if (const LatticePoint m = x_first ? beside_x : beside_y; is_allowed(m)) return m;
   if (const LatticePoint m = x_first ? beside_y : beside_x; is_allowed(m)) return m;
   if (const LatticePoint m{beside_x.x, beside_y.y}; is_allowed(m)) return m;

@@ -68,19 +68,49 @@ void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t las
   }
 }
 
-Simplified simplify_ring(const Ring& contour, double tolerance2) {
-  // Two extreme vertices to start from: the smallest, and the one farthest from it.
-  Simplified s{&contour, {}};
-  const auto a = static_cast<std::uint32_t>(std::min_element(contour.begin(), contour.end()) -
-                                            contour.begin());
-  std::uint32_t b = a;
-  for (std::uint32_t i = 0; i < s.size(); ++i) {
-    if (distance2(contour[a], contour[i]) > distance2(contour[a], contour[b])) b = i;
+// The vertices farthest from the mean of all; if it is one, also those farthest from that. All of
+// like ones are taken, and all is exact, so that it does not matter where the outline starts,
+// where it lies or how it is turned.
+std::vector<std::uint32_t> extreme_vertices(const Ring& contour) {
+  const auto n = static_cast<std::int64_t>(contour.size());
+  const LatticePoint origin = contour[0];
+  std::int64_t sum_x = 0, sum_y = 0;
+  for (const LatticePoint p : contour) {
+    sum_x += std::int64_t{p.x} - origin.x;
+    sum_y += std::int64_t{p.y} - origin.y;
   }
-  s.kept = {a, b};
-  const std::uint32_t b_after_a = b > a ? b : b + s.size();
-  douglas_peucker(s, a, b_after_a, tolerance2, s.kept);
-  douglas_peucker(s, b, a > b ? a : a + s.size(), tolerance2, s.kept);
+  std::vector<std::uint32_t> out;
+  const auto add_farthest = [&](auto distance2_of) {
+    Int128 most = -1;
+    std::vector<std::uint32_t> farthest;
+    for (std::uint32_t i = 0; i < contour.size(); ++i) {
+      const Int128 d = distance2_of(contour[i]);
+      if (d > most) farthest.clear();
+      if (d >= most) farthest.push_back(i);
+      most = std::max(most, d);
+    }
+    out.insert(out.end(), farthest.begin(), farthest.end());
+  };
+  add_farthest([&](LatticePoint p) {
+    const Int128 x = n * (std::int64_t{p.x} - origin.x) - sum_x,
+                 y = n * (std::int64_t{p.y} - origin.y) - sum_y;
+    return x * x + y * y;
+  });
+  if (out.size() == 1) {
+    const LatticePoint first = contour[out[0]];
+    add_farthest([first](LatticePoint p) { return Int128{distance2(first, p)}; });
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+Simplified simplify_ring(const Ring& contour, double tolerance2) {
+  Simplified s{&contour, extreme_vertices(contour)};
+  const std::vector<std::uint32_t> from = s.kept;
+  for (std::size_t k = 0; k < from.size(); ++k) {
+    const std::uint32_t to = k + 1 < from.size() ? from[k + 1] : from[0] + s.size();
+    douglas_peucker(s, from[k], to, tolerance2, s.kept);
+  }
   std::sort(s.kept.begin(), s.kept.end());
   return s;
 }

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipeline/mesh_adjacency.h"
+#include "pipeline/quarter_turn.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -31,7 +32,8 @@ struct Swept {
 // it therefore sees it where it turns towards the point, and nothing else has to be checked.
 class Sweep {
  public:
-  explicit Sweep(const Pslg& pslg) : pslg_(pslg) {}
+  /// In the plane after that turn.
+  Sweep(const Pslg& pslg, QuarterTurn turn) : pslg_(pslg), turn_(turn) {}
 
   Result<Swept> run() {
     sort_points();
@@ -85,7 +87,7 @@ class Sweep {
     std::uint32_t corner = 0;
     for (const Ring& ring : pslg_.rings) {
       for (const LatticePoint p : ring)
-        items.push_back({key(p), corner++});
+        items.push_back({key(turn_(p)), corner++});
     }
     std::sort(items.begin(), items.end(),
               [](const Item& a, const Item& b) { return a.key < b.key; });
@@ -299,6 +301,7 @@ class Sweep {
   }
 
   const Pslg& pslg_;
+  QuarterTurn turn_;
   std::vector<LatticePoint> points_;
   std::vector<std::uint32_t> vertex_of_corner_, first_edge_;
   std::vector<Edge> edges_;
@@ -393,12 +396,15 @@ void split_pinches(Triangulation& out) {
 }  // namespace
 
 Result<Triangulation> triangulate(const Pslg& pslg) {
-  auto swept = Sweep(pslg).run();
+  const QuarterTurn turn = own_turn(pslg);
+  auto swept = Sweep(pslg, turn).run();
   if (!swept) return swept.error();
   flip_to_delaunay(swept->out);
   if (doubled_area(swept->out.mesh) != doubled_area(pslg))
     return bug("triangulation: its area is not the outline's");
   if (swept->has_pinches) split_pinches(swept->out);
+  for (LatticePoint& p : swept->out.mesh.vertices)
+    p = turn.back()(p);
   return std::move(swept->out);
 }
 

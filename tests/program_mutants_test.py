@@ -47,7 +47,7 @@ def main():
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     rng = random.Random(20)
-    seeds = sorted(f for f in corpus.rglob("*") if f.is_file())
+    seeds = sorted(f for kind in ("dicom", "glb", "image", "nifti") for f in (corpus / kind).iterdir())
     failures, ends = 0, {}
     for n in range(count):
         seed = rng.choice(seeds)

@@ -55,7 +55,7 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
 Fault outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
   if (inputs.outside != Fault::kNone) return inputs.outside;
   if (!(limits.gap_max_s > 0)) return Fault::kNone;
-  const bool late = inputs.gap_s > limits.gap_max_s;
+  const bool late = !(inputs.gap_s <= limits.gap_max_s);  // nan is late
   const bool missed = inputs.missed_in_row > limits.missed_deadlines_max;
   return late || missed ? Fault::kDeadlineMissed : Fault::kNone;
 }
@@ -164,11 +164,20 @@ double elastic_stiffness(const LoopModel& model, const TickInputs& inputs,
   return last.stiffness_N_per_m;
 }
 
+bool is_finite(const SheetResponse& response) noexcept {
+  return std::isfinite(response.stiffness_N_per_m) && std::isfinite(response.offset_m[0]) &&
+         std::isfinite(response.offset_m[1]);
+}
+
 /// What the hand is to feel: contact by way of the coupling, the share that safety allows, passive.
 Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
                     TickResult& result, Wrench& wanted) noexcept {
   const double dt_s = 1 / model.rate_Hz;
   const double share = state.safety.authority;
+  // It would be blended into all that follows, and be felt as nothing.
+  if (model.contact.law == ForceLawKind::kNetwork && !is_finite(inputs.response)) {
+    return Fault::kTorqueNotFinite;
+  }
   const bool couples = model.coupling.on;
   const Pose T_device_tool =
       couples ? move_proxy(model.coupling, dt_s, state.T_device_plate, state.coupling)

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace trocar::runtime {
 
@@ -17,6 +18,8 @@ Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) no
     }
   }
   const double upright = (T_device_plate.q * Eigen::Vector3d::UnitZ()).z();
+  if (limits.plate_tilt_max_rad >= std::numbers::pi)  // no tilt is larger
+    return std::isfinite(upright) ? Fault::kNone : Fault::kWorkspace;
   return upright >= std::cos(limits.plate_tilt_max_rad) ? Fault::kNone : Fault::kWorkspace;
 }
 

@@ -12,11 +12,6 @@
 namespace trocar::fuzz {
 namespace {
 
-[[noreturn]] void fail(const std::string& what) {
-  std::fprintf(stderr, "%s\n", what.c_str());
-  std::abort();
-}
-
 struct Folder {
   Folder() {
     std::error_code none;
@@ -34,6 +29,11 @@ struct Folder {
 };
 
 }  // namespace
+
+void fail(const std::string& what) {
+  std::fprintf(stderr, "%s\n", what.c_str());
+  std::abort();
+}
 
 std::filesystem::path as_file(const std::uint8_t* data, std::size_t size, const char* ending) {
   static const Folder folder;

@@ -97,16 +97,68 @@ def write_packets(folder):
         (folder / f"{name}.bin").write_bytes(data)
 
 
+def write_streams(folder):
+    """Operations of fuzz_stream.cpp: hello 0, command 1 (host, how, torque), repeat 3 (which), change 4 (which, where, how, bit),
+    invent 5 (size, bytes), wait 6 (periods), held up 7 (tenths of a second). First byte: 0 real clock, 1 lock-step."""
+    hello, torque, stop, hold, late = [0, 1, 2, 0], [1, 0, 0, 50], [1, 0, 15], [1, 0, 14], [1, 0, 5, 90]
+    wait, again, newest = [6, 3], [3, 1], [3, 2]
+    streams = {
+        "session": hello + (torque + wait) * 3 + stop + wait,
+        "silence_trips_the_watchdog": hello + torque + wait * 5 + torque + wait,
+        "repeated_command": hello + torque + again * 3 + wait + again,
+        "overtaken_command": hello + torque + late + torque + newest + wait,
+        "repeated_hello": hello + [3, 0] * 5 + torque + wait,
+        "two_hosts": hello + [0, 9, 9, 1] + torque + wait + [1, 1, 0, 20] + wait * 4 + [1, 1, 0, 20] + wait,
+        "changed_command": hello + torque + [4, 1, 60, 0, 3, 4, 1, 140, 0, 7, 4, 1, 100, 1, 4, 1, 3, 2, 9] + wait,
+        "invented": hello + [5, 8, 84, 82, 67, 82, 1, 3, 144, 0] + torque + wait,
+        "old_session_after_stop": hello + torque + stop + again + wait + hello + [3, 1, 3, 2] + torque + wait,
+        "taken_over_after_silence": hello + torque + [7, 5] + hello + torque + [3, 1] + wait,
+        "sequence_gap": hello + [1, 0, 7, 10] + torque + [1, 0, 11, 10] + wait,
+        "hold_and_torque": hello + hold + wait + torque + wait + hold + wait,
+    }
+    for name, operations in streams.items():
+        for first, clock in ((0, "real"), (1, "lock_step")):
+            (folder / f"{name}_{clock}.bin").write_bytes(bytes([first] + operations))
+
+
+def write_raw_outlines(folder):
+    """Bytes that fuzz_pslg.cpp takes for rings or pixels: angle, area, tolerance, kind 0 rings, 1 mask, 2 chains, 3 grey."""
+    rng = np.random.default_rng(5)
+    blob = (np.hypot(*np.mgrid[-8:8, -8:8]) < 6.5).astype("u1")
+    noise = rng.integers(0, 2, (16, 16), "u1")
+    for name, picture in (("blob", blob), ("noise", noise)):
+        bits = np.packbits(picture.ravel(), bitorder="little").tobytes()
+        for kind, what in ((1, "mask"), (2, "chains")):
+            (folder / f"bytes_{name}_{what}.bin").write_bytes(bytes([30, 8, 2, kind, 15, 15]) + bits)
+        grey = (picture * 50 + rng.integers(0, 60, (16, 16))).astype("u1").tobytes()
+        (folder / f"bytes_{name}_grey.bin").write_bytes(bytes([20, 4, 1, 3, 15, 15]) + grey)
+    square, hole = [100, 156, 100, 100, 156, 100, 156, 156], [236, 236, 236, 20, 20, 20, 20, 236]
+    for scale in range(4):
+        (folder / f"bytes_rings_{scale}.bin").write_bytes(bytes([30, 12, 0, 0, scale, 0, 1, *square[2:], *square[:2], 1, 1, *hole]))
+
+
+def write_raw_cuts(folder):
+    """Bytes that fuzz_cut.cpp takes for a square sheet (cells, cell, scale) and tools (place, corners - 3, corners)."""
+    hexagon = [3, 100, 0, 50, 87, 206, 87, 156, 0, 206, 169, 50, 169]
+    for cells in (0, 3, 7):
+        for scale in (0, 9, 39):
+            tools = [byte for at in ((0, 0), (10, 3), (246, 20), (60, 60)) for byte in (*at, *hexagon)]
+            (folder / f"bytes_{cells + 1}_cells_{scale}.bin").write_bytes(bytes([cells, 40, scale] + tools))
+
+
 def main():
     programs, corpus = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
     folders = {}
-    for kind in ("dicom", "nifti", "image", "glb", "packet"):
+    for kind in ("dicom", "nifti", "image", "glb", "packet", "stream", "pslg", "cut"):
         folders[kind] = corpus / kind
         folders[kind].mkdir(parents=True, exist_ok=True)
     write_dicom(folders["dicom"])
     write_nifti(folders["nifti"])
     write_images(folders["image"])
     write_packets(folders["packet"])
+    write_streams(folders["stream"])
+    write_raw_outlines(folders["pslg"])
+    write_raw_cuts(folders["cut"])
     write_assets(folders["glb"], programs / "trocar-mesh")
 
 

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A sheet and a sequence of cuts: after each the sheet is valid, its area exactly what is left, and
+// in place it is the same as on a copy; with too little room it is as it was. Then the force law
+// `network` on the rest. In: a hard case (tests/corpus/cut), or bytes that are a sheet and tools.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "formats/mesh_validity.h"
+#include "pipeline/triangulation.h"
+#include "runtime/deformation/global_solver.h"
+#include "runtime/deformation/response.h"
+#include "runtime/remesh/cut.h"
+#include "tests/cut_case.h"
+#include "tests/cut_checks.h"
+#include "tests/fuzz/harness.h"
+
+namespace {
+
+using namespace trocar;           // NOLINT(google-build-using-namespace): a program of one file
+using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
+using fuzz::fail;
+
+constexpr std::size_t kMostTriangles = 2000, kMostCutsEach = 24;
+
+bool same(const SheetMesh& a, const SheetMesh& b) {
+  return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
+         a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
+}
+
+// In place, with so much room.
+CutReport cut_with(std::size_t room, const SliceMesh& sheet, const Ring& tool, SheetMesh& mesh) {
+  mesh = *make_sheet_mesh(sheet, room, 2 * room);
+  const SheetMesh before = mesh;
+  const std::size_t slots = mesh.triangles.size();
+  CutWorkspace work({slots, mesh.vertices.size() + room, 3 * slots + room});
+  SheetEdit edit(mesh);
+  const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work, edit);
+  if (report.outcome == CutOutcome::kBug) fail(std::string("cut in place: ") + report.bug);
+  if (report.outcome != CutOutcome::kCut && !same(mesh, before))
+    fail("a cut that did nothing changed the sheet");
+  if (const auto ok = check_sheet_mesh(mesh); !ok) fail("in place: " + ok.error().message);
+  return report;
+}
+
+// `sheet` becomes what the tool leaves of it. False: no tool.
+bool cut_and_check(SliceMesh& sheet, const Ring& tool, std::size_t little) {
+  const auto done = cut(sheet, tool);
+  SheetMesh in_place;
+  if (!done) {
+    fuzz::expect_refusal(done.error());
+    if (cut_with(64, sheet, tool, in_place).outcome != CutOutcome::kNotATool)
+      fail("a tool to one and none to the other");
+    return false;
+  }
+  if (const std::string law = broken_law(sheet, *done); !law.empty()) fail(law);
+  const CutReport tight = cut_with(little, sheet, tool, in_place);
+  if (tight.outcome != CutOutcome::kCapacity && tight.outcome != done->outcome)
+    fail("another outcome with little room");
+  const CutReport report = cut_with(512, sheet, tool, in_place);
+  if (report.outcome != done->outcome ||
+      report.doubled_area_removed != done->doubled_area_removed ||
+      triangles_of(to_slice_mesh(in_place)) != triangles_of(done->mesh))
+    fail("in place is not the same as on a copy");
+  sheet = done->mesh;
+  return true;
+}
+
+void expect_equilibrium(const SliceMesh& sheet, const Ring& tool, const Lattice& lattice) {
+  const auto mesh = make_sheet_mesh(sheet, 0, 0);
+  if (!mesh) fail("force: " + mesh.error().message);
+  RegionWorkspace workspace;
+  const auto region =
+      prepare_region(*mesh, find_seeds(*mesh, tool), tool, lattice, {20, 1e6}, {}, workspace);
+  if (!region) fail("force: " + region.error().message);
+  const RegionResponse& r = region->response;
+  if (!std::isfinite(r.stiffness_N_per_m) || r.stiffness_N_per_m < 0 || !r.centre_steps.allFinite())
+    fail("force: not a stiffness");
+  for (const double w : region->solution.w) {
+    if (!std::isfinite(w)) fail("force: not a shape");
+    if (r.negative_springs == 0 && !(w > -1e-6 && w < 1 + 1e-6)) fail("force: beyond the tool");
+  }
+  const auto global = solve_global(region->network, region->mesh.kind);
+  if (!global) fail("force: " + global.error().message);
+  const double scale = std::max(global->stiffness_N_per_m, 1e-300);
+  if (!(std::abs(global->stiffness_N_per_m - region->solution.stiffness_N_per_m) <= 1e-6 * scale))
+    fail("force: not what Cholesky says");
+}
+
+void check_case(SliceMesh sheet, const std::vector<Ring>& cuts, const Lattice& lattice) {
+  if (const auto ok = check_mesh(sheet); !ok) return fuzz::expect_refusal(ok.error());
+  if (sheet.triangles.size() > kMostTriangles) return;
+  const Ring* last = nullptr;
+  for (std::size_t i = 0; i < std::min(cuts.size(), kMostCutsEach); ++i) {
+    if (cut_and_check(sheet, cuts[i], 5 * i)) last = &cuts[i];
+  }
+  if (last == nullptr) return;
+  Ring beside = *last;
+  for (LatticePoint& p : beside)
+    p = {p.x + 300, p.y + 100};
+  expect_equilibrium(sheet, beside, lattice);
+}
+
+void check_bytes(fuzz::Bytes bytes) {
+  const int cells = 1 + bytes.below(8);
+  const int cell = 2 + 8 * bytes.next();
+  const std::int32_t low = -cells * cell / 2;
+  const SliceMesh sheet = test::square_mesh({low, low}, cell, cells);
+  const int scale = 1 + bytes.below(40);
+  std::vector<Ring> cuts;
+  while (!bytes.empty() && cuts.size() < kMostCutsEach) {
+    Ring tool;
+    const LatticePoint at{bytes.small() * scale, bytes.small() * scale};
+    for (int n = 3 + bytes.below(8); n > 0; --n)
+      tool.push_back({at.x + bytes.small() * scale / 4, at.y + bytes.small() * scale / 4});
+    if (doubled_area(tool) < 0) std::reverse(tool.begin(), tool.end());
+    cuts.push_back(tool);
+  }
+  check_case(sheet, cuts, {});
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  if (data[0] != '{') {
+    check_bytes({data, size});
+    return 0;
+  }
+  const auto read = test::parse_cut_case({reinterpret_cast<const char*>(data), size}, "input.json");
+  if (!read) return 0;
+  SliceMesh sheet = read->sheet;
+  if (read->has_outline) {
+    if (const auto ok = check_pslg(read->outline); !ok) return 0;
+    const auto cdt = pipeline::triangulate(read->outline);
+    if (!cdt) fail("triangulation: " + cdt.error().message);
+    sheet = cdt->mesh;
+  }
+  check_case(std::move(sheet), read->cuts, read->lattice);
+  return 0;
+}

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// An outline, or a picture and its outline, through every stage of meshing: all proofs hold, or it
+// is refused. In: a hard case (tests/corpus/pslg), or bytes that are rings or pixels.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "formats/mesh_validity.h"
+#include "pipeline/contour.h"
+#include "pipeline/mesh_quality.h"
+#include "pipeline/refinement.h"
+#include "pipeline/simplification.h"
+#include "pipeline/triangulation.h"
+#include "tests/fuzz/harness.h"
+#include "tests/pslg_case.h"
+
+namespace {
+
+using namespace trocar;            // NOLINT(google-build-using-namespace): a program of one file
+using namespace trocar::pipeline;  // NOLINT(google-build-using-namespace)
+using fuzz::fail;
+
+constexpr std::size_t kMostCorners = 3000;
+constexpr std::size_t kMostPixels = 64 * 64;
+constexpr std::uint32_t kMostVertices = 4000;
+
+void expect(const Result<void>& proof, const char* stage) {
+  if (!proof) fail(std::string(stage) + ": " + proof.error().message);
+}
+
+// Of the boundary of what was refined: every vertex within three steps of the segment that it
+// splits, on its material's side.
+void expect_near_outline(const Refined& refined) {
+  const std::vector<LatticePoint>& at = refined.mesh.vertices;
+  for (std::size_t v = 0; v < at.size(); ++v) {
+    const std::int32_t s = refined.origins[v].segment;
+    if (s < 0) continue;
+    const Refined::Segment& segment = refined.segments[static_cast<std::size_t>(s)];
+    const LatticePoint a = at[segment.from], b = at[segment.to];
+    const double off = static_cast<double>(orient2d(a, b, at[v])) /
+                       std::sqrt(static_cast<double>(distance2(a, b)));
+    if (!(off >= 0 && off < 3)) fail("a boundary vertex " + std::to_string(off) + " steps off");
+  }
+}
+
+void mesh_outline(const Pslg& outline, const test::PslgCase& options) {
+  const auto cdt = triangulate(outline);
+  if (!cdt) fail("triangulation: " + cdt.error().message);
+  expect(check_mesh_against_pslg(cdt->mesh, outline), "triangulation");
+  if (!is_constrained_delaunay(cdt->mesh)) fail("triangulation: not Delaunay");
+
+  RefinementOptions refinement;
+  refinement.min_angle_deg = options.min_angle_deg;
+  refinement.max_area_mm2 = options.max_area_mm2;
+  refinement.max_vertices = kMostVertices;
+  const Refined refined = refine(*cdt, options.lattice, refinement);
+  expect(check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh)), "refinement");
+  if (!is_constrained_delaunay(refined.mesh)) fail("refinement: not Delaunay");
+  if (refined.origins.size() != refined.mesh.vertices.size()) fail("refinement: origins missing");
+  expect_near_outline(refined);
+  const MeshQuality quality =
+      measure_quality(refined, options.lattice, std::min(refined.angle_deg, 60.0));
+  if (!std::isfinite(quality.min_angle_deg) || !std::isfinite(quality.max_area_mm2))
+    fail("quality: not finite");
+  if (refined.outcome == RefinementOutcome::kRefined && quality.below_unexplained > 0)
+    fail("refinement: a sharp triangle that nothing explains");
+}
+
+void check_outline(const Pslg& outline, const test::PslgCase& options) {
+  const auto valid = check_pslg(outline);
+  if (!valid) return fuzz::expect_refusal(valid.error());
+  mesh_outline(outline, options);
+  const Pslg simple = simplify(outline, options.lattice, {options.tolerance_mm});
+  expect(check_pslg(simple), "simplification");
+  if (simple.rings.size() != outline.rings.size()) fail("simplification: another number of rings");
+  const double moved_mm = hausdorff_mm(outline, simple, options.lattice);
+  if (!(moved_mm <= options.tolerance_mm * (1 + 1e-12))) fail("simplification: beyond tolerance");
+  if (simple.rings != outline.rings) mesh_outline(simple, options);
+}
+
+void check_picture(const test::Picture& picture, const test::PslgCase& options) {
+  const double narrowest_mm = std::min(picture.pixel_mm[0], picture.pixel_mm[1]);
+  const double extent_mm =
+      std::max(picture.width * picture.pixel_mm[0], picture.height * picture.pixel_mm[1]);
+  // mesh_slice() refuses both.
+  if (narrowest_mm < kMinStepsPerPixel * options.lattice.step_mm() ||
+      extent_mm / options.lattice.step_mm() > 0xffffff)
+    return;
+  const Image image{picture.width, picture.height, picture.values};
+  Field field = segment(image, Calibration::kHounsfield, Threshold{50});
+  if (picture.is_mask) field = segment(image, Calibration::kHounsfield, Labels{{100}});
+  const PixelGrid grid{picture.pixel_mm[0], picture.pixel_mm[1], 0, 0, options.lattice};
+  const Pslg all =
+      contours(field, grid, picture.as_chains ? ContourKind::kPixel : ContourKind::kSubpixel);
+  expect(check_pslg(all), "contour");
+  check_outline(drop_small_rings(all, options.min_region_mm2, options.lattice), options);
+}
+
+test::Picture picture_of(fuzz::Bytes& bytes, int kind) {
+  test::Picture out;
+  out.width = 1 + bytes.below(24);
+  out.height = 1 + bytes.below(24);
+  out.is_mask = kind == 1;
+  out.as_chains = kind == 2;
+  std::uint8_t bits = 0;
+  for (int i = 0; i < out.width * out.height; ++i) {
+    if (kind == 3) {
+      out.values.push_back(bytes.next());
+    } else {
+      bits = i % 8 == 0 ? bytes.next() : static_cast<std::uint8_t>(bits >> 1);
+      out.values.push_back((bits & 1) != 0 ? 100.0F : 0.0F);
+    }
+  }
+  return out;
+}
+
+// Rings of small numbers, times a scale, somewhere: degenerate ones come often.
+Pslg rings_of(fuzz::Bytes& bytes) {
+  Pslg out;
+  const int scale = bytes.below(4);
+  const std::int32_t factor = scale == 0 ? 1 : scale == 1 ? 7 : scale == 2 ? 400 : 1 << 21;
+  const LatticePoint origin =
+      bytes.below(2) == 0 ? LatticePoint{} : LatticePoint{bytes.small() << 22, bytes.small() << 22};
+  for (std::size_t corners = 0; !bytes.empty() && corners < 200;) {
+    Ring ring;
+    for (int n = 3 + bytes.below(12); n > 0; --n)
+      ring.push_back({origin.x + bytes.small() * factor, origin.y + bytes.small() * factor});
+    corners += ring.size();
+    // Right way round more often than not; else refused.
+    if (bytes.below(8) != 0 && out.rings.empty() && doubled_area(ring) < 0)
+      std::reverse(ring.begin(), ring.end());
+    out.rings.push_back(std::move(ring));
+  }
+  return out;
+}
+
+void check_bytes(fuzz::Bytes bytes) {
+  test::PslgCase options;
+  options.min_angle_deg = bytes.below(61);
+  options.max_area_mm2 = std::ldexp(1.0, bytes.below(20) - 4);
+  options.tolerance_mm = bytes.below(32) / 8.0;
+  const int kind = bytes.below(4);
+  if (kind == 0) {
+    check_outline(rings_of(bytes), options);
+  } else {
+    check_picture(picture_of(bytes, kind), options);
+  }
+}
+
+std::size_t corners_of(const Pslg& outline) {
+  std::size_t sum = 0;
+  for (const Ring& ring : outline.rings)
+    sum += ring.size();
+  return sum;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  if (data[0] != '{') {
+    check_bytes({data, size});
+    return 0;
+  }
+  const auto read =
+      test::parse_pslg_case({reinterpret_cast<const char*>(data), size}, "input.json");
+  if (!read) return 0;
+  // The few cases that are large on purpose have their test; here they would only take time.
+  if (read->picture) {
+    if (read->picture->values.size() <= kMostPixels) check_picture(*read->picture, *read);
+  } else if (corners_of(read->outline) <= kMostCorners) {
+    check_outline(read->outline, *read);
+  }
+  return 0;
+}

@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A stream of packets to a drive: hosts that say hello and command, and somebody between them who
+// repeats, delays, reorders, changes and invents. In: operations of a few bytes each, see run().
+// What must hold, whatever the stream: nothing changed or invented is taken, nothing twice, nothing
+// older than what was taken; torques follow the newest command and are zero after silence; what
+// the drive says is authentic, in order, and of its session.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <vector>
+
+#include "formats/device_protocol.h"
+#include "runtime/device/drive.h"
+#include "tests/fuzz/harness.h"
+
+namespace {
+
+using namespace trocar;           // NOLINT(google-build-using-namespace): a program of one file
+using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
+using fuzz::fail;
+using Datagram = std::vector<std::uint8_t>;
+
+constexpr int kMostOperations = 200, kMostPeriods = 100;
+constexpr double kPeriod_s = 1e-3;  // the host's
+
+LinkKey shared_key() {
+  LinkKey key;
+  for (std::size_t i = 0; i < key.bytes.size(); ++i)
+    key.bytes[i] = static_cast<std::uint8_t>(7 * i + 1);
+  return key;
+}
+
+const SimulatedDevice& model() {
+  static const SimulatedDevice made = [] {
+    if (!start_link()) std::abort();
+    DeviceDescription description = default_device_description();
+    description.minimum_substeps = 1;  // the dynamics are not what is looked at
+    HandTrajectory hand;
+    hand.keyframes.resize(1);
+    hand.keyframes[0].T_device_tool.p_m.z() = 0.15;
+    return *SimulatedDevice::make(description, hand, {});
+  }();
+  return made;
+}
+
+/// What a host knows of its session.
+struct Session {
+  LinkKey key;
+  std::uint64_t number = 0, sequence = 0, last_state = 0;
+  bool over = false;
+};
+
+class Stream {
+ public:
+  explicit Stream(LinkClock clock)
+      : clock_(clock), drive_({shared_key(), clock, kPeriod_s, 0.01, 1, {}}, model()) {}
+
+  void run(fuzz::Bytes bytes) {
+    for (int n = 0; n < kMostOperations && !bytes.empty(); ++n) {
+      switch (bytes.below(8)) {
+        case 0:
+          hello(bytes);
+          break;
+        case 1:
+        case 2:
+          command(bytes);
+          break;
+        case 3:
+          repeat(bytes);
+          break;
+        case 4:
+          change(bytes);
+          break;
+        case 5:
+          invent(bytes);
+          break;
+        case 6:
+          wait(1 + bytes.below(4));
+          break;
+        default:
+          now_ns_ += std::int64_t{bytes.below(16)} * 100'000'000;  // held up
+      }
+    }
+  }
+
+ private:
+  // A packet that a host made. Is it taken, and what does the drive answer?
+  LinkRefusal give(const Datagram& datagram, bool genuine) {
+    Drive::Answer answer;
+    bool from_host = false;
+    const std::uint64_t sessions = drive_.report().sessions;
+    const double time_s = drive_.session_time_s();
+    const DriveMode mode = drive_.mode();
+    const LinkRefusal refusal = drive_.receive(datagram, now_ns_, answer, from_host);
+    if (refusal != LinkRefusal::kNone) {
+      if (answer.size > 0 || from_host) fail("a refused packet is answered");
+      if (sessions != drive_.report().sessions || time_s != drive_.session_time_s() ||
+          mode != drive_.mode())
+        fail("a refused packet changes something");
+      return refusal;
+    }
+    if (!genuine) fail("a packet is taken that no host made");
+    answer_ = answer;
+    return refusal;
+  }
+
+  void hello(fuzz::Bytes& bytes) {
+    HelloPacket packet;
+    packet.time_ns = now_ns_;
+    packet.host_nonce = {bytes.next(), bytes.next(), 1};
+    packet.period_s = kPeriod_s;
+    packet.fresh = bytes.below(2) == 0;
+    Datagram datagram(kLargestPacketBytes);
+    datagram.resize(encode(packet, shared_key(), datagram));
+    sent_.push_back(datagram);
+    if (give(datagram, true) != LinkRefusal::kNone) return;
+    WelcomePacket welcome;
+    if (decode(answer_.view(), shared_key(), packet.host_nonce, welcome) != LinkRefusal::kNone)
+      fail("a hello is taken and not welcomed");
+    sessions_.push_back({session_key(shared_key(), packet.host_nonce, welcome.drive_nonce),
+                         session_number(welcome.drive_nonce), 0, 0, false});
+  }
+
+  void command(fuzz::Bytes& bytes) {
+    if (sessions_.empty()) return;
+    const std::size_t which =
+        sessions_.size() - 1 - static_cast<std::size_t>(bytes.below(4)) % sessions_.size();
+    Session& session = sessions_[which];
+    const int how = bytes.below(16);
+    CommandPacket packet;
+    packet.session = session.number;
+    packet.sequence = session.sequence + static_cast<std::uint64_t>(how % 4 == 3 ? how : 1);
+    packet.time_ns = now_ns_;
+    packet.mode = how == 15   ? CommandMode::kStop
+                  : how == 14 ? CommandMode::kHold
+                              : CommandMode::kTorque;
+    if (packet.mode == CommandMode::kTorque) packet.tau_motor_Nm.fill(0.01 * bytes.small());
+    Datagram datagram(kLargestPacketBytes);
+    datagram.resize(encode(packet, session.key, datagram));
+    if (datagram.empty()) fail("a command is not encoded");
+    session.sequence = packet.sequence;
+    sent_.push_back(datagram);
+    if (how % 8 == 5) return;  // on its way: see repeat()
+    if (give(datagram, true) == LinkRefusal::kNone) taken_now(packet, which);
+  }
+
+  // The drive has taken this command.
+  void taken_now(const CommandPacket& packet, std::size_t which) {
+    if (sessions_[which].over) fail("a session that is over begins again");
+    if (in_session_ && which == current_ && packet.sequence <= taken_)
+      fail("a command is taken twice, or after a newer one");
+    if (in_session_ && which != current_) sessions_[current_].over = true;
+    taken_ = packet.sequence;
+    current_ = which;
+    in_session_ = packet.mode != CommandMode::kStop;
+    sessions_[which].over = !in_session_;
+    if (drive_.in_session() != in_session_) fail("a session more or less");
+    newest_ = packet;
+    newest_ns_ = now_ns_;
+    if (clock_ == LinkClock::kLockStep && in_session_) expect_state(answer_);
+    expect_torques();
+  }
+
+  // A packet from before, or one that was on its way until now.
+  void repeat(fuzz::Bytes& bytes) {
+    if (sent_.empty()) return;
+    const Datagram datagram = sent_[static_cast<std::size_t>(bytes.next()) % sent_.size()];
+    if (give(datagram, true) != LinkRefusal::kNone) return;
+    if (claimed_kind(datagram) == PacketKind::kHello) return;  // the welcome is for nobody
+    for (std::size_t i = 0; i < sessions_.size(); ++i) {
+      CommandPacket packet;
+      std::uint64_t last = 0;
+      const Session& session = sessions_[i];
+      if (decode(datagram, session.key, session.number, last, packet) == LinkRefusal::kNone)
+        return taken_now(packet, i);
+    }
+    fail("a command is taken that nobody can read");
+  }
+
+  void change(fuzz::Bytes& bytes) {
+    if (sent_.empty()) return;
+    Datagram changed = sent_[static_cast<std::size_t>(bytes.next()) % sent_.size()];
+    const Datagram original = changed;
+    const std::size_t at = static_cast<std::size_t>(bytes.next()) % changed.size();
+    switch (bytes.below(3)) {
+      case 0:
+        changed[at] ^= static_cast<std::uint8_t>(1 + bytes.below(255));
+        break;
+      case 1:
+        changed.resize(at);
+        break;
+      default:
+        changed.push_back(bytes.next());
+    }
+    if (changed == original) return;
+    give(changed, false);
+  }
+
+  void invent(fuzz::Bytes& bytes) {
+    Datagram made(static_cast<std::size_t>(bytes.next()));
+    for (std::uint8_t& byte : made)
+      byte = bytes.next();
+    give(made, false);
+  }
+
+  void wait(int periods) {
+    periods = std::min(periods, kMostPeriods - waited_);
+    waited_ += periods;
+    for (int i = 0; i < periods && clock_ == LinkClock::kReal; ++i) {
+      now_ns_ += static_cast<std::int64_t>(kPeriod_s * 1e9);
+      Drive::Answer answer;
+      drive_.tick(now_ns_, 1, answer);
+      if (in_session_ && !drive_.in_session()) {
+        in_session_ = false;
+        sessions_[current_].over = true;
+      }
+      if (drive_.in_session() && answer.size == 0) fail("no state for the host");
+      if (answer.size > 0) expect_state(answer);
+      expect_torques();
+    }
+  }
+
+  void expect_state(const Drive::Answer& answer) {
+    Session& session = sessions_[current_];
+    StatePacket state;
+    if (decode(answer.view(), session.key, session.number, session.last_state, state) !=
+        LinkRefusal::kNone)
+      fail("a state that its host refuses");
+    if (state.command_taken != taken_) fail("another command was taken than the drive says");
+    for (const double angle : state.encoder_rad) {
+      if (!std::isfinite(angle)) fail("an angle that is none");
+    }
+  }
+
+  // Law 1 of drive.h, when the drive has just been told the time.
+  void expect_torques() const {
+    const auto& applied = drive_.model().truth().tau_motor_Nm;
+    const bool silent = clock_ == LinkClock::kReal && now_ns_ - newest_ns_ > 10'000'000;
+    const bool wanted = in_session_ && !silent && newest_.mode == CommandMode::kTorque;
+    if ((drive_.mode() == DriveMode::kTorque) != wanted) fail("torques without a command, or none");
+    // They reach the motors with the next step of time.
+    if (waited_ == 0 || (clock_ == LinkClock::kReal && now_ns_ == newest_ns_)) return;
+    for (std::size_t i = 0; i < kMotors && clock_ == LinkClock::kReal; ++i) {
+      if (applied[static_cast<int>(i)] != (wanted ? newest_.tau_motor_Nm[i] : 0))
+        fail("another torque than was commanded");
+    }
+  }
+
+  LinkClock clock_;
+  Drive drive_;
+  Drive::Answer answer_;
+  std::vector<Session> sessions_;
+  std::vector<Datagram> sent_;
+  std::size_t current_ = 0;
+  bool in_session_ = false;
+  std::uint64_t taken_ = 0;
+  CommandPacket newest_;
+  std::int64_t now_ns_ = 0, newest_ns_ = 0;
+  int waited_ = 0;
+};
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  model();
+  Stream stream(data[0] % 2 == 0 ? LinkClock::kReal : LinkClock::kLockStep);
+  stream.run({data + 1, size - 1});
+  return 0;
+}

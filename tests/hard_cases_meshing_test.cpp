@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The hard cases of meshing, tests/corpus/pslg: each from its outline or its picture through every
+// stage, every proof of every stage, and what the file says is right in it.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "formats/asset.h"
+#include "formats/mesh_validity.h"
+#include "pipeline/mesh_quality.h"
+#include "pipeline/mesh_slice.h"
+#include "pipeline/refinement.h"
+#include "pipeline/triangulation.h"
+#include "tests/pslg_case.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using test::PslgCase;
+
+std::string word(RefinementOutcome outcome) {
+  switch (outcome) {
+    case RefinementOutcome::kRefined:
+      return "refined";
+    case RefinementOutcome::kLatticeTooCoarse:
+      return "lattice too coarse";
+    case RefinementOutcome::kAngleNotReached:
+      return "angle not reached";
+    case RefinementOutcome::kVertexBudget:
+      break;
+  }
+  return "vertex budget";
+}
+
+using Corners = std::array<LatticePoint, 3>;
+
+/// The triangles by their points, moved, in an order that only they decide.
+std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}) {
+  std::vector<Corners> out;
+  for (const Triangle& t : mesh.triangles) {
+    Corners c{};
+    for (std::size_t i = 0; i < 3; ++i)
+      c[i] = {mesh.vertices[t[i]].x + moved.x, mesh.vertices[t[i]].y + moved.y};
+    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
+    out.push_back(c);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+/// The picture as a scan whose slices are all the same.
+class PictureStack final : public SliceStack {
+ public:
+  explicit PictureStack(const test::Picture& picture) : picture_(picture) {
+    for (const double z_mm : picture.z_mm) {
+      SlicePlane plane;
+      plane.spacing_u_mm = picture.pixel_mm[0];
+      plane.spacing_v_mm = picture.pixel_mm[1];
+      plane.z_mm = z_mm;
+      plane.T_lps_plane.translation() << picture.origin_mm[0], picture.origin_mm[1],
+          picture.origin_mm[2] + z_mm;
+      planes_.push_back(plane);
+    }
+  }
+  int size() const override { return static_cast<int>(planes_.size()); }
+  int width() const override { return picture_.width; }
+  int height() const override { return picture_.height; }
+  Calibration calibration() const override { return Calibration::kHounsfield; }
+  const SlicePlane& plane(int slice) const override {
+    return planes_[static_cast<std::size_t>(slice)];
+  }
+  std::string name(int slice) const override { return "slice " + std::to_string(slice); }
+  Result<Image> read(int /*slice*/) const override {
+    return Image{picture_.width, picture_.height, picture_.values};
+  }
+
+ private:
+  const test::Picture& picture_;
+  std::vector<SlicePlane> planes_;
+};
+
+class HardCase : public testing::TestWithParam<std::filesystem::path> {
+ protected:
+  void SetUp() override {
+    const auto read = test::parse_pslg_case(test::text_of(GetParam()), GetParam().filename());
+    ASSERT_TRUE(read) << read.error().message;
+    case_ = *read;
+  }
+
+  // Counts and areas of an outline and its triangulation.
+  void expect_counts(const Pslg& outline, const SliceMesh& cdt) const {
+    const test::PslgExpectation& e = case_.expect;
+    const auto holes = std::count_if(outline.rings.begin(), outline.rings.end(),
+                                     [](const Ring& r) { return doubled_area(r) < 0; });
+    const auto expect_is = [](const char* what, std::int64_t is,
+                              std::optional<std::int64_t> right) {
+      EXPECT_EQ(is, right.value_or(is)) << what;
+    };
+    expect_is("rings", static_cast<std::int64_t>(outline.rings.size()), e.rings);
+    expect_is("holes", holes, e.holes);
+    expect_is("doubled area", doubled_area(outline), e.doubled_area_steps2);
+    expect_is("triangles", static_cast<std::int64_t>(cdt.triangles.size()), e.triangles);
+    // Euler: whatever the rings' places, a triangulation of them without more points has so many.
+    std::set<LatticePoint> points;
+    std::size_t corners = 0;
+    for (const Ring& ring : outline.rings) {
+      points.insert(ring.begin(), ring.end());
+      corners += ring.size();
+    }
+    if (points.size() == corners) {
+      const auto outer = static_cast<std::int64_t>(outline.rings.size()) - holes;
+      EXPECT_EQ(static_cast<std::int64_t>(cdt.triangles.size()),
+                static_cast<std::int64_t>(corners) + 2 * holes - 2 * outer);
+    }
+  }
+
+  void expect_refined(const Refined& refined) const {
+    const test::PslgExpectation& e = case_.expect;
+    const SliceMesh& mesh = refined.mesh;
+    const auto ok = check_mesh_against_pslg(mesh, boundary_rings(mesh));
+    EXPECT_TRUE(ok) << ok.error().message;
+    EXPECT_TRUE(is_constrained_delaunay(mesh));
+    EXPECT_EQ(word(refined.outcome), e.refinement);
+    if (e.refined_triangles_max > 0) {
+      EXPECT_LE(static_cast<std::int64_t>(mesh.triangles.size()), e.refined_triangles_max);
+    }
+    const MeshQuality quality = measure_quality(refined, case_.lattice, case_.min_angle_deg);
+    EXPECT_LE(std::int64_t{quality.below_min_angle}, e.sharp_max);
+    if (refined.outcome == RefinementOutcome::kRefined) {
+      EXPECT_EQ(quality.below_unexplained, 0U);
+      EXPECT_EQ(quality.below_min_angle, quality.below_at_small_input_angle);
+    }
+    EXPECT_LE(std::int64_t{quality.negative_stiffness_edges}, e.negative_stiffness_max);
+    if (refined.outcome == RefinementOutcome::kRefined) {
+      EXPECT_LE(quality.max_area_mm2, case_.max_area_mm2);
+    }
+  }
+
+  RefinementOptions refinement() const {
+    RefinementOptions options;
+    options.min_angle_deg = case_.min_angle_deg;
+    options.max_area_mm2 = case_.max_area_mm2;
+    return options;
+  }
+
+  void outline_is_right() const {
+    const auto valid = check_pslg(case_.outline);
+    ASSERT_EQ(static_cast<bool>(valid), case_.expect.meshed)
+        << (valid ? "not refused" : valid.error().message);
+    if (!valid) {
+      EXPECT_EQ(valid.error().code, ExitCode::kRefused);
+      EXPECT_NE(valid.error().message.find(case_.expect.because), std::string::npos)
+          << valid.error().message;
+      return;
+    }
+    const auto cdt = triangulate(case_.outline);
+    ASSERT_TRUE(cdt) << cdt.error().message;
+    const auto ok = check_mesh_against_pslg(cdt->mesh, case_.outline);
+    ASSERT_TRUE(ok) << ok.error().message;
+    EXPECT_TRUE(is_constrained_delaunay(cdt->mesh));
+    expect_counts(case_.outline, cdt->mesh);
+    const Refined refined = refine(*cdt, case_.lattice, refinement());
+    expect_refined(refined);
+    if (case_.also_at) {
+      const LatticePoint at = *case_.also_at;
+      Pslg moved = case_.outline;
+      for (Ring& ring : moved.rings) {
+        for (LatticePoint& p : ring)
+          p = {p.x + at.x, p.y + at.y};
+      }
+      const auto there = triangulate(moved);
+      ASSERT_TRUE(there) << there.error().message;
+      EXPECT_EQ(triangles_of(there->mesh), triangles_of(cdt->mesh, at));
+      EXPECT_EQ(triangles_of(refine(*there, case_.lattice, refinement()).mesh),
+                triangles_of(refined.mesh, at));
+    }
+  }
+
+  MeshOptions mesh_options() const {
+    MeshOptions options;
+    options.segmentation = Threshold{50};
+    if (case_.picture->is_mask) options.segmentation = Labels{{100}};
+    options.contour = case_.picture->as_chains ? ContourKind::kPixel : ContourKind::kSubpixel;
+    options.simplification.tolerance_mm = case_.tolerance_mm;
+    options.refinement = refinement();
+    options.min_region_mm2 = case_.min_region_mm2;
+    options.lattice = case_.lattice;
+    return options;
+  }
+
+  void picture_is_right() const {
+    const PictureStack stack(*case_.picture);
+    Asset asset;
+    asset.lattice = case_.lattice;
+    for (int k = 0; k < stack.size(); ++k) {
+      const auto slice = mesh_slice(stack, k, mesh_options());
+      ASSERT_EQ(static_cast<bool>(slice), case_.expect.meshed)
+          << (slice ? "not refused" : slice.error().message);
+      if (!slice) {
+        EXPECT_EQ(slice.error().code, ExitCode::kRefused);
+        EXPECT_NE(slice.error().message.find(case_.expect.because), std::string::npos)
+            << slice.error().message;
+        return;
+      }
+      EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm * (1 + 1e-12));
+      const auto contours_ok = check_pslg(slice->contours);
+      EXPECT_TRUE(contours_ok) << contours_ok.error().message;
+      const auto cdt_ok = check_mesh_against_pslg(slice->cdt, slice->pslg);
+      EXPECT_TRUE(cdt_ok) << cdt_ok.error().message;
+      expect_counts(slice->pslg, slice->cdt);
+      expect_refined(slice->refined);
+      AssetSlice out;
+      out.index = k;
+      out.z_mm = stack.plane(k).z_mm;
+      out.T_lps_plane = stack.plane(k).T_lps_plane;
+      out.pslg = slice->outline;
+      out.mesh = slice->refined.mesh;
+      asset.slices.push_back(std::move(out));
+    }
+    expect_kept_by_an_asset(asset);
+  }
+
+  // To bytes and back: the same triangles, and planes that have not moved.
+  static void expect_kept_by_an_asset(const Asset& asset) {
+    const auto bytes = encode_asset(asset);
+    ASSERT_TRUE(bytes) << bytes.error().message;
+    const auto back = decode_asset(*bytes, "case.glb");
+    ASSERT_TRUE(back) << back.error().message;
+    const auto proved = verify_asset(*back, "case.glb");
+    EXPECT_TRUE(proved) << proved.error().message;
+    ASSERT_EQ(back->slices.size(), asset.slices.size());
+    for (std::size_t k = 0; k < asset.slices.size(); ++k) {
+      EXPECT_EQ(triangles_of(back->slices[k].mesh), triangles_of(asset.slices[k].mesh));
+      EXPECT_EQ(back->slices[k].z_mm, asset.slices[k].z_mm);
+      EXPECT_EQ(back->slices[k].T_lps_plane.matrix(), asset.slices[k].T_lps_plane.matrix());
+    }
+  }
+
+  PslgCase case_;
+};
+
+TEST_P(HardCase, IsRight) {
+  SCOPED_TRACE(GetParam().filename().string() + ": right is: " + case_.right);
+  if (case_.picture) {
+    picture_is_right();
+  } else {
+    outline_is_right();
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Meshing, HardCase,
+                         testing::ValuesIn(test::case_files(TROCAR_CORPUS "/pslg")),
+                         [](const auto& at) { return test::test_name(at.param); });
+
+}  // namespace
+}  // namespace trocar::pipeline

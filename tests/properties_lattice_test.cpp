@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the exact predicates owe each other, over the whole lattice: symmetries, motions, and the
+// consistency that the proofs of meshing rest on.
+#include "formats/lattice.h"
+#include "tests/property_fixture.h"
+
+namespace trocar {
+namespace {
+
+using P = LatticePoint;
+
+int sign(std::int64_t x) {
+  return (x > 0) - (x < 0);
+}
+// The motions of the lattice about the origin keep its bounds; translations stay small enough.
+test::Motion motion_within_bounds(std::initializer_list<P> points) {
+  std::int32_t low_x = 0, high_x = 0, low_y = 0, high_y = 0;
+  test::Motion out{*rc::gen::inRange(0, 4), {}};
+  for (const P p : points) {
+    const P q = out(p);
+    low_x = std::min(low_x, q.x), high_x = std::max(high_x, q.x);
+    low_y = std::min(low_y, q.y), high_y = std::max(high_y, q.y);
+  }
+  out.by = {*rc::gen::inRange(-kMaxCoordinate - low_x, kMaxCoordinate - high_x + 1),
+            *rc::gen::inRange(-kMaxCoordinate - low_y, kMaxCoordinate - high_y + 1)};
+  return out;
+}
+
+RC_GTEST_PROP(Orient2d, TurnsWithItsArguments, (P a, P b, P c)) {
+  RC_ASSERT(orient2d(a, b, c) == orient2d(b, c, a));
+  RC_ASSERT(orient2d(a, b, c) == -orient2d(b, a, c));
+  RC_ASSERT(orient2d(a, a, c) == 0);
+}
+
+RC_GTEST_PROP(Orient2d, DoesNotDependOnThePlace, (P a, P b, P c)) {
+  const test::Motion m = motion_within_bounds({a, b, c});
+  RC_ASSERT(orient2d(m(a), m(b), m(c)) == orient2d(a, b, c));
+}
+
+// The area of a triangle is that of the three around any point.
+RC_GTEST_PROP(Orient2d, AddsUp, (P a, P b, P c, P d)) {
+  RC_ASSERT(orient2d(a, b, c) == orient2d(a, b, d) + orient2d(b, c, d) + orient2d(c, a, d));
+}
+
+RC_GTEST_PROP(InCircle, ChangesItsSignWithEachSwap, (P a, P b, P c, P d)) {
+  const int all = in_circle(a, b, c, d);
+  RC_ASSERT(in_circle(b, c, a, d) == all);
+  RC_ASSERT(in_circle(b, a, c, d) == -all);
+  RC_ASSERT(in_circle(a, b, d, c) == -all);
+  RC_ASSERT(in_circle(d, b, c, a) == -all);
+  RC_ASSERT(in_circle(a, b, c, a) == 0);
+}
+
+RC_GTEST_PROP(InCircle, DoesNotDependOnThePlace, (P a, P b, P c, P d)) {
+  const test::Motion m = motion_within_bounds({a, b, c, d});
+  RC_ASSERT(in_circle(m(a), m(b), m(c), m(d)) == in_circle(a, b, c, d));
+}
+
+// Of the two diagonals of a convex quadrilateral one is Delaunay, or both are: flips end.
+RC_GTEST_PROP(InCircle, OneDiagonalIsDelaunay, (P a, P b, P c, P d)) {
+  RC_PRE(orient2d(a, b, c) > 0 && orient2d(a, c, d) > 0 && orient2d(a, b, d) > 0 &&
+         orient2d(b, c, d) > 0);
+  RC_ASSERT(in_circle(a, b, c, d) == -in_circle(b, c, d, a));
+}
+
+RC_GTEST_PROP(DiametralDot, IsThalesCircle, (P a, P b, P p)) {
+  RC_PRE(a != b);
+  const std::int64_t dot = diametral_dot(a, b, p);
+  RC_ASSERT(dot == diametral_dot(b, a, p));
+  // By Pythagoras, exactly.
+  const Int128 legs = Int128{distance2(a, p)} + distance2(b, p);
+  RC_ASSERT(legs - distance2(a, b) == 2 * Int128{dot});
+  const test::Motion m = motion_within_bounds({a, b, p});
+  RC_ASSERT(diametral_dot(m(a), m(b), m(p)) == dot);
+}
+
+RC_GTEST_PROP(SegmentsCross, IsSymmetric, (P a, P b, P c, P d)) {
+  RC_PRE(a != b && c != d);
+  const bool cross = segments_cross(a, b, c, d);
+  RC_ASSERT(segments_cross(b, a, c, d) == cross);
+  RC_ASSERT(segments_cross(a, b, d, c) == cross);
+  RC_ASSERT(segments_cross(c, d, a, b) == cross);
+  const test::Motion m = motion_within_bounds({a, b, c, d});
+  RC_ASSERT(segments_cross(m(a), m(b), m(c), m(d)) == cross);
+  // Strictly on both sides of each other is a crossing, all on one side is none.
+  const int s1 = sign(orient2d(a, b, c)), s2 = sign(orient2d(a, b, d)),
+            s3 = sign(orient2d(c, d, a)), s4 = sign(orient2d(c, d, b));
+  if (s1 * s2 < 0 && s3 * s4 < 0) RC_ASSERT(cross);
+  if (s1 * s2 > 0 || s3 * s4 > 0) RC_ASSERT(!cross);
+}
+
+RC_GTEST_PROP(DoubledArea, IsTheSameFromEveryVertex, (std::vector<P> points)) {
+  RC_PRE(points.size() >= 3);
+  Ring ring(points.begin(),
+            points.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(points.size(), 7)));
+  const std::int64_t area = doubled_area(ring);
+  std::rotate(ring.begin(), ring.begin() + 1, ring.end());
+  RC_ASSERT(doubled_area(ring) == area);
+  std::reverse(ring.begin(), ring.end());
+  RC_ASSERT(doubled_area(ring) == -area);
+}
+
+// Snapping is to the nearest, and what is on the lattice stays.
+RC_GTEST_PROP(Lattice, SnapsToTheNearest, ()) {
+  const Lattice lattice{*rc::gen::inRange(kMinLatticeBits, kMaxLatticeBits + 1)};
+  const auto c = *rc::gen::inRange<std::int32_t>(-kMaxCoordinate, kMaxCoordinate + 1);
+  RC_ASSERT(lattice.snap_mm(lattice.to_mm(c)) == c);
+  const double off = 0.49 * lattice.step_mm() * (*rc::gen::inRange(-100, 101) / 100.0);
+  RC_ASSERT(lattice.snap_mm(lattice.to_mm(c) + off) == c);
+}
+
+}  // namespace
+}  // namespace trocar

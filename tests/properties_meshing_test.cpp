@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Properties of the outline's and the mesh's stages on random outlines and pictures: bounds of
+// simplification, motions of the lattice, and the order in which things were given.
+#include <cmath>
+#include <map>
+
+#include "formats/mesh_validity.h"
+#include "pipeline/contour.h"
+#include "pipeline/quarter_turn.h"
+#include "pipeline/refinement.h"
+#include "pipeline/simplification.h"
+#include "pipeline/triangulation.h"
+#include "tests/property_fixture.h"
+#include "tests/random_geometry.h"
+#include "tests/synthetic_fields.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using runtime::Random;
+using test::canonical;
+using test::Motion;
+
+constexpr Lattice kLattice{8};
+
+/// Stars with holes, or the outline of noise: islands, holes, necks, pinches.
+Pslg any_outline() {
+  const int kind = *rc::gen::inRange(0, 3);
+  const int size = *rc::gen::inRange(8, 40);
+  if (kind == 0) {
+    const Field field = noise_field(size, *rc::gen::inRange(1, 6), test::any_seed());
+    return contours(field, {0.5, 0.5, 0, 0, kLattice}, ContourKind::kSubpixel);
+  }
+  if (kind == 1) {
+    const Field field = noise_field(size, *rc::gen::inRange(1, 4), test::any_seed());
+    return contours(field, {0.5, 0.5, 0, 0, kLattice}, ContourKind::kPixel);
+  }
+  Random random(test::any_seed());
+  const int radius = 100 * size;
+  for (;;) {
+    Pslg out{{runtime::star(random, {}, 0.5 * radius, radius, random.between(3, 30))}};
+    for (int holes = random.between(0, 3); holes > 0; --holes) {
+      Ring hole = runtime::star(random, random.point(-radius / 3, radius / 3), 0.03 * radius,
+                                0.15 * radius, random.between(3, 9));
+      std::reverse(hole.begin(), hole.end());
+      out.rings.push_back(hole);
+    }
+    if (check_pslg(out)) return out;
+  }
+}
+
+double any_tolerance_mm() {
+  return *rc::gen::inRange(0, 40) / 20.0;
+}
+
+// ---- simplification ----
+
+double distance_to(double x, double y, const Ring& ring) {
+  double best = 1e300;
+  for (std::size_t i = 0; i < ring.size(); ++i)
+    best = std::min(
+        best, static_cast<double>(runtime::distance(x, y, ring[i], ring[(i + 1) % ring.size()])));
+  return best;
+}
+
+// The largest distance of a ring's points from another, sampled a few times an edge: from below.
+double sampled_hausdorff(const Ring& from, const Ring& to) {
+  double worst = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    const LatticePoint a = from[i], b = from[(i + 1) % from.size()];
+    for (int k = 0; k < 8; ++k) {
+      const double t = k / 8.0;
+      worst = std::max(worst, distance_to(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to));
+    }
+  }
+  return worst;
+}
+
+// How often the other rings wind around each: what is inside what.
+std::vector<std::vector<int>> nesting(const Pslg& pslg) {
+  std::vector<std::vector<int>> out;
+  for (const Ring& q : pslg.rings) {
+    out.emplace_back();
+    // The middle of an edge lies on no other ring.
+    const double x = (q[0].x + q[1].x) / 2.0, y = (q[0].y + q[1].y) / 2.0;
+    for (const Ring& r : pslg.rings)
+      out.back().push_back(&q == &r ? 0 : runtime::winding(x, y, {r}));
+  }
+  return out;
+}
+
+RC_GTEST_PROP(Simplification, KeepsBoundsCrossingsAndNesting, ()) {
+  const Pslg full = any_outline();
+  const double tolerance_mm = any_tolerance_mm();
+  const Pslg simple = simplify(full, kLattice, {tolerance_mm});
+  const auto valid = check_pslg(simple);
+  RC_ASSERT(static_cast<bool>(valid));
+  RC_ASSERT(simple.rings.size() == full.rings.size());
+  const double reported_mm = hausdorff_mm(full, simple, kLattice);
+  RC_ASSERT(reported_mm <= tolerance_mm * (1 + 1e-12));
+  for (std::size_t r = 0; r < full.rings.size(); ++r) {
+    const double sampled = std::max(sampled_hausdorff(full.rings[r], simple.rings[r]),
+                                    sampled_hausdorff(simple.rings[r], full.rings[r]));
+    RC_ASSERT(sampled * kLattice.step_mm() <= reported_mm + 1e-9);
+  }
+  RC_ASSERT(nesting(simple) == nesting(full));
+}
+
+RC_GTEST_PROP(Simplification, OnceIsEnough, ()) {
+  const Pslg full = any_outline();
+  const Pslg none = simplify(full, kLattice, {0});
+  for (std::size_t r = 0; r < full.rings.size(); ++r)
+    RC_ASSERT(doubled_area(none.rings[r]) == doubled_area(full.rings[r]));
+}
+
+RC_GTEST_PROP(Simplification, MovesWithItsOutline, ()) {
+  const Pslg full = any_outline();
+  const double tolerance_mm = any_tolerance_mm();
+  const Motion m = *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
+  RC_ASSERT(canonical(simplify(m(full), kLattice, {tolerance_mm}).rings) ==
+            canonical(m(simplify(full, kLattice, {tolerance_mm})).rings));
+}
+
+// Rings in another order, each from another vertex.
+Pslg given_otherwise(Pslg pslg) {
+  for (Ring& ring : pslg.rings) {
+    const auto by = *rc::gen::inRange<std::size_t>(0, ring.size());
+    std::rotate(ring.begin(), ring.begin() + static_cast<std::ptrdiff_t>(by), ring.end());
+  }
+  std::mt19937_64 random(test::any_seed());
+  for (std::size_t i = pslg.rings.size(); i > 1; --i)
+    std::swap(pslg.rings[i - 1], pslg.rings[random() % i]);
+  return pslg;
+}
+
+RC_GTEST_PROP(Simplification, DoesNotDependOnTheOrder, ()) {
+  const Pslg full = any_outline();
+  const double tolerance_mm = any_tolerance_mm();
+  RC_ASSERT(canonical(simplify(given_otherwise(full), kLattice, {tolerance_mm}).rings) ==
+            canonical(simplify(full, kLattice, {tolerance_mm}).rings));
+}
+
+// ---- triangulation and refinement ----
+
+RefinementOptions any_refinement() {
+  RefinementOptions out;
+  out.min_angle_deg = *rc::gen::element(20.0, 30.0, 33.0);
+  out.max_area_mm2 = *rc::gen::element(1.0, 10.0, 1e9);
+  out.max_vertices = 20'000;
+  return out;
+}
+
+// Four points on one circle leave a choice.
+bool has_ties(const SliceMesh& mesh) {
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i)
+      apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
+  }
+  return std::any_of(apex.begin(), apex.end(), [&](const auto& side) {
+    const auto beyond = apex.find({side.first.second, side.first.first});
+    return beyond != apex.end() &&
+           in_circle(mesh.vertices[side.first.first], mesh.vertices[side.first.second],
+                     mesh.vertices[side.second], mesh.vertices[beyond->second]) == 0;
+  });
+}
+
+// Where ties must be broken or points be rounded, no rule can be the same after a turn that brings
+// the outline onto itself: a square's diagonals change places. Those are moved only.
+Motion any_motion_of(const Pslg& outline, bool has_choices) {
+  Lopsidedness sum;
+  for (const Ring& ring : outline.rings) {
+    for (const LatticePoint p : ring)
+      sum.add(p);
+  }
+  const bool is_even = sum.x() == 0 && sum.y() == 0;
+  RC_TAG(std::string(is_even ? "even" : has_choices ? "with choices" : "without choices"));
+  return has_choices && is_even ? test::any_translation() : test::any_motion();
+}
+
+RC_GTEST_PROP(Triangulation, MovesWithItsOutline, ()) {
+  const Pslg outline = any_outline();
+  const auto here = triangulate(outline);
+  RC_ASSERT(static_cast<bool>(here));
+  const Motion m = any_motion_of(outline, has_ties(here->mesh));
+  RC_ASSERT(canonical(triangulate(m(outline))->mesh) == canonical(m(here->mesh)));
+}
+
+RC_GTEST_PROP(Triangulation, DoesNotDependOnTheOrder, ()) {
+  const Pslg outline = any_outline();
+  RC_ASSERT(canonical(triangulate(given_otherwise(outline))->mesh) ==
+            canonical(triangulate(outline)->mesh));
+}
+
+RC_GTEST_PROP(Refinement, MovesWithItsOutline, ()) {
+  const Pslg outline = any_outline();
+  const auto here = triangulate(outline);
+  const RefinementOptions options = any_refinement();
+  const Motion m = any_motion_of(outline, true);
+  RC_ASSERT(canonical(refine(*triangulate(m(outline)), kLattice, options).mesh) ==
+            canonical(m(refine(*here, kLattice, options).mesh)));
+}
+
+RC_GTEST_PROP(Refinement, DoesNotDependOnTheOrder, ()) {
+  const Pslg outline = any_outline();
+  const RefinementOptions options = any_refinement();
+  RC_ASSERT(canonical(refine(*triangulate(given_otherwise(outline)), kLattice, options).mesh) ==
+            canonical(refine(*triangulate(outline), kLattice, options).mesh));
+}
+
+// ---- contours: a picture moved by whole pixels, or turned ----
+
+RC_GTEST_PROP(Contours, MoveWithTheirPicture, ()) {
+  const int size = *rc::gen::inRange(8, 32);
+  const Field field = noise_field(size, *rc::gen::inRange(1, 6), test::any_seed());
+  const ContourKind kind = *rc::gen::element(ContourKind::kSubpixel, ContourKind::kPixel);
+  const int x = *rc::gen::inRange(-500, 500), y = *rc::gen::inRange(-500, 500);
+  const PixelGrid here{0.5, 0.25, 0, 0, kLattice}, there{0.5, 0.25, x, y, kLattice};
+  const Motion by{0, {x * 128, y * 64}};
+  RC_ASSERT(canonical(contours(field, there, kind).rings) ==
+            canonical(by(contours(field, here, kind)).rings));
+}
+
+Field turned(const Field& field) {
+  Field out{{field.image.height, field.image.width, field.image.values}, field.iso, field.is_mask};
+  const int n = field.image.height;
+  for (int y = 0; y < field.image.height; ++y) {
+    for (int x = 0; x < field.image.width; ++x)
+      out.image.values[static_cast<std::size_t>(x) * n + (n - 1 - y)] = field.image.at(x, y);
+  }
+  return out;
+}
+
+RC_GTEST_PROP(Contours, TurnWithTheirPicture, ()) {
+  const int size = *rc::gen::inRange(8, 32);
+  const Field field = noise_field(size, *rc::gen::inRange(1, 6), test::any_seed());
+  const ContourKind kind = *rc::gen::element(ContourKind::kSubpixel, ContourKind::kPixel);
+  const PixelGrid grid{0.5, 0.5, 0, 0, kLattice};
+  // (x, y) -> (n - 1 - y, x)
+  const Motion quarter{1, {(size - 1) * 128, 0}};
+  RC_ASSERT(canonical(contours(turned(field), grid, kind).rings) ==
+            canonical(quarter(contours(field, grid, kind)).rings));
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// rapidcheck with GoogleTest, the same cases every time (RC_PARAMS in the environment says
+// otherwise: "seed=7 max_success=10000"), and the motions that the lattice has.
+#pragma once
+
+#include <rapidcheck.h>
+
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstdlib>
+#include <vector>
+
+#include "formats/slice_mesh.h"
+
+namespace trocar::test {
+
+/// Before any property runs.
+struct FixedSeed {
+  FixedSeed() {
+    ::setenv("RC_PARAMS", "seed=20 max_success=200", 0);  // NOLINT(concurrency-mt-unsafe)
+  }
+};
+inline const FixedSeed kFixedSeed;
+
+/// Shrinking a seed would only be another case.
+inline std::uint64_t any_seed() {
+  return *rc::gen::noShrink(rc::gen::arbitrary<std::uint64_t>());
+}
+
+/// A quarter of a turn, so many times, and then a translation.
+struct Motion {
+  int quarters = 0;
+  LatticePoint by;
+
+  LatticePoint operator()(LatticePoint p) const {
+    for (int i = 0; i < quarters; ++i)
+      p = {-p.y, p.x};
+    return {p.x + by.x, p.y + by.y};
+  }
+  Ring operator()(Ring ring) const {
+    for (LatticePoint& p : ring)
+      p = (*this)(p);
+    return ring;
+  }
+  Pslg operator()(Pslg pslg) const {
+    for (Ring& ring : pslg.rings)
+      ring = (*this)(ring);
+    return pslg;
+  }
+  SliceMesh operator()(SliceMesh mesh) const {
+    for (LatticePoint& p : mesh.vertices)
+      p = (*this)(p);
+    return mesh;
+  }
+};
+/// Far enough that floating-point numbers of absolute places would round otherwise.
+inline Motion any_translation() {
+  return {
+      0,
+      {*rc::gen::inRange(-200'000'000, 200'000'000), *rc::gen::inRange(-200'000'000, 200'000'000)}};
+}
+inline Motion any_motion() {
+  Motion out = any_translation();
+  out.quarters = *rc::gen::inRange(1, 4);
+  return out;
+}
+
+/// Each ring from its smallest vertex, the rings in order: what does not depend on how they were
+/// given.
+inline std::vector<Ring> canonical(std::vector<Ring> rings) {
+  for (Ring& ring : rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(rings.begin(), rings.end());
+  return rings;
+}
+
+using Corners = std::array<LatticePoint, 3>;
+/// The triangles by their points, in order, likewise.
+inline std::vector<Corners> canonical(const SliceMesh& mesh) {
+  std::vector<Corners> out;
+  for (const Triangle& t : mesh.triangles) {
+    Corners c = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
+    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
+    out.push_back(c);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+}  // namespace trocar::test
+
+namespace rc {
+template <>
+struct Arbitrary<trocar::LatticePoint> {
+  /// Small ones often, so that what is degenerate comes often; the lattice's ends sometimes.
+  static Gen<trocar::LatticePoint> arbitrary() {
+    const auto coordinate = gen::weightedOneOf<std::int32_t>(
+        {{4, gen::inRange<std::int32_t>(-4, 5)},
+         {2, gen::inRange<std::int32_t>(-1000, 1001)},
+         {2, gen::inRange<std::int32_t>(-trocar::kMaxCoordinate, trocar::kMaxCoordinate + 1)},
+         {1, gen::element<std::int32_t>(-trocar::kMaxCoordinate, trocar::kMaxCoordinate)}});
+    return gen::construct<trocar::LatticePoint>(coordinate, coordinate);
+  }
+};
+}  // namespace rc
+
+namespace trocar {
+inline void showValue(LatticePoint p, std::ostream& out) {
+  out << '(' << p.x << ", " << p.y << ')';
+}
+}  // namespace trocar
