@@ -248,31 +248,44 @@ Result<std::optional<IndexedFile>> index_of(ByteSource& source, const nlohmann::
                                             std::size_t slices) {
   auto index = find_index(source);
   if (!index || !*index) return index;
-  const IndexHeader& header = (*index)->header;
-  const auto text = read_stretch(source, (*index)->json_at, header.json_bytes, header.extras_offset,
-                                 header.extras_bytes);
+  const auto text = read_extras(source, **index);
   if (!text) return text.error();
   const auto said = parse_json_text(*text);
-  if (header.slices != slices || !said || *said != extras)
+  if ((*index)->header.slices != slices || !said || *said != extras)
     return refused("its slice index and its JSON differ");
   return index;
 }
 
-// And of one slice.
-Result<void> check_record(ByteSource& source, const IndexedFile& index, std::uint32_t place,
-                          SliceRecord expected, const nlohmann::json& node) {
-  const auto record = read_record(source, index, place);
-  if (!record) return record.error();
-  expected.node_offset = record->node_offset;
-  expected.node_bytes = record->node_bytes;
-  const auto text = read_stretch(source, index.json_at, index.header.json_bytes,
-                                 record->node_offset, record->node_bytes);
-  if (!text) return text.error();
-  const auto said = parse_json_text(*text);
-  if (*record != expected || !said || *said != node)
-    return refused("the slice index and the JSON differ");
-  return {};
-}
+// And of the slices, one after the other.
+class RecordChecks {
+ public:
+  RecordChecks(ByteSource& source, const IndexedFile& index) : source_(source), index_(index) {}
+
+  Result<void> check(SliceRecord expected, const nlohmann::json& node) {
+    const auto record = read_record(source_, index_, place_++);
+    if (!record) return record.error();
+    expected.node_offset = record->node_offset;
+    expected.node_bytes = record->node_bytes;
+    expected.checksum = record->checksum;
+    if (*record != expected) return refused("the slice index and the JSON differ");
+    // Nothing is read twice, so that a file cannot make work of more than its size.
+    text_ += record->node_bytes;
+    geometry_ += record->draco_bytes + record->outline_bytes() + record->segments_bytes();
+    if (text_ > index_.header.json_bytes || geometry_ > index_.header.binary_bytes)
+      return refused("the slice index has slices that share their bytes");
+    const auto bytes = read_slice_bytes(source_, index_, *record);
+    if (!bytes) return bytes.error();
+    const auto said = parse_json_text(bytes->node);
+    if (!said || *said != node) return refused("the slice index and the JSON differ");
+    return {};
+  }
+
+ private:
+  ByteSource& source_;
+  const IndexedFile& index_;
+  std::uint32_t place_ = 0;
+  std::uint64_t text_ = 0, geometry_ = 0;
+};
 
 bool is_wanted(const DecodeOptions& options, int index) {
   return options.all || std::find(options.slice_indices.begin(), options.slice_indices.end(),
@@ -300,6 +313,8 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   MemorySource source(glb);
   const auto index = index_of(source, extras, children.size());
   if (!index) return refused(name + ": " + index.error().message);
+  std::optional<RecordChecks> records;
+  if (*index) records.emplace(source, **index);
   for (const int child : children) {
     const auto at = static_cast<std::size_t>(child);
     if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
@@ -308,9 +323,8 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
     const std::string where = name + ": slice " + std::to_string(slice->index) + ": ";
     const auto record = record_slice(model, model.nodes[at], slice->index, asset.lattice);
     if (!record) return refused(where + record.error().message);
-    if (*index) {
-      const auto place = static_cast<std::uint32_t>(asset.slices.size());
-      if (auto ok = check_record(source, **index, place, *record, nodes[at]); !ok)
+    if (records) {
+      if (auto ok = records->check(*record, nodes[at]); !ok)
         return refused(where + ok.error().message);
     }
     if (is_wanted(options, slice->index)) {

@@ -143,6 +143,7 @@ void put_index(GltfWriter::File& file, std::vector<SliceRecord> records) {
   std::memcpy(at, &header, sizeof header);
   if (!records.empty())
     std::memcpy(at + sizeof header, records.data(), records.size() * sizeof(SliceRecord));
+  seal_index(file.bytes);
 }
 
 std::vector<double> node_matrix(const Eigen::Affine3d& T) {

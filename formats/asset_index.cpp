@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 namespace trocar {
 namespace {
@@ -25,14 +26,67 @@ bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t whole) 
   return offset <= whole && size <= whole - offset;
 }
 
+// FNV-1a: any one changed byte changes it.
+constexpr std::uint32_t kChecksumStart = 2166136261, kChecksumPrime = 16777619;
+
+std::uint32_t checksum_of(std::span<const std::uint8_t> bytes, std::uint32_t before) {
+  for (const std::uint8_t byte : bytes)
+    before = (before ^ byte) * kChecksumPrime;
+  return before;
+}
+
+std::uint32_t checksum_of(SliceRecord record, const SliceBytes& bytes) {
+  record.checksum = 0;
+  std::array<std::uint8_t, sizeof record> own{};
+  std::memcpy(own.data(), &record, sizeof record);
+  std::uint32_t sum = checksum_of(own, kChecksumStart);
+  for (const auto* part : {&bytes.node, &bytes.draco, &bytes.outline, &bytes.segments})
+    sum = checksum_of(*part, sum);
+  return sum;
+}
+
+Result<std::vector<std::uint8_t>> read_bytes(ByteSource& source, std::uint64_t offset,
+                                             std::uint64_t size) {
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
+  if (auto ok = source.read(offset, bytes); !ok) return ok.error();
+  return bytes;
+}
+
+// Of a consistent record: all of it lies in the file.
+Result<SliceBytes> unchecked_bytes(ByteSource& source, const IndexedFile& file,
+                                   const SliceRecord& r) {
+  SliceBytes out;
+  const auto take = [&](std::vector<std::uint8_t>& into, std::uint64_t offset,
+                        std::uint64_t size) -> Result<void> {
+    auto bytes = read_bytes(source, offset, size);
+    if (!bytes) return bytes.error();
+    into = std::move(*bytes);
+    return {};
+  };
+  if (auto ok = take(out.node, file.json_at + r.node_offset, r.node_bytes); !ok) return ok.error();
+  if (r.triangles == 0) return out;
+  if (auto ok = take(out.draco, file.binary_at + r.draco_offset, r.draco_bytes); !ok)
+    return ok.error();
+  if (auto ok = take(out.outline, file.binary_at + r.outline_offset, r.outline_bytes()); !ok)
+    return ok.error();
+  if (auto ok = take(out.segments, file.binary_at + r.segments_offset, r.segments_bytes()); !ok)
+    return ok.error();
+  return out;
+}
+
+std::uint64_t record_at(const IndexedFile& file, std::uint32_t place) {
+  return file.binary_at + sizeof(IndexHeader) + std::uint64_t{place} * sizeof(SliceRecord);
+}
+
 bool is_consistent(const SliceRecord& r, const IndexHeader& header) {
   const std::uint64_t binary = header.binary_bytes;
-  if (r.reserved != 0 || !lies_within(r.node_offset, r.node_bytes, header.json_bytes)) return false;
+  if (!lies_within(r.node_offset, r.node_bytes, header.json_bytes)) return false;
   if (r.triangles == 0) {
     SliceRecord empty;
     empty.index = r.index;
     empty.node_offset = r.node_offset;
     empty.node_bytes = r.node_bytes;
+    empty.checksum = r.checksum;
     return r == empty;
   }
   return (r.segment_index_bytes == 2 || r.segment_index_bytes == 4) &&
@@ -85,8 +139,7 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source) {
 }
 
 Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t place) {
-  auto record = read_as<SliceRecord>(
-      source, file.binary_at + sizeof(IndexHeader) + std::uint64_t{place} * sizeof(SliceRecord));
+  auto record = read_as<SliceRecord>(source, record_at(file, place));
   if (record && !is_consistent(*record, file.header)) {
     return refused("slice " + std::to_string(record->index) +
                    ": the slice index points outside the file");
@@ -112,14 +165,38 @@ Result<std::optional<SliceRecord>> find_record(ByteSource& source, const Indexed
   return std::optional<SliceRecord>();
 }
 
-Result<std::vector<std::uint8_t>> read_stretch(ByteSource& source, std::uint64_t chunk_at,
-                                               std::uint64_t chunk_bytes, std::uint64_t offset,
-                                               std::uint64_t size) {
-  if (!lies_within(offset, size, chunk_bytes))
-    return refused("the slice index points outside the file");
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
-  if (auto ok = source.read(chunk_at + offset, bytes); !ok) return ok.error();
+Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
+                                    const SliceRecord& record) {
+  auto bytes = unchecked_bytes(source, file, record);
+  if (bytes && checksum_of(record, *bytes) != record.checksum)
+    return refused("its bytes are not those that were written (checksum)");
   return bytes;
+}
+
+Result<std::vector<std::uint8_t>> read_extras(ByteSource& source, const IndexedFile& file) {
+  const IndexHeader& h = file.header;
+  auto text = read_bytes(source, file.json_at + h.extras_offset, h.extras_bytes);
+  if (text && checksum_of(*text, kChecksumStart) != h.extras_checksum)
+    return refused("its extras are not those that were written (checksum)");
+  return text;
+}
+
+void seal_index(std::span<std::uint8_t> glb) {
+  MemorySource source(glb);
+  const auto found = find_index(source);
+  if (!found || !*found) return;
+  IndexedFile file = **found;
+  const auto text =
+      read_bytes(source, file.json_at + file.header.extras_offset, file.header.extras_bytes);
+  if (text) file.header.extras_checksum = checksum_of(*text, kChecksumStart);
+  std::memcpy(glb.data() + file.binary_at, &file.header, sizeof file.header);
+  for (std::uint32_t place = 0; place < file.header.slices; ++place) {
+    auto record = read_record(source, file, place);
+    if (!record) continue;
+    const auto bytes = unchecked_bytes(source, file, *record);
+    if (bytes) record->checksum = checksum_of(*record, *bytes);
+    std::memcpy(glb.data() + record_at(file, place), &*record, sizeof(SliceRecord));
+  }
 }
 
 }  // namespace trocar

@@ -16,6 +16,8 @@
 //  2. Where there is one, decode_asset() refuses the file unless every record and every text that
 //     it points to agrees with the JSON. So what was verified is what a part of it gives.
 //  3. Nothing that a record says is believed before it is held against the chunks' sizes.
+//  4. A checksum covers all bytes that a slice is made of: one that changed on its way is refused,
+//     also where it would still decode.
 #pragma once
 
 #include <array>
@@ -48,14 +50,14 @@ struct IndexHeader {
   std::array<char, 8> magic = kIndexMagic;
   std::uint32_t version = kIndexVersion;
   std::uint32_t slices = 0;
-  std::uint32_t json_bytes = 0, binary_bytes = 0;  ///< the chunks' sizes
-  std::uint32_t extras_offset = 0,
-                extras_bytes = 0;                ///< text of the document's extras, in the JSON
+  std::uint32_t json_bytes = 0, binary_bytes = 0;     ///< the chunks' sizes
+  std::uint32_t extras_offset = 0, extras_bytes = 0;  ///< text of the extras, in the JSON
+  std::uint32_t extras_checksum = 0;
   std::int32_t first_index = 0, last_index = 0;  ///< of the first and last record; 0 if none
 };
 
 /// What of a slice stands where. Offsets of bytes are from the start of the binary chunk's data.
-/// All but the first three are 0 if the slice has no material.
+/// Those of the geometry are 0 if the slice has no material.
 struct SliceRecord {
   std::int32_t index = 0;                         ///< AssetSlice::index
   std::uint32_t node_offset = 0, node_bytes = 0;  ///< text of its node, in the JSON
@@ -64,7 +66,7 @@ struct SliceRecord {
   LatticePoint low, high;                                      ///< box of the vertices
   std::uint32_t outline_offset = 0, outline_vertices = 0;      ///< 12 bytes each
   std::uint32_t segments_offset = 0, segment_index_bytes = 0;  ///< one index: 2 or 4
-  std::uint32_t reserved = 0;
+  std::uint32_t checksum = 0;  ///< of this record without it, the node's text, and the geometry
   friend bool operator==(const SliceRecord&, const SliceRecord&) = default;
 
   std::uint64_t outline_bytes() const { return std::uint64_t{12} * outline_vertices; }
@@ -72,7 +74,7 @@ struct SliceRecord {
     return std::uint64_t{2} * outline_vertices * segment_index_bytes;
   }
 };
-static_assert(sizeof(IndexHeader) == 40 && std::is_trivially_copyable_v<IndexHeader>);
+static_assert(sizeof(IndexHeader) == 44 && std::is_trivially_copyable_v<IndexHeader>);
 static_assert(sizeof(SliceRecord) == 64 && std::is_trivially_copyable_v<SliceRecord>);
 
 /// A file whose index was found.
@@ -90,9 +92,18 @@ Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std
 Result<std::optional<SliceRecord>> find_record(ByteSource& source, const IndexedFile& file,
                                                int index);
 
-/// A stretch of the file. Refused if it does not lie in the chunk of `chunk_bytes` at `chunk_at`.
-Result<std::vector<std::uint8_t>> read_stretch(ByteSource& source, std::uint64_t chunk_at,
-                                               std::uint64_t chunk_bytes, std::uint64_t offset,
-                                               std::uint64_t size);
+/// Bytes that a record locates.
+struct SliceBytes {
+  std::vector<std::uint8_t> node, draco, outline, segments;
+};
+/// Refused if they are not those that the record was made for (law 4).
+Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
+                                    const SliceRecord& record);
+/// Text of the document's extras, likewise.
+Result<std::vector<std::uint8_t>> read_extras(ByteSource& source, const IndexedFile& file);
+
+/// Writes the index's checksums into a .glb that has one; those of records that are not consistent
+/// stay as they are.
+void seal_index(std::span<std::uint8_t> glb);
 
 }  // namespace trocar

@@ -20,27 +20,19 @@ Error no_such_slice(int index, std::size_t slices, int first, int last) {
 
 Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
                               const SliceRecord& record, const Lattice& lattice) {
-  const IndexHeader& header = file.header;
-  const auto text =
-      read_stretch(source, file.json_at, header.json_bytes, record.node_offset, record.node_bytes);
-  if (!text) return text.error();
-  const auto node = parse_json_text(*text);
+  const auto bytes = read_slice_bytes(source, file, record);
+  if (!bytes) return bytes.error();
+  const auto node = parse_json_text(bytes->node);
   if (!node) return node.error();
   auto slice = slice_of_node(*node);
   if (!slice) return slice;
   if (slice->index != record.index) return refused("the slice index and the JSON differ");
   if (record.triangles == 0) return slice;
-  const auto binary = [&](std::uint64_t offset, std::uint64_t size) {
-    return read_stretch(source, file.binary_at, header.binary_bytes, offset, size);
-  };
-  const auto draco = binary(record.draco_offset, record.draco_bytes);
-  if (!draco) return draco.error();
-  const auto outline = binary(record.outline_offset, record.outline_bytes());
-  if (!outline) return outline.error();
-  const auto segments = binary(record.segments_offset, record.segments_bytes());
-  if (!segments) return segments.error();
-  if (auto ok = take_geometry(record, {*draco, *outline, *segments}, lattice, *slice); !ok)
+  if (auto ok =
+          take_geometry(record, {bytes->draco, bytes->outline, bytes->segments}, lattice, *slice);
+      !ok) {
     return ok.error();
+  }
   return slice;
 }
 
@@ -49,8 +41,7 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
   const IndexHeader& header = file.header;
   AssetPart part;
   part.asset_slices = header.slices;
-  const auto text = read_stretch(source, file.json_at, header.json_bytes, header.extras_offset,
-                                 header.extras_bytes);
+  const auto text = read_extras(source, file);
   if (!text) return refused(name + ": " + text.error().message);
   const auto extras = parse_json_text(*text);
   if (!extras) return refused(name + ": " + extras.error().message);

@@ -38,7 +38,7 @@ Result<SliceMesh> decode_triangles(const SliceRecord& record, std::span<const st
   return mesh;
 }
 
-Result<Pslg> decode_lines(const SliceRecord& record, const SliceBytes& bytes,
+Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
                           const Lattice& lattice) {
   const std::size_t count = record.outline_vertices;
   const auto xyz = elements<float>(bytes.outline);
@@ -146,7 +146,7 @@ Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
   return slice;
 }
 
-Result<void> take_geometry(const SliceRecord& record, const SliceBytes& bytes,
+Result<void> take_geometry(const SliceRecord& record, const GeometryBytes& bytes,
                            const Lattice& lattice, AssetSlice& slice) {
   auto mesh = decode_triangles(record, bytes.draco, lattice);
   if (!mesh) return mesh.error();

@@ -27,14 +27,12 @@ Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::st
 /// The slice without its geometry.
 Result<AssetSlice> slice_of_node(const nlohmann::json& node);
 
-/// What a record locates.
-struct SliceBytes {
+struct GeometryBytes {
   std::span<const std::uint8_t> draco, outline, segments;
 };
-
 /// Decodes mesh and outline of a record with triangles, and holds them against its counts and its
 /// box. `bytes` have the sizes that the record says.
-Result<void> take_geometry(const SliceRecord& record, const SliceBytes& bytes,
+Result<void> take_geometry(const SliceRecord& record, const GeometryBytes& bytes,
                            const Lattice& lattice, AssetSlice& slice);
 
 }  // namespace trocar
