@@ -166,6 +166,33 @@ Result<json> count(const Case& c) {
   return row;
 }
 
+/// Scenes of one size in turn, in another order each time: what a load leaves in the caches and the
+/// heap is what the next one finds, and so is of the same size for all that are compared.
+Result<void> measure_times(std::vector<Case>& cases, int repetitions) {
+  std::mt19937_64 random(1);
+  for (std::size_t begin = 0, end = 0; begin < cases.size(); begin = end) {
+    while (end < cases.size() && cases[end].scene_slices == cases[begin].scene_slices)
+      ++end;
+    std::vector<std::size_t> order(end - begin);
+    std::iota(order.begin(), order.end(), begin);
+    for (int i = 0; i <= repetitions; ++i) {
+      for (std::size_t k = order.size() - 1; k > 0; --k)
+        std::swap(order[k], order[random() % (k + 1)]);
+      for (const std::size_t k : order) {
+        Case& c = cases[k];
+        Result<Loaded> loaded = bug("not loaded");
+        const double read_ms = ms_of([&c] { (void)read_asset_part(c.scene.asset, c.wanted); });
+        const double load_ms = ms_of([&] { loaded = load(c); });
+        if (!loaded) return loaded.error();
+        if (i == 0) continue;  // a first round to warm up
+        c.read_ms.push_back(read_ms);
+        c.load_ms.push_back(load_ms);
+      }
+    }
+  }
+  return {};
+}
+
 Result<json> sweep(const json& plan, const std::string& name, const fs::path& path) {
   const auto source = read_asset(path);
   if (!source) return source.error();
@@ -216,21 +243,7 @@ Result<json> sweep(const json& plan, const std::string& name, const fs::path& pa
         name + "/" + std::to_string(c.scene_slices) + " of " + std::to_string(c.asset_slices);
     rows.push_back(std::move(*row));
   }
-  std::vector<std::size_t> order(cases.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::mt19937_64 random(1);
-  for (int i = 0; i < plan.at("repetitions").get<int>(); ++i) {
-    // In another order each time: what one leaves in the caches and the heap, the next one finds.
-    for (std::size_t k = cases.size() - 1; k > 0; --k)
-      std::swap(order[k], order[random() % (k + 1)]);
-    for (const std::size_t k : order) {
-      Case& c = cases[k];
-      Result<Loaded> loaded = bug("not loaded");
-      c.read_ms.push_back(ms_of([&c] { (void)read_asset_part(c.scene.asset, c.wanted); }));
-      c.load_ms.push_back(ms_of([&] { loaded = load(c); }));
-      if (!loaded) return loaded.error();
-    }
-  }
+  if (auto ok = measure_times(cases, plan.at("repetitions")); !ok) return ok.error();
   for (std::size_t i = 0; i < cases.size(); ++i) {
     rows[i]["read_ms"] = median(cases[i].read_ms);
     rows[i]["load_ms"] = median(cases[i].load_ms);
