@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The asset: one .glb a scan, one mesh and node a slice. Triangles are
 // compressed by Draco, outlines are an uncompressed LINES primitive, the rest is
-// in `extras.trocar`. Lattice integers survive bit for bit.
+// in `extras.trocar`. Lattice integers survive bit for bit. An index at the start of the binary
+// chunk (asset_index.h) lets a reader take some slices without the rest.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -46,7 +47,8 @@ struct Asset {
 
 /// Where an asset's bytes go.
 struct AssetSizes {
-  std::uint64_t json_bytes = 0, triangle_bytes = 0, outline_bytes = 0, triangles = 0;
+  std::uint64_t json_bytes = 0, index_bytes = 0, triangle_bytes = 0, outline_bytes = 0;
+  std::uint64_t triangles = 0;
 };
 
 /// The .glb's bytes. What comes back from decode_asset() is what went in, but
@@ -97,7 +99,22 @@ struct DecodeOptions {
 /// invariants are proved by verify_asset(), not here.
 Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
                            const DecodeOptions& options = {});
-Result<Asset> read_asset(const std::filesystem::path& file, const DecodeOptions& options = {});
+Result<Asset> read_asset(const std::filesystem::path& file);
+
+/// What a scene needs of a file.
+struct AssetPart {
+  Asset asset;                   ///< with the slices asked for only; its generator may be empty
+  std::size_t asset_slices = 0;  ///< that the file has
+  std::uint64_t file_bytes = 0, read_bytes = 0;
+};
+/// The slices of these AssetSlice::index, and no more of the file than they take: time, memory and
+/// bytes read do not depend on how many others it has (asset_index.h). A file without a slice
+/// index is read whole. Refused, in words that name the file: a slice that is not there, bytes that
+/// decode_asset() would refuse of these slices.
+Result<AssetPart> read_asset_part(const std::filesystem::path& file,
+                                  std::vector<int> slice_indices);
+Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
+                                    std::vector<int> slice_indices);
 
 /// Proves the invariants of every slice (mesh_validity.h). Names slice and place.
 Result<void> verify_asset(const Asset& asset, const std::string& name);

@@ -7,69 +7,25 @@
 #include <utility>
 
 #include "formats/asset.h"
+#include "formats/asset_index.h"
 #include "formats/draco_mesh.h"
 #include "formats/file_io.h"
 #include "formats/gltf.h"
 #include "formats/mesh_validity.h"
+#include "formats/slice_payload.h"
 
 namespace trocar {
 namespace {
 
 constexpr const char* kIndicesSetAside = "trocar_indices";
-constexpr int kMaxJsonDepth = 64;
-constexpr std::size_t kMaxSlices = 100'000;
-
-// The `trocar` object of some extras, or null.
-nlohmann::json our_extras(const tinygltf::Value& extras) {
-  return extras.IsObject() && extras.Has("trocar") ? to_json(extras.Get("trocar")) : nullptr;
-}
-
-// The smallest structure that tinygltf needs to be safe: one JSON chunk, not
-// nested deeply (its value type recurses), sizes that add up.
-Result<void> check_container(std::span<const std::uint8_t> glb, const std::string& name) {
-  const auto u32 = [&](std::size_t at) {
-    std::uint32_t v = 0;
-    std::memcpy(&v, glb.data() + at, 4);
-    return v;
-  };
-  if (glb.size() < 20 || u32(0) != 0x46546C67 || u32(4) != 2) {
-    return refused(name + ": not a binary glTF 2.0 file");
-  }
-  if (u32(8) != glb.size())
-    return refused(name + ": its length field says " + std::to_string(u32(8)) +
-                   " bytes, the file has " + std::to_string(glb.size()));
-  const std::uint64_t json_size = u32(12);
-  if (u32(16) != 0x4E4F534A || 20 + json_size > glb.size()) {
-    return refused(name + ": broken JSON chunk");
-  }
-  int depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 20; i < 20 + json_size; ++i) {
-    const std::uint8_t c = glb[i];
-    if (in_string) {
-      if (c == '\\') ++i;
-      in_string = c != '"';
-    } else if (c == '"') {
-      in_string = true;
-    } else if (c == '{' || c == '[') {
-      if (++depth > kMaxJsonDepth) return refused(name + ": JSON nested too deeply");
-    } else if (c == '}' || c == ']') {
-      --depth;
-    }
-  }
-  return {};
-}
 
 // tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, which is how glTF says
 // that the indices are in the Draco payload. Moves such an index accessor's number into the Draco
-// extension, where decode_triangles() looks for it.
+// extension, where record_triangles() looks for it.
 Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::uint8_t> glb,
+                                                         std::size_t json_size,
+                                                         nlohmann::json& root,
                                                          const std::string& name) {
-  std::uint32_t json_size = 0;
-  std::memcpy(&json_size, glb.data() + 12, 4);
-  const auto text = glb.subspan(20, json_size);
-  nlohmann::json root = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
-  if (!root.is_object()) return refused(name + ": its JSON does not parse");
   if (root.contains("meshes") && root["meshes"].is_array()) {
     for (nlohmann::json& mesh : root["meshes"]) {
       if (!mesh.is_object() || !mesh.contains("primitives") || !mesh["primitives"].is_array())
@@ -92,9 +48,10 @@ Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::ui
     return refused(name + ": its JSON is not UTF-8");
   }
   out.resize((out.size() + 3) & ~std::size_t{3}, ' ');
-  std::vector<std::uint8_t> bytes(glb.begin(), glb.begin() + 20);
+  std::vector<std::uint8_t> bytes(glb.begin(), glb.begin() + kGlbHeader);
   bytes.insert(bytes.end(), out.begin(), out.end());
-  bytes.insert(bytes.end(), glb.begin() + 20 + json_size, glb.end());
+  bytes.insert(bytes.end(), glb.begin() + static_cast<std::ptrdiff_t>(kGlbHeader + json_size),
+               glb.end());
   const auto total = static_cast<std::uint32_t>(bytes.size()),
              chunk = static_cast<std::uint32_t>(out.size());
   std::memcpy(bytes.data() + 8, &total, 4);
@@ -102,11 +59,25 @@ Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::ui
   return bytes;
 }
 
-Result<tinygltf::Model> parse_container(std::span<const std::uint8_t> glb,
-                                        const std::string& name) {
-  if (auto ok = check_container(glb, name); !ok) return ok.error();
-  const auto patched = with_indices_set_aside(glb, name);
+struct Document {
+  nlohmann::json extras, nodes;
+  tinygltf::Model model;
+};
+
+Result<Document> parse_container(std::span<const std::uint8_t> glb, const std::string& name) {
+  // What tinygltf needs to be safe: sizes that add up, and JSON that is not nested deeply.
+  MemorySource source(glb);
+  const auto json_bytes = json_bytes_of(source);
+  if (!json_bytes) return refused(name + ": " + json_bytes.error().message);
+  auto root = parse_json_text(glb.subspan(kGlbHeader, *json_bytes));
+  if (!root) return refused(name + ": " + root.error().message);
+  if (!root->is_object()) return refused(name + ": its JSON is no object");
+  const auto patched = with_indices_set_aside(glb, *json_bytes, *root, name);
   if (!patched) return patched.error();
+  Document document;
+  document.extras = std::move((*root)["extras"]);
+  document.nodes = std::move((*root)["nodes"]);
+  root = nlohmann::json();
   tinygltf::TinyGLTF gltf;
   gltf.SetFsCallbacks(
       {[](const std::string&, void*) { return false; },
@@ -119,7 +90,7 @@ Result<tinygltf::Model> parse_container(std::span<const std::uint8_t> glb,
          return false;
        },
        nullptr});
-  tinygltf::Model model;
+  tinygltf::Model& model = document.model;
   std::string error, warning;
   bool ok = false;
   try {
@@ -135,7 +106,7 @@ Result<tinygltf::Model> parse_container(std::span<const std::uint8_t> glb,
   if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty())) {
     return refused(name + ": an asset has one embedded buffer");
   }
-  return model;
+  return document;
 }
 
 // The bytes of a buffer view, or nothing if any number is out of range.
@@ -154,26 +125,38 @@ const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index) {
   return &model.accessors[static_cast<std::size_t>(index)];
 }
 
-// The elements of a tightly packed accessor.
-template <typename T>
-std::optional<std::vector<T>> accessor_data(const tinygltf::Model& model,
-                                            const tinygltf::Accessor& accessor, std::size_t width) {
-  const auto bytes = view_bytes(model, accessor.bufferView);
-  if (!bytes || accessor.byteOffset != 0 || accessor.sparse.isSparse) return std::nullopt;
-  if (accessor.count > bytes->size() || accessor.count * width * sizeof(T) != bytes->size())
-    return std::nullopt;
-  std::vector<T> out(accessor.count * width);
-  std::memcpy(out.data(), bytes->data(), bytes->size());
-  return out;
-}
-
 int position_accessor(const tinygltf::Primitive& primitive) {
   const auto it = primitive.attributes.find("POSITION");
   return it == primitive.attributes.end() ? -1 : it->second;
 }
 
-Result<SliceMesh> decode_triangles(const tinygltf::Model& model,
-                                   const tinygltf::Primitive& primitive, const Lattice& lattice) {
+// A view's number if it is all of the elements of an accessor, tightly packed; else none.
+std::optional<int> packed_view(const tinygltf::Model& model, const tinygltf::Accessor& accessor,
+                               std::size_t element_bytes) {
+  const auto bytes = view_bytes(model, accessor.bufferView);
+  if (!bytes || accessor.byteOffset != 0 || accessor.sparse.isSparse) return std::nullopt;
+  if (accessor.count > bytes->size() || accessor.count * element_bytes != bytes->size())
+    return std::nullopt;
+  return accessor.bufferView;
+}
+
+std::uint32_t offset_of(const tinygltf::Model& model, int view) {
+  return static_cast<std::uint32_t>(model.bufferViews[static_cast<std::size_t>(view)].byteOffset);
+}
+
+// Bounds of positions as lattice points.
+Result<LatticePoint> lattice_point(const std::vector<double>& xyz_mm, const Lattice& lattice) {
+  if (xyz_mm.size() != 3 || xyz_mm[2] != 0) return refused("accessor without bounds in the plane");
+  const double x = std::ldexp(xyz_mm[0], lattice.bits), y = std::ldexp(xyz_mm[1], lattice.bits);
+  if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
+      y != std::rint(y)) {
+    return refused("accessor bounds are off the lattice");
+  }
+  return LatticePoint{static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)};
+}
+
+Result<void> record_triangles(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
+                              const Lattice& lattice, SliceRecord& record) {
   const auto it = primitive.extensions.find(kDracoExtension);
   const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
   const auto number = [&](const char* key) {
@@ -185,28 +168,29 @@ Result<SliceMesh> decode_triangles(const tinygltf::Model& model,
   if (position == nullptr || indices == nullptr) {
     return refused("triangles without a Draco payload");
   }
-  const auto payload = view_bytes(model, number("bufferView"));
+  constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max();
+  if (position->count > kMost || indices->count > kMost || indices->count % 3 != 0 ||
+      indices->count == 0) {
+    return refused("triangles of an impossible count");
+  }
+  const int view = number("bufferView");
+  const auto payload = view_bytes(model, view);
   if (!payload) return refused("Draco payload outside the buffer");
-  auto mesh = decode_draco(*payload, lattice, position->count, indices->count / 3);
-  if (!mesh) return mesh;
-  if (mesh->vertices.size() != position->count || mesh->triangles.size() * 3 != indices->count) {
-    return refused("Draco payload and accessor counts differ");
-  }
-  LatticePoint low = mesh->vertices.empty() ? LatticePoint{} : mesh->vertices.front(), high = low;
-  for (LatticePoint p : mesh->vertices) {
-    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
-    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
-  }
-  if (position->minValues != std::vector<double>{lattice.to_mm(low.x), lattice.to_mm(low.y), 0.0} ||
-      position->maxValues !=
-          std::vector<double>{lattice.to_mm(high.x), lattice.to_mm(high.y), 0.0}) {
-    return refused("accessor bounds differ from the vertices");
-  }
-  return mesh;
+  record.draco_offset = offset_of(model, view);
+  record.draco_bytes = static_cast<std::uint32_t>(payload->size());
+  record.vertices = static_cast<std::uint32_t>(position->count);
+  record.triangles = static_cast<std::uint32_t>(indices->count / 3);
+  const auto low = lattice_point(position->minValues, lattice);
+  if (!low) return low.error();
+  const auto high = lattice_point(position->maxValues, lattice);
+  if (!high) return high.error();
+  record.low = *low;
+  record.high = *high;
+  return {};
 }
 
-Result<Pslg> decode_lines(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
-                          const Lattice& lattice) {
+Result<void> record_lines(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
+                          SliceRecord& record) {
   const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
   const tinygltf::Accessor* index = accessor_at(model, primitive.indices);
   if (position == nullptr || index == nullptr ||
@@ -214,127 +198,162 @@ Result<Pslg> decode_lines(const tinygltf::Model& model, const tinygltf::Primitiv
       position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR) {
     return refused("outline without positions or indices");
   }
-  const auto xyz = accessor_data<float>(model, *position, 3);
-  std::vector<std::uint32_t> indices;
-  if (index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT) {
-    if (const auto narrow = accessor_data<std::uint16_t>(model, *index, 1)) {
-      indices.assign(narrow->begin(), narrow->end());
-    }
-  } else if (index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT) {
-    if (auto wide = accessor_data<std::uint32_t>(model, *index, 1)) indices = std::move(*wide);
-  }
-  if (!xyz || indices.size() != index->count || indices.size() != 2 * position->count) {
+  const bool narrow = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT;
+  const bool wide = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
+  record.segment_index_bytes = narrow ? 2 : 4;
+  const auto points = packed_view(model, *position, 3 * sizeof(float));
+  const auto segments = packed_view(model, *index, record.segment_index_bytes);
+  if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count) {
     return refused("outline data outside the buffer or of the wrong size");
   }
-  // Rings as written: (f, f+1) (f+1, f+2) ... (l, f).
-  Pslg pslg;
-  Ring ring;
-  std::size_t first = 0;
-  for (std::size_t i = 0; i < position->count; ++i) {
-    const double x = std::ldexp(static_cast<double>((*xyz)[3 * i]), lattice.bits);
-    const double y = std::ldexp(static_cast<double>((*xyz)[3 * i + 1]), lattice.bits);
-    if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
-        y != std::rint(y) || (*xyz)[3 * i + 2] != 0.0F) {
-      return refused("outline vertex " + std::to_string(i) + " is off the lattice");
-    }
-    ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
-    const std::uint32_t to = indices[2 * i + 1];
-    if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3)) {
-      return refused("outline segment " + std::to_string(i) + " does not continue its ring");
-    }
-    if (to == first) {
-      pslg.rings.push_back(std::exchange(ring, {}));
-      first = i + 1;
-    }
-  }
-  if (!ring.empty()) return refused("outline ring not closed");
-  return pslg;
+  record.outline_offset = offset_of(model, *points);
+  record.outline_vertices = static_cast<std::uint32_t>(position->count);
+  record.segments_offset = offset_of(model, *segments);
+  return {};
 }
 
-Result<AssetSlice> decode_slice(const tinygltf::Model& model, const tinygltf::Node& node,
-                                const Lattice& lattice, const DecodeOptions& options) {
-  const nlohmann::json extras = our_extras(node.extras);
-  if (!extras.is_object() || !extras.contains("index") || !extras["index"].is_number_integer() ||
-      !extras.contains("z_mm") || !extras["z_mm"].is_number()) {
-    return refused("a slice node without index and z_mm");
-  }
-  AssetSlice slice;
-  slice.index = extras["index"].get<int>();
-  slice.z_mm = extras["z_mm"].get<double>();
-  slice.measures = extras.value("measures", nlohmann::json::object());
-  const std::string where = "slice " + std::to_string(slice.index) + ": ";
-  if (node.matrix.size() != 16 || !std::all_of(node.matrix.begin(), node.matrix.end(),
-                                               [](double d) { return std::isfinite(d); })) {
-    return refused(where + "node without a finite matrix");
-  }
-  slice.T_lps_plane.matrix() = Eigen::Map<const Eigen::Matrix4d>(node.matrix.data());
-  const bool wanted =
-      options.all || std::find(options.slice_indices.begin(), options.slice_indices.end(),
-                               slice.index) != options.slice_indices.end();
-  if (node.mesh < 0 || !wanted) return slice;
+// What the JSON says of a slice; where its node's text is, it does not.
+Result<SliceRecord> record_slice(const tinygltf::Model& model, const tinygltf::Node& node,
+                                 int index, const Lattice& lattice) {
+  SliceRecord record;
+  record.index = index;
+  if (node.mesh < 0) return record;
   if (static_cast<std::size_t>(node.mesh) >= model.meshes.size()) {
-    return refused(where + "mesh index out of range");
+    return refused("mesh index out of range");
   }
   const tinygltf::Mesh& mesh = model.meshes[static_cast<std::size_t>(node.mesh)];
   if (mesh.primitives.size() != 2 || mesh.primitives[0].mode != TINYGLTF_MODE_TRIANGLES ||
       mesh.primitives[1].mode != TINYGLTF_MODE_LINE) {
-    return refused(where + "expected one triangles and one lines primitive");
+    return refused("expected one triangles and one lines primitive");
   }
-  auto triangles = decode_triangles(model, mesh.primitives[0], lattice);
-  if (!triangles) return refused(where + triangles.error().message);
-  auto lines = decode_lines(model, mesh.primitives[1], lattice);
-  if (!lines) return refused(where + lines.error().message);
-  slice.mesh = std::move(*triangles);
-  slice.pslg = std::move(*lines);
-  return slice;
+  if (auto ok = record_triangles(model, mesh.primitives[0], lattice, record); !ok)
+    return ok.error();
+  if (auto ok = record_lines(model, mesh.primitives[1], record); !ok) return ok.error();
+  return record;
+}
+
+Result<void> decode_geometry(const tinygltf::Model& model, const SliceRecord& record,
+                             const Lattice& lattice, AssetSlice& slice) {
+  if (record.triangles == 0) return {};
+  const std::span<const std::uint8_t> buffer(model.buffers[0].data);
+  return take_geometry(record,
+                       {buffer.subspan(record.draco_offset, record.draco_bytes),
+                        buffer.subspan(record.outline_offset, record.outline_bytes()),
+                        buffer.subspan(record.segments_offset, record.segments_bytes())},
+                       lattice, slice);
+}
+
+// Law 2 of asset_index.h, but for the slices.
+Result<std::optional<IndexedFile>> index_of(ByteSource& source, const nlohmann::json& extras,
+                                            std::size_t slices) {
+  auto index = find_index(source);
+  if (!index || !*index) return index;
+  const auto text = read_extras(source, **index);
+  if (!text) return text.error();
+  const auto said = parse_json_text(*text);
+  if ((*index)->header.slices != slices || !said || *said != extras)
+    return refused("its slice index and its JSON differ");
+  return index;
+}
+
+// And of the slices, one after the other.
+class RecordChecks {
+ public:
+  RecordChecks(ByteSource& source, const IndexedFile& index) : source_(source), index_(index) {}
+
+  Result<void> check(SliceRecord expected, const nlohmann::json& node) {
+    const auto record = read_record(source_, index_, place_++);
+    if (!record) return record.error();
+    expected.node_offset = record->node_offset;
+    expected.node_bytes = record->node_bytes;
+    expected.checksum = record->checksum;
+    if (*record != expected) return refused("the slice index and the JSON differ");
+    // Nothing is read twice, so that a file cannot make work of more than its size.
+    text_ += record->node_bytes;
+    geometry_ += record->draco_bytes + record->outline_bytes() + record->segments_bytes();
+    if (text_ > index_.header.json_bytes || geometry_ > index_.header.binary_bytes)
+      return refused("the slice index has slices that share their bytes");
+    const auto bytes = read_slice_bytes(source_, index_, *record);
+    if (!bytes) return bytes.error();
+    const auto said = parse_json_text(bytes->node);
+    if (!said || *said != node) return refused("the slice index and the JSON differ");
+    return {};
+  }
+
+ private:
+  ByteSource& source_;
+  const IndexedFile& index_;
+  std::uint32_t place_ = 0;
+  std::uint64_t text_ = 0, geometry_ = 0;
+};
+
+bool is_wanted(const DecodeOptions& options, int index) {
+  return options.all || std::find(options.slice_indices.begin(), options.slice_indices.end(),
+                                  index) != options.slice_indices.end();
 }
 
 }  // namespace
 
 Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
                            const DecodeOptions& options) {
-  auto model = parse_container(glb, name);
-  if (!model) return model.error();
-  const nlohmann::json extras = our_extras(model->extras);
-  if (!extras.is_object() || extras.value("schema", nlohmann::json()) != kAssetSchema) {
-    return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
-  }
-  const nlohmann::json bits = extras.value("lattice_bits", nlohmann::json());
-  if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits) {
-    return refused(name + ": lattice_bits missing or out of range");
-  }
+  auto document = parse_container(glb, name);
+  if (!document) return document.error();
+  const tinygltf::Model& model = document->model;
+  const nlohmann::json& extras = document->extras;
+  const nlohmann::json& nodes = document->nodes;
   Asset asset;
-  asset.lattice.bits = bits.get<int>();
-  asset.generator = model->asset.generator;
-  asset.parameters = extras.value("parameters", nlohmann::json::object());
-  const nlohmann::json digest = extras.value("input_digest", nlohmann::json());
-  if (digest.is_string()) asset.input_digest = digest.get<std::string>();
+  if (auto ok = take_head(extras, asset, name); !ok) return ok.error();
+  asset.generator = model.asset.generator;
 
-  if (model->nodes.empty() || model->nodes[0].children.size() > kMaxSlices) {
+  if (model.nodes.empty() || model.nodes.size() != nodes.size() ||
+      model.nodes[0].children.size() > kMaxSlices) {
     return refused(name + ": no scan node, or too many slices");
   }
-  for (int child : model->nodes[0].children) {
-    if (child <= 0 || static_cast<std::size_t>(child) >= model->nodes.size()) {
-      return refused(name + ": node index out of range");
-    }
-    auto slice =
-        decode_slice(*model, model->nodes[static_cast<std::size_t>(child)], asset.lattice, options);
+  const std::vector<int>& children = model.nodes[0].children;
+  MemorySource source(glb);
+  const auto index = index_of(source, extras, children.size());
+  if (!index) return refused(name + ": " + index.error().message);
+  std::optional<RecordChecks> records;
+  if (*index) records.emplace(source, **index);
+  for (const int child : children) {
+    const auto at = static_cast<std::size_t>(child);
+    if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
+    auto slice = slice_of_node(nodes[at]);
     if (!slice) return refused(name + ": " + slice.error().message);
+    const std::string where = name + ": slice " + std::to_string(slice->index) + ": ";
+    const auto record = record_slice(model, model.nodes[at], slice->index, asset.lattice);
+    if (!record) return refused(where + record.error().message);
+    if (records) {
+      if (auto ok = records->check(*record, nodes[at]); !ok)
+        return refused(where + ok.error().message);
+    }
+    if (is_wanted(options, slice->index)) {
+      if (auto ok = decode_geometry(model, *record, asset.lattice, *slice); !ok)
+        return refused(where + ok.error().message);
+    }
     if (!asset.slices.empty() && asset.slices.back().index >= slice->index) {
       return refused(name + ": slice indices do not ascend");
     }
     asset.slices.push_back(std::move(*slice));
   }
+  if (*index && !asset.slices.empty() &&
+      ((*index)->header.first_index != asset.slices.front().index ||
+       (*index)->header.last_index != asset.slices.back().index)) {
+    return refused(name + ": its slice index and its JSON differ");
+  }
   return asset;
 }
 
 Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name) {
-  const auto model = parse_container(glb, name);
-  if (!model) return model.error();
+  const auto document = parse_container(glb, name);
+  if (!document) return document.error();
+  const tinygltf::Model* const model = &document->model;
   AssetSizes out;
-  std::uint32_t json_bytes = 0;
-  std::memcpy(&json_bytes, glb.data() + 12, 4);
-  out.json_bytes = json_bytes;
+  MemorySource source(glb);
+  out.json_bytes = *json_bytes_of(source);  // parsed, so it is there
+  const auto index = find_index(source);
+  if (index && *index)
+    out.index_bytes = sizeof(IndexHeader) + (*index)->header.slices * sizeof(SliceRecord);
   const auto view_size = [&model](int view) {
     const auto bytes = view_bytes(*model, view);
     return bytes ? bytes->size() : 0;
@@ -353,8 +372,8 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
         }
         continue;
       }
-      for (const int index : {primitive.indices, position_accessor(primitive)}) {
-        const auto* accessor = accessor_at(*model, index);
+      for (const int number : {primitive.indices, position_accessor(primitive)}) {
+        const auto* accessor = accessor_at(*model, number);
         if (accessor != nullptr) out.outline_bytes += view_size(accessor->bufferView);
       }
     }
@@ -362,10 +381,10 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
   return out;
 }
 
-Result<Asset> read_asset(const std::filesystem::path& file, const DecodeOptions& options) {
+Result<Asset> read_asset(const std::filesystem::path& file) {
   auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
   if (!bytes) return bytes.error();
-  return decode_asset(*bytes, file.string(), options);
+  return decode_asset(*bytes, file.string());
 }
 
 Result<void> verify_asset(const Asset& asset, const std::string& name) {

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <utility>
 
 #include "formats/asset.h"
+#include "formats/asset_index.h"
 #include "formats/draco_mesh.h"
 #include "formats/gltf_writer.h"
 #include "formats/mesh_validity.h"
@@ -42,13 +44,20 @@ json positions(std::size_t count, const LatticeBox& box, const Lattice& lattice)
 }
 
 json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, const Lattice& lattice,
-                         AssetSizes& sizes) {
+                         AssetSizes& sizes, SliceRecord& record) {
   sizes.triangles += slice.triangles;
   sizes.triangle_bytes += slice.draco.size();
   const int position = gltf.add_accessor(positions(slice.vertices, slice.bounds, lattice));
   const int indices = gltf.add_accessor(
       {{"componentType", kUnsignedInt}, {"type", "SCALAR"}, {"count", slice.triangles * 3}});
-  const int view = gltf.add_view(slice.draco.data(), slice.draco.size(), GltfWriter::kNoTarget);
+  const auto [view, range] =
+      gltf.add_view(slice.draco.data(), slice.draco.size(), GltfWriter::kNoTarget);
+  record.draco_offset = static_cast<std::uint32_t>(range.offset);
+  record.draco_bytes = static_cast<std::uint32_t>(range.size);
+  record.vertices = static_cast<std::uint32_t>(slice.vertices);
+  record.triangles = static_cast<std::uint32_t>(slice.triangles);
+  record.low = slice.bounds.low;
+  record.high = slice.bounds.high;
   return {{"mode", kTriangles},
           {"material", 0},
           {"attributes", {{"POSITION", position}}},
@@ -58,8 +67,8 @@ json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, const Latt
              {{"bufferView", view}, {"attributes", {{"POSITION", kDracoPositionId}}}}}}}};
 }
 
-json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice,
-                     AssetSizes& sizes) {
+json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice, AssetSizes& sizes,
+                     SliceRecord& record) {
   std::vector<LatticePoint> points;
   std::vector<std::uint32_t> indices;
   for (const Ring& ring : pslg.rings) {
@@ -78,24 +87,26 @@ json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice,
     xyz.push_back(static_cast<float>(lattice.to_mm(p.y)));
     xyz.push_back(0.0F);
   }
-  const auto add = [&](json accessor, const auto& data, int target) {
+  const auto add = [&](json accessor, const auto& data, int target, std::uint32_t& offset) {
     const std::size_t bytes = data.size() * sizeof data[0];
     sizes.outline_bytes += bytes;
-    accessor["bufferView"] = gltf.add_view(data.data(), bytes, target);
+    const auto [view, range] = gltf.add_view(data.data(), bytes, target);
+    accessor["bufferView"] = view;
+    offset = static_cast<std::uint32_t>(range.offset);
     return gltf.add_accessor(accessor);
   };
+  record.outline_vertices = static_cast<std::uint32_t>(points.size());
   json primitive = {{"mode", kLines}, {"material", 1}};
-  primitive["attributes"]["POSITION"] =
-      add(positions(points.size(), box_of(points), lattice), xyz, GltfWriter::kVertices);
+  primitive["attributes"]["POSITION"] = add(positions(points.size(), box_of(points), lattice), xyz,
+                                            GltfWriter::kVertices, record.outline_offset);
   json accessor = {{"type", "SCALAR"}, {"count", indices.size()}};
-  if (points.size() < 65535) {
-    accessor["componentType"] = kUnsignedShort;
-    primitive["indices"] = add(accessor, std::vector<std::uint16_t>(indices.begin(), indices.end()),
-                               GltfWriter::kIndices);
-  } else {
-    accessor["componentType"] = kUnsignedInt;
-    primitive["indices"] = add(accessor, indices, GltfWriter::kIndices);
-  }
+  const bool narrow = points.size() < 65535;
+  record.segment_index_bytes = narrow ? 2 : 4;
+  accessor["componentType"] = narrow ? kUnsignedShort : kUnsignedInt;
+  primitive["indices"] =
+      narrow ? add(accessor, std::vector<std::uint16_t>(indices.begin(), indices.end()),
+                   GltfWriter::kIndices, record.segments_offset)
+             : add(accessor, indices, GltfWriter::kIndices, record.segments_offset);
   return primitive;
 }
 
@@ -109,6 +120,30 @@ json materials() {
           {{"name", "outline"},
            {"pbrMetallicRoughness", {{"baseColorFactor", {0.55, 0.1, 0.1, 1.0}}}},
            {"extensions", {{kUnlitExtension, json::object()}}}}};
+}
+
+// Into the bytes kept free for it.
+void put_index(GltfWriter::File& file, std::vector<SliceRecord> records) {
+  IndexHeader header;
+  header.slices = static_cast<std::uint32_t>(records.size());
+  header.json_bytes = static_cast<std::uint32_t>(file.json_bytes);
+  header.binary_bytes = static_cast<std::uint32_t>(file.bytes.size() - file.binary_offset);
+  header.extras_offset = static_cast<std::uint32_t>(file.extras.offset);
+  header.extras_bytes = static_cast<std::uint32_t>(file.extras.size);
+  if (!records.empty()) {
+    header.first_index = records.front().index;
+    header.last_index = records.back().index;
+  }
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    const GltfWriter::Range node = file.nodes[i + 1];  // the first is the scan's
+    records[i].node_offset = static_cast<std::uint32_t>(node.offset);
+    records[i].node_bytes = static_cast<std::uint32_t>(node.size);
+  }
+  std::uint8_t* const at = file.bytes.data() + file.binary_offset;
+  std::memcpy(at, &header, sizeof header);
+  if (!records.empty())
+    std::memcpy(at + sizeof header, records.data(), records.size() * sizeof(SliceRecord));
+  seal_index(file.bytes);
 }
 
 std::vector<double> node_matrix(const Eigen::Affine3d& T) {
@@ -189,11 +224,18 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
     for (const Ring& ring : slice.pslg.rings)
       bytes += ring.size() * (3 * sizeof(float) + 2 * sizeof(std::uint32_t)) + 6;
   }
-  gltf.reserve(bytes);
+  // The index comes first (asset_index.h) and is filled in last.
+  std::vector<SliceRecord> records(slices.size());
+  counted.index_bytes = sizeof(IndexHeader) + records.size() * sizeof(SliceRecord);
+  gltf.reserve(bytes + counted.index_bytes);
+  gltf.add_view(std::vector<std::uint8_t>(counted.index_bytes).data(), counted.index_bytes,
+                GltfWriter::kNoTarget);
   gltf.add_node(root_node(slices.size()));
   int meshes = 0;
-  for (EncodedSlice& kept : slices) {
-    const EncodedSlice slice = std::move(kept);
+  for (std::size_t i = 0; i < slices.size(); ++i) {
+    const EncodedSlice slice = std::move(slices[i]);
+    SliceRecord& record = records[i];
+    record.index = slice.index;
     const std::string name = "slice " + std::to_string(slice.index);
     json node = {{"name", name},
                  {"matrix", node_matrix(slice.T_lps_plane)},
@@ -204,8 +246,8 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                      {"measures", json::from_cbor(slice.measures)}}}}}};
     if (slice.triangles > 0) {
       json primitives = json::array();
-      primitives.push_back(triangles_primitive(gltf, slice, head.lattice, counted));
-      primitives.push_back(lines_primitive(gltf, slice.pslg, head.lattice, counted));
+      primitives.push_back(triangles_primitive(gltf, slice, head.lattice, counted, record));
+      primitives.push_back(lines_primitive(gltf, slice.pslg, head.lattice, counted, record));
       gltf.add_mesh({{"name", name}, {"primitives", std::move(primitives)}});
       node["mesh"] = meshes++;
     }
@@ -217,15 +259,15 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                               {"extensionsRequired", json::array({kDracoExtension})},
                               {"materials", materials()},
                               {"scene", 0},
-                              {"scenes", json::array({{{"nodes", json::array({0})}}})},
-                              {"extras",
-                               {{"trocar",
-                                 {{"schema", kAssetSchema},
-                                  {"lattice_bits", head.lattice.bits},
-                                  {"slices", slices.size()},
-                                  {"parameters", head.parameters},
-                                  {"input_digest", head.input_digest}}}}}});
+                              {"scenes", json::array({{{"nodes", json::array({0})}}})}},
+                             {{"trocar",
+                               {{"schema", kAssetSchema},
+                                {"lattice_bits", head.lattice.bits},
+                                {"slices", slices.size()},
+                                {"parameters", head.parameters},
+                                {"input_digest", head.input_digest}}}});
   if (!file) return file.error();
+  put_index(*file, std::move(records));
   counted.json_bytes = file->json_bytes;
   if (sizes != nullptr) *sizes = counted;
   return std::move(file->bytes);

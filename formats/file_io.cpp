@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <system_error>
@@ -20,6 +21,7 @@ std::string why(int error) {
 class Descriptor {
  public:
   explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
   Descriptor(const Descriptor&) = delete;
   Descriptor& operator=(const Descriptor&) = delete;
   ~Descriptor() {
@@ -34,25 +36,65 @@ class Descriptor {
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
-                                            std::uint64_t max_bytes) {
-  const Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+Result<void> ByteSource::read(std::uint64_t offset, std::span<std::uint8_t> into) {
+  if (offset > size() || into.size() > size() - offset)
+    return refused("ends before byte " + std::to_string(offset + into.size()));
+  bytes_read_ += into.size();
+  return fetch(offset, into);
+}
+
+Result<void> MemorySource::fetch(std::uint64_t offset, std::span<std::uint8_t> into) {
+  std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), into.size(), into.begin());
+  return {};
+}
+
+namespace {
+
+class FileSource : public ByteSource {
+ public:
+  FileSource(Descriptor fd, std::uint64_t size) : fd_(std::move(fd)), size_(size) {}
+  std::uint64_t size() const override { return size_; }
+
+ private:
+  Result<void> fetch(std::uint64_t offset, std::span<std::uint8_t> into) override {
+    std::size_t done = 0;
+    while (done < into.size()) {
+      const ssize_t got = ::pread(fd_.get(), into.data() + done, into.size() - done,
+                                  static_cast<off_t>(offset + done));
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) return refused(why(errno));
+      if (got == 0) return refused("shrank while being read");
+      done += static_cast<std::size_t>(got);
+    }
+    return {};
+  }
+
+  Descriptor fd_;
+  std::uint64_t size_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
+  Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
   if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
   struct stat status {};
   if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));
   if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
-  if (static_cast<std::uint64_t>(status.st_size) > max_bytes) {
+  return std::unique_ptr<ByteSource>(
+      std::make_unique<FileSource>(std::move(fd), static_cast<std::uint64_t>(status.st_size)));
+}
+
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
+                                            std::uint64_t max_bytes) {
+  const auto source = open_file(file);
+  if (!source) return source.error();
+  const std::uint64_t size = (*source)->size();
+  if (size > max_bytes)
     return refused(file.string() + ": larger than " + std::to_string(max_bytes) + " bytes");
-  }
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(status.st_size));
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t got = ::read(fd.get(), bytes.data() + done, bytes.size() - done);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return refused(file.string() + ": " + why(errno));
-    if (got == 0) return refused(file.string() + ": shrank while being read");
-    done += static_cast<std::size_t>(got);
-  }
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
+  if (auto ok = (*source)->read(0, bytes); !ok)
+    return refused(file.string() + ": " + ok.error().message);
   return bytes;
 }
 

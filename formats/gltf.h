@@ -10,12 +10,3 @@
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE_WRITE
 #define TINYGLTF_NO_EXTERNAL_IMAGE
 #include <tiny_gltf.h>
-
-#include <nlohmann/json.hpp>
-
-namespace trocar {
-
-/// tinygltf's own value type as JSON.
-nlohmann::json to_json(const tinygltf::Value& v);
-
-}  // namespace trocar

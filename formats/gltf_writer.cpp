@@ -23,22 +23,29 @@ std::size_t padded(std::size_t size) {
 int GltfWriter::Array::add(const json& element) {
   if (count > 0) text += ',';
   text += text_of(element);
+  ends.push_back(text.size());
   return count++;
 }
 
-int GltfWriter::add_view(const void* data, std::size_t size, int target) {
+GltfWriter::View GltfWriter::add_view(const void* data, std::size_t size, int target) {
   buffer_.resize(padded(buffer_.size()));
-  json view = {{"buffer", 0}, {"byteOffset", buffer_.size()}, {"byteLength", size}};
+  const Range range{buffer_.size(), size};
+  json view = {{"buffer", 0}, {"byteOffset", range.offset}, {"byteLength", size}};
   if (target != kNoTarget) view["target"] = target;
   const auto* begin = static_cast<const std::uint8_t*>(data);
   buffer_.insert(buffer_.end(), begin, begin + size);
-  return views_.add(view);
+  return {views_.add(view), range};
 }
 
-Result<GltfWriter::File> GltfWriter::finish(const json& top) && {
+Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras) && {
   buffer_.resize(padded(buffer_.size()));
+  File out;
   std::vector<std::string> texts{text_of(top)};
   texts[0].pop_back();
+  texts[0] += ",\"extras\":";
+  const std::string extras_text = text_of(extras);
+  out.extras = {texts[0].size(), extras_text.size()};
+  texts[0] += extras_text;
   if (!buffer_.empty())
     texts.push_back(",\"buffers\":[" + text_of({{"byteLength", buffer_.size()}}) + ']');
   for (const auto& [name, array] : {std::pair{"bufferViews", &views_},
@@ -47,6 +54,16 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top) && {
                                     {"nodes", &nodes_}}) {
     if (array->count == 0) continue;  // glTF has no empty arrays
     texts.push_back(std::string(",\"") + name + "\":[");
+    if (array == &nodes_) {
+      std::uint64_t at = 0;
+      for (const std::string& text : texts)
+        at += text.size();
+      std::size_t begin = 0;
+      for (const std::size_t end : nodes_.ends) {
+        out.nodes.push_back({at + begin, end - begin});
+        begin = end + 1;  // behind the comma
+      }
+    }
     texts.push_back(std::move(array->text));
     texts.emplace_back("]");
   }
@@ -63,8 +80,8 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top) && {
   if (size > std::numeric_limits<std::uint32_t>::max())
     return refused("an asset of more than 4 GiB; mesh fewer slices at a time");
   // What comes before the buffer is put before it in place, if reserve() was told enough.
-  File out;
   out.json_bytes = json_size;
+  out.binary_offset = size - buffer_.size();
   out.bytes = std::move(buffer_);
   const std::size_t binary = out.bytes.size();
   out.bytes.insert(out.bytes.begin(), size - binary, 0);

@@ -192,17 +192,15 @@ Result<Loaded> load(const Arguments& arguments) {
     loaded.description = std::move(*description);
   }
 
-  DecodeOptions decode;
-  decode.all = false;
+  std::vector<int> slice_indices;
   for (const SceneSlice& slice : loaded.scene.slices)
-    decode.slice_indices.push_back(slice.index);
-  const Result<Asset> asset = read_asset(loaded.scene.asset, decode);
-  if (!asset) return asset.error();
-  auto sheets = place_slices(loaded.scene, *asset, loaded.scene.asset.string());
+    slice_indices.push_back(slice.index);
+  const Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(slice_indices));
+  if (!part) return part.error();
+  auto sheets = place_slices(loaded.scene, part->asset, loaded.scene.asset.string());
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
-  std::error_code ignored;
-  loaded.bytes = {std::filesystem::file_size(loaded.scene.asset, ignored), asset->slices.size()};
+  loaded.bytes = {part->file_bytes, part->read_bytes, part->asset_slices};
 
   if (!arguments.replay.empty()) {
     Result<std::vector<RecordingRow>> rows = read_recording(arguments.replay);

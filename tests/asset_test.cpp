@@ -107,6 +107,8 @@ TEST(Asset, SizesAreThoseOfTheFile) {
   const auto found = asset_sizes(*glb, "test");
   ASSERT_TRUE(found);
   EXPECT_EQ(said.json_bytes, found->json_bytes);
+  EXPECT_EQ(said.index_bytes, found->index_bytes);
+  EXPECT_EQ(said.index_bytes, 44U + 3 * 64);
   EXPECT_EQ(said.triangle_bytes, found->triangle_bytes);
   EXPECT_EQ(said.outline_bytes, found->outline_bytes);
   EXPECT_EQ(said.triangles, found->triangles);

@@ -66,17 +66,30 @@ struct Penalty {
   double cost(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
     return y.squaredNorm() + stiffness.dot(excess_Nm.cwiseAbs2());
   }
-  // Newton's step from y, exact if no torque crosses its working limit on the way.
+  // Newton's step from y, exact if no torque crosses its working limit on the way: -H^-1 slope with
+  // H = 1 + sum s n n^T and slope = y + sum s e n. Penalties are up to (|limit| / (reserve
+  // limit_min))^2 stiffer than the rest, so both are expanded into terms that do not cancel:
+  //   det H = 1 + sum s |n|^2 + sum over pairs s_i s_j (n_i x n_j)^2,
+  //   adj H slope = slope + sum over i of s_i p_i (p_i . y + sum over j of s_j e_j p_i . n_j),
+  // p_i being n_i turned by a right angle: what p_i has to do with its own n_i is exactly nothing.
   Vector2d step(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
-    Eigen::Matrix2d H = Eigen::Matrix2d::Identity();
-    Vector2d slope = y;
+    double determinant = 1;
+    Vector2d numerator = y;
     for (int i = 0; i < kMotors; ++i) {
       if (excess_Nm[i] == 0) continue;
       const Vector2d n = N.row(i).transpose();
-      H += stiffness[i] * n * n.transpose();
-      slope += stiffness[i] * excess_Nm[i] * n;
+      const Vector2d across(-n.y(), n.x());
+      double along = across.dot(y), spread = 0;
+      for (int j = 0; j < kMotors; ++j) {
+        if (j == i || excess_Nm[j] == 0) continue;
+        const double sine = cross(n, N.row(j).transpose());
+        along += stiffness[j] * excess_Nm[j] * sine;
+        spread += stiffness[j] * sine * sine;
+      }
+      determinant += stiffness[i] * (n.squaredNorm() + spread / 2);
+      numerator += stiffness[i] * (excess_Nm[i] * n + along * across);
     }
-    return -(H.inverse() * slope);
+    return -numerator / determinant;
   }
 };
 

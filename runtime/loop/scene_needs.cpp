@@ -85,9 +85,10 @@ Result<std::string> describe_needs(const Scene& scene, const DeviceDescription& 
   }
   std::string out;
   out += line("scene      %s\n", scene.name.c_str());
-  out += line("asset      %s: %zu of its %zu slices, file of %.1f kB, %.1f kB kept in memory\n",
-              scene.asset.c_str(), sheets.size(), bytes.asset_slices,
-              static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
+  out += line(
+      "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
+      scene.asset.c_str(), sheets.size(), bytes.asset_slices, static_cast<double>(bytes.read) / 1e3,
+      static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
   out += line("device     %s, %.3g Nm peak a motor\n", device.name.c_str(),
               device.motor_peak_torque_Nm);
   out += line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,

@@ -17,6 +17,7 @@ namespace trocar::runtime {
 
 struct LoadedBytes {
   std::uint64_t asset = 0;  ///< of the asset's file
+  std::uint64_t read = 0;   ///< of these, what was read
   std::size_t asset_slices = 0;
 };
 

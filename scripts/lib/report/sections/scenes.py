@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene loading: what a session reads, decodes, factors and keeps of an asset, by the sizes of both.
+
+Measured by the program scene_sweep, in one process: the same slices, in an asset of their own and in
+the midst of larger ones."""
+import json
+import subprocess
+
+import scenes_plots as plots
+from sections.deformation import assets
+
+TITLE = "Scene loading: only what a scene needs"
+ORDER = 60
+
+ASSET_SLICES = (35, 350)
+SCENE_SLICES = (1, 3, 35)
+RATIO_BOUND, ONE_SLICE_BOUND_MS = 1.3, 5
+RATIOS = ("read_bytes_relative", "load_peak_bytes_relative", "kept_bytes_relative", "load_time_ratio")
+
+
+def measure(context):
+    plan = {"assets": list(assets(context)), "asset_slices": ASSET_SLICES, "scene_slices": SCENE_SLICES,
+            "repetitions": 101 if context.full else 41, "folder": str(context.scratch)}
+    done = subprocess.run([context.programs / "scene_sweep"], input=json.dumps(plan), text=True,
+                          stdout=subprocess.PIPE, check=True)
+    return json.loads(done.stdout)
+
+
+def scans_of(data):
+    return list(dict.fromkeys(row["scan"] for row in data["rows"]))
+
+
+def show(data, page):
+    one = [row for row in data["rows"] if row["scene_slices"] == 1 and row["asset_slices"] == max(ASSET_SLICES)]
+    worst = {key: max(row[key] for row in one) for key in RATIOS}
+    slowest_ms = max(row["load_ms"] for row in one)
+    page.text_block(
+        f"One slice of {max(ASSET_SLICES)}, against the same slice in an asset of its own: {worst['read_bytes_relative']:.3f} times the bytes "
+        f"read, {worst['load_peak_bytes_relative']:.3f} times the memory, {worst['load_time_ratio']:.2f} times the time at most "
+        f"(bound: {RATIO_BOUND}), and {slowest_ms:.2f} ms (bound: {ONE_SLICE_BOUND_MS} ms).", verdict=True)
+    page.text_block(
+        "Loading is from opening the asset to sheets that a tool can meet: the slices' bytes, their decoding, the proof of every "
+        "triangle, the grid for looking up. The files are in the page cache, times are medians taken in turn. Peak: bytes of the heap "
+        "at most while loading; kept: what stays of it, mostly room for the holes to come (the session's second replica apart). "
+        "Factored: free nodes of the networks that answer the tool, one region a slice; 0 where the tool meets nothing.")
+    page.plot(plots.loading([(scan, [row for row in data["rows"] if row["scan"] == scan],
+                              [row for row in data["whole"] if row["scan"] == scan]) for scan in scans_of(data)]),
+              "Reading by the number of slices that the asset has: scenes of 1, 3 and 35 slices, and the whole of the file.")
+    page.table(("scan", "scene's slices", "asset's slices", "file kB", "read kB", "triangles decoded", "nodes factored", "peak kB", "kept kB",
+                "read ms", "load ms", "bytes ratio", "peak ratio", "kept ratio", "time ratio"),
+               [(row["scan"], row["scene_slices"], row["asset_slices"], row["file_bytes"] / 1e3, row["read_bytes"] / 1e3,
+                 row["decoded_triangles"], row["factored_nodes"], row["load_peak_bytes"] / 1e3, row["kept_bytes"] / 1e3,
+                 row["read_ms"], row["load_ms"], *(row[key] for key in RATIOS)) for row in data["rows"]],
+               marked=[k for k, row in enumerate(data["rows"]) if row in one])
+    page.table(("the whole file", "slices", "read kB", "peak kB", "read ms"),
+               [(row["scan"], row["asset_slices"], row["read_bytes"] / 1e3, row["read_peak_bytes"] / 1e3, row["read_ms"])
+                for row in data["whole"]], folded="the whole of each file, for comparison")
+
+
+def readme(data):
+    lines = ["| scan | slices of the scene, of the asset | read kB | of | nodes factored | kept MB | ms to load | times bytes, memory, time of the slices alone |",
+             "| --- | --- | --- | --- | --- | --- | --- | --- |"]
+    for row in data["rows"]:
+        if row["asset_slices"] != max(ASSET_SLICES):
+            continue
+        lines.append(f"| {row['scan']} | {row['scene_slices']} of {row['asset_slices']} | {row['read_bytes'] / 1e3:.1f} | {row['file_bytes'] / 1e3:.0f} | "
+                     f"{row['factored_nodes']} | {row['kept_bytes'] / 1e6:.2g} | {row['load_ms']:.2g} | {row['read_bytes_relative']:.3f}, "
+                     f"{row['load_peak_bytes_relative']:.3f}, {row['load_time_ratio']:.2f} |")
+    lines += ["", "Loading: from the file in the page cache to sheets that a tool can meet."]
+    return lines

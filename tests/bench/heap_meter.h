@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bytes that operator new has handed out and not got back: now, and at most. A program that links
+// heap_meter.cpp counts from its start; on one thread or several.
+#pragma once
+
+#include <cstdint>
+
+namespace trocar::test {
+
+struct HeapBytes {
+  std::int64_t now = 0, most = 0;
+};
+HeapBytes heap_bytes() noexcept;
+/// From here on `most` is the most since now.
+void reset_heap_peak() noexcept;
+
+}  // namespace trocar::test

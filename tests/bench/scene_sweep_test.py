@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""scene_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: scenes of 1, 3 and 35 slices of assets of 35 and 350, made of the
+sample's slices (and the real scans', where there): what is read, decoded, factored and kept follows the scene and not the
+asset. And the report makes a page of it. Times are for reading: nothing here asserts them."""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+PROGRAM, LIBRARY, PLOTS = sys.argv[1:]
+sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
+SKIPPED = 77
+BOUND = 1.3
+
+
+def sweep(plan):
+    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
+
+
+def main():
+    folder = pathlib.Path(os.environ.get("TROCAR_ASSETS", ""))
+    assets = [{"name": path.stem, "path": str(path)} for path in sorted(folder.glob("*.glb"))]
+    if not assets:
+        return SKIPPED
+    with tempfile.TemporaryDirectory() as scratch:
+        plan = {"assets": assets, "asset_slices": [35, 350], "scene_slices": [1, 3, 35], "repetitions": 3, "folder": scratch}
+        done = sweep(plan)
+        assert done.returncode == 0, done.returncode
+        assert list(pathlib.Path(scratch).iterdir()) == []
+        data = json.loads(done.stdout)
+        for asset in assets:
+            rows = {(row["scene_slices"], row["asset_slices"]): row for row in data["rows"] if row["scan"] == asset["name"]}
+            assert sorted(rows) == [(1, 1), (1, 35), (1, 350), (3, 3), (3, 35), (3, 350), (35, 35), (35, 350)]
+            for (scene, of), row in rows.items():
+                alone = rows[scene, scene]
+                for what in ("read_bytes", "read_peak_bytes", "load_peak_bytes", "kept_bytes"):
+                    assert row[what] <= BOUND * alone[what], (row["id"], what, row[what], alone[what])
+                assert row["read_bytes"] <= row["file_bytes"], row
+                for what in ("decoded_triangles", "factored_nodes"):
+                    assert row[what] == alone[what], (row["id"], what)
+            assert rows[1, 350]["factored_nodes"] > 0
+            # And less than the file by as much as the scene is smaller.
+            assert rows[1, 350]["read_bytes"] < rows[1, 350]["file_bytes"] / 100
+            whole = {row["asset_slices"]: row for row in data["whole"] if row["scan"] == asset["name"]}
+            assert whole[350]["read_peak_bytes"] > 20 * rows[1, 350]["read_peak_bytes"]
+
+        import page as html
+        import scenes  # brings matplotlib
+        page = html.Page("t")
+        scenes.show(data, page)
+        assert "<svg" in page.text() and "One slice of 350" in page.text()
+        assert len(scenes.readme(data)) == 2 + 3 * len(assets) + 2
+
+        assert sweep({**plan, "repetitions": 0}).returncode == 2
+        assert sweep({**plan, "scene_slices": [40]}).returncode == 2  # of an asset of 35
+        assert sweep({"assets": []}).returncode == 2
+        assert sweep({**plan, "assets": [{"name": "x", "path": "/no/such.glb"}]}).returncode == 3
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
