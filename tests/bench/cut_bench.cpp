@@ -1,18 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// cut_bench [Google Benchmark's options]: a cut of a tool that meets about 30 triangles, in sheets
-// of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread; against CGAL's
-// constrained Delaunay triangulation of the whole slice with the hole and of the cavity alone, in
-// the same run. Ends with a table of quantiles and ratios.
+// cut_bench [Google Benchmark's options] [--out=ROWS.json]: a cut of a tool that meets about 30
+// triangles, in sheets of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread;
+// against CGAL's constrained Delaunay triangulation of the whole slice with the hole and of the
+// cavity alone, in the same run. Ends with a table of quantiles and ratios.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
+#include <fstream>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <string>
+#include <utility>
 
 #include "runtime/remesh/cut.h"
 #include "runtime/remesh/local_refinement.h"
@@ -151,8 +154,50 @@ void print_row(const char* what, Samples& samples) {
               samples.at(0.999), samples.at(1), samples.us.size());
 }
 
+nlohmann::json describe(int vertices, Subject& subject) {
+  nlohmann::json rows = nlohmann::json::array();
+  const double cut_us = subject.cut_us.at(0.5);
+  for (const auto& [id, samples] : {std::pair{"cut and re-triangulation, proved", &subject.cut_us},
+                                    {"quality pass, 20 degrees", &subject.refine_us},
+                                    {"grid", &subject.grid_us},
+                                    {"ready to hand over", &subject.all_us},
+                                    {"replica, after the hand-over", &subject.replica_us},
+                                    {"CGAL: the cavity", &subject.cavity_us},
+                                    {"CGAL: the slice with the hole", &subject.slice_us}}) {
+    rows.push_back({{"id", std::to_string(vertices) + " vertices/" + id},
+                    {"vertices", vertices},
+                    {"what", id},
+                    {"samples", samples->us.size()},
+                    {"median_us", samples->at(0.5)},
+                    {"p99_us", samples->at(0.99)},
+                    {"max_us", samples->at(1)},
+                    {"to_cut_ratio", samples->at(0.5) / cut_us}});
+  }
+  return rows;
+}
+
+// For scripts/report: the table as JSON.
+void write_rows(const std::string& file, const std::map<int, std::unique_ptr<Subject>>& subjects) {
+  nlohmann::json rows = nlohmann::json::array();
+  nlohmann::json sheets = nlohmann::json::array();
+  for (const auto& [vertices, subject] : subjects) {
+    const nlohmann::json part = describe(vertices, *subject);
+    rows.insert(rows.end(), part.begin(), part.end());
+    sheets.push_back({{"id", std::to_string(vertices) + " vertices"},
+                      {"vertices", subject->sheet.vertices.size()},
+                      {"triangles", subject->sheet.triangles.size()},
+                      {"triangles_removed_median", subject->triangles.at(0.5)},
+                      {"vertices_added_median", subject->added.at(0.5)}});
+  }
+  std::ofstream(file) << nlohmann::json{{"rows", rows}, {"sheets", sheets}}.dump(1) << '\n';
+}
+
 int run(int count, char** words) {
   benchmark::Initialize(&count, words);
+  std::string out;
+  for (int i = 1; i < count; ++i) {
+    if (const std::string word = words[i]; word.rfind("--out=", 0) == 0) out = word.substr(6);
+  }
   std::map<int, std::unique_ptr<Subject>> subjects;
   for (const int vertices : {10'000, 200'000}) {
     Subject& subject = *(subjects[vertices] = std::make_unique<Subject>(vertices));
@@ -188,6 +233,7 @@ int run(int count, char** words) {
     std::printf("  cut against CGAL: cavity x %.1f, slice x %.0f\n",
                 subject->cavity_us.at(0.5) / own, subject->slice_us.at(0.5) / own);
   }
+  if (!out.empty()) write_rows(out, subjects);
   Subject &small = *subjects[10'000], &large = *subjects[200'000];
   std::printf("\n200,000 against 10,000 vertices: cut x %.2f, ready to hand over x %.2f\n",
               large.cut_us.at(0.5) / small.cut_us.at(0.5),
