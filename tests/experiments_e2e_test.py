@@ -11,6 +11,7 @@ messages of the outer contract.
 import csv
 import json
 import pathlib
+import re
 import shutil
 import sys
 
@@ -90,7 +91,10 @@ def main():
     for name in ("one_slice", "three_slices"):
         scene_file = source / "runtime" / "scenes" / f"{name}.json"
         scene = json.loads(scene_file.read_text())
-        run(trocar_run, scene_file, "--asset", asset, "--check")
+        needs = run(trocar_run, scene_file, "--asset", asset, "--check").stdout
+        # As many times less than the file as the scene has fewer slices, or nearly.
+        read, of = map(float, re.search(r"([\d.]+) of its ([\d.]+) kB read", needs).groups())
+        check(of == round(asset.stat().st_size / 1e3, 1) and read < 1.5 * of * len(scene["slices"]) / 35, f"{name}: {needs}")
         for rate in (500, 1000):
             record, summary = (work / f"{name}_{rate}{end}" for end in (".csv", ".json"))
             loaded = (trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet")
@@ -110,6 +114,13 @@ def main():
     # The outer contract's exit codes.
     one_line(run(trocar_run, work / "absent.json", expect=3), "absent.json")
     one_line(run(trocar_run, scene_file, "--asset", work / "absent.glb", "--check", expect=3), "absent.glb")
+    # A byte of the scene's slice that changed on its way: of its Draco payload, the only one in that slice's stretch.
+    damaged = bytearray(asset.read_bytes())
+    payloads = [at for at in range(len(damaged)) if damaged.startswith(b"DRACO", at)]
+    damaged[payloads[17] + 300] ^= 1
+    (work / "damaged.glb").write_bytes(damaged)
+    one_slice = source / "runtime" / "scenes" / "one_slice.json"
+    one_line(run(trocar_run, one_slice, "--asset", work / "damaged.glb", "--check", expect=3), "damaged.glb", "slice 17", "checksum")
     broken = work / "broken.json"
     broken.write_text(json.dumps({**scene, "no_such_key": 1}))
     one_line(run(trocar_run, broken, "--asset", asset, "--check", expect=3), "broken.json", "no_such_key")

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// cut_bench [Google Benchmark's options]: a cut of a tool that meets about 30 triangles, in sheets
-// of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread; against CGAL's
-// constrained Delaunay triangulation of the whole slice with the hole and of the cavity alone, in
-// the same run. Ends with a table of quantiles and ratios.
+// cut_bench [Google Benchmark's options] [--out=ROWS.json]: a cut of a tool that meets about 30
+// triangles, in sheets of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread;
+// against CGAL's constrained Delaunay triangulation of the whole slice with the hole and of the
+// cavity alone, in the same run. Ends with a table of quantiles and ratios.
 //
 // A thread's CPU time counts what interrupts and a virtual machine's host take from it. What is a
 // cut's own is told apart by making the very same sequence of cuts kPasses times from the same
@@ -15,10 +15,13 @@
 #include <cmath>
 #include <cstdio>
 #include <ctime>
+#include <fstream>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <string>
+#include <utility>
 
 #include "runtime/remesh/cut.h"
 #include "runtime/remesh/local_refinement.h"
@@ -60,6 +63,28 @@ struct Samples {
     return us[static_cast<std::size_t>(k)];
   }
 };
+
+// The machine's stalls: as many pieces of arithmetic, each about as long as a cut.
+Samples plain_arithmetic(double length_us) {
+  std::uint64_t value = 1;
+  const auto work = [&value](int rounds) {
+    for (int i = 0; i < rounds; ++i) {
+      value = value * 6364136223846793005U + 1442695040888963407U;
+      benchmark::DoNotOptimize(value);
+    }
+  };
+  constexpr int kMany = 1'000'000;
+  const double before = thread_us();
+  work(kMany);
+  const int rounds = static_cast<int>(kMany * length_us / (thread_us() - before));
+  Samples samples;
+  for (int i = 0; i < kPasses * kCutsPerPass; ++i) {
+    const double start = thread_us();
+    work(rounds);
+    samples.us.push_back(thread_us() - start);
+  }
+  return samples;
+}
 
 // A sheet with its replica, as the remesher has them.
 class Subject {
@@ -152,6 +177,7 @@ class Subject {
   }
 
   SliceMesh sheet;
+  Samples own_us, machine_us;  // cuts_of_their_own(), plain_arithmetic()
   Samples cut_us, refine_us, cut_refine_us, grid_us, replica_us, all_us, triangles, added,
       cavity_us, slice_us;
 
@@ -178,30 +204,62 @@ void print_row(const char* what, Samples& samples) {
               samples.at(0.999), samples.at(1), samples.us.size());
 }
 
-// The machine's stalls: as many pieces of arithmetic, each about as long as a cut.
-Samples plain_arithmetic(double length_us) {
-  std::uint64_t value = 1;
-  const auto work = [&value](int rounds) {
-    for (int i = 0; i < rounds; ++i) {
-      value = value * 6364136223846793005U + 1442695040888963407U;
-      benchmark::DoNotOptimize(value);
-    }
-  };
-  constexpr int kMany = 1'000'000;
-  const double before = thread_us();
-  work(kMany);
-  const int rounds = static_cast<int>(kMany * length_us / (thread_us() - before));
-  Samples samples;
-  for (int i = 0; i < kPasses * kCutsPerPass; ++i) {
-    const double start = thread_us();
-    work(rounds);
-    samples.us.push_back(thread_us() - start);
+struct Row {
+  const char* what;
+  Samples* samples;
+};
+
+std::vector<Row> rows_of(Subject& subject) {
+  return {{"cut and re-triangulation, proved", &subject.cut_us},
+          {"each cut's median of three passes", &subject.own_us},
+          {"plain arithmetic of a cut's length", &subject.machine_us},
+          {"quality pass, 20 degrees", &subject.refine_us},
+          {"cut and quality pass", &subject.cut_refine_us},
+          {"grid", &subject.grid_us},
+          {"ready to hand over", &subject.all_us},
+          {"replica, after the hand-over", &subject.replica_us},
+          {"CGAL: the cavity", &subject.cavity_us},
+          {"CGAL: the slice with the hole", &subject.slice_us}};
+}
+
+nlohmann::json describe(int vertices, Subject& subject) {
+  nlohmann::json rows = nlohmann::json::array();
+  const double cut_us = subject.cut_us.at(0.5);
+  for (const auto& [what, samples] : rows_of(subject)) {
+    rows.push_back({{"id", std::to_string(vertices) + " vertices/" + what},
+                    {"vertices", vertices},
+                    {"what", what},
+                    {"samples", samples->us.size()},
+                    {"median_us", samples->at(0.5)},
+                    {"p99_us", samples->at(0.99)},
+                    {"max_us", samples->at(1)},
+                    {"to_cut_ratio", samples->at(0.5) / cut_us}});
   }
-  return samples;
+  return rows;
+}
+
+// For scripts/report: the table as JSON.
+void write_rows(const std::string& file, const std::map<int, std::unique_ptr<Subject>>& subjects) {
+  nlohmann::json rows = nlohmann::json::array();
+  nlohmann::json sheets = nlohmann::json::array();
+  for (const auto& [vertices, subject] : subjects) {
+    const nlohmann::json part = describe(vertices, *subject);
+    rows.insert(rows.end(), part.begin(), part.end());
+    sheets.push_back({{"id", std::to_string(vertices) + " vertices"},
+                      {"vertices", subject->sheet.vertices.size()},
+                      {"triangles", subject->sheet.triangles.size()},
+                      {"triangles_removed_median", subject->triangles.at(0.5)},
+                      {"vertices_added_median", subject->added.at(0.5)}});
+  }
+  std::ofstream(file) << nlohmann::json{{"rows", rows}, {"sheets", sheets}}.dump(1) << '\n';
 }
 
 int run(int count, char** words) {
   benchmark::Initialize(&count, words);
+  std::string out;
+  for (int i = 1; i < count; ++i) {
+    if (const std::string word = words[i]; word.rfind("--out=", 0) == 0) out = word.substr(6);
+  }
   std::map<int, std::unique_ptr<Subject>> subjects;
   for (const int vertices : {10'000, 200'000}) {
     Subject& subject = *(subjects[vertices] = std::make_unique<Subject>(vertices));
@@ -221,27 +279,20 @@ int run(int count, char** words) {
   benchmark::RunSpecifiedBenchmarks();
 
   for (auto& [vertices, subject] : subjects) {
-    Samples own_us = subject->cuts_of_their_own();
-    Samples machine_us = plain_arithmetic(own_us.at(0.5));
+    subject->own_us = subject->cuts_of_their_own();
+    subject->machine_us = plain_arithmetic(subject->own_us.at(0.5));
     std::printf(
         "\n%zu vertices, %zu triangles; a cut replaces %.0f, the quality pass adds %.1f "
         "vertices\n  %-36s %8s %8s %8s %8s %8s\n",
         subject->sheet.vertices.size(), subject->sheet.triangles.size(), subject->triangles.at(0.5),
         subject->added.at(0.5), "CPU time in us", "p50", "p99", "p99.9", "max", "samples");
-    print_row("cut and re-triangulation, proved", subject->cut_us);
-    print_row("  each cut's median of three passes", own_us);
-    print_row("  plain arithmetic of a cut's length", machine_us);
-    print_row("quality pass, 20 degrees", subject->refine_us);
-    print_row("cut and quality pass", subject->cut_refine_us);
-    print_row("grid", subject->grid_us);
-    print_row("all three: ready to hand over", subject->all_us);
-    print_row("replica, after the hand-over", subject->replica_us);
-    print_row("CGAL CDT of the cavity", subject->cavity_us);
-    print_row("CGAL CDT of the slice", subject->slice_us);
+    for (const auto& [what, samples] : rows_of(*subject))
+      print_row(what, *samples);
     const double own = subject->cut_us.at(0.5);
     std::printf("  cut against CGAL: cavity x %.1f, slice x %.0f\n",
                 subject->cavity_us.at(0.5) / own, subject->slice_us.at(0.5) / own);
   }
+  if (!out.empty()) write_rows(out, subjects);
   Subject &small = *subjects[10'000], &large = *subjects[200'000];
   std::printf("\n200,000 against 10,000 vertices: cut x %.2f, ready to hand over x %.2f\n",
               large.cut_us.at(0.5) / small.cut_us.at(0.5),

@@ -7,7 +7,7 @@
 //        "tilts_deg": [..],                  and as many at each of these tilts
 //        "maps": [{"extent_m", "heights_m": [..], "points", "tilt_deg", "tilts"}],
 //        "forces_N": [..], "wrenches": 2000, random wrenches at each force
-//        "timed": 20000}
+//        "timed": 20000, "kinematics_poses": 1000}
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -20,6 +20,7 @@
 #include "formats/result.h"
 #include "runtime/device/leg_ring.h"
 #include "runtime/device/torque_allocation.h"
+#include "tests/bench/kinematics_rows.h"
 #include "tests/device_workspace.h"
 
 namespace {
@@ -295,6 +296,7 @@ int main() {
     answer["rings"] = json::array({ring<4>(device, plan), ring<3>(device, plan)});
     answer["allocation"] = allocation(device, plan);
     answer["times"] = times(device, plan.at("timed"));
+    answer["kinematics"] = test::kinematics_rows(device, plan.at("kinematics_poses"));
     answer["torque_reserve_percent"] = 100 * kTorqueReserve;
     std::cout << answer.dump() << '\n';
   } catch (const json::exception& error) {

@@ -11,7 +11,7 @@ def sweep(plan):
 
 
 def main():
-    plan = {"poses": 500, "tilts_deg": [0, 40], "forces_N": [10, 60, 140], "wrenches": 400, "timed": 300,
+    plan = {"poses": 500, "tilts_deg": [0, 40], "forces_N": [10, 60, 140], "wrenches": 400, "timed": 300, "kinematics_poses": 200,
             "maps": [{"extent_m": 0.02, "heights_m": [0.1, 0.2], "points": 5, "tilt_deg": 10, "tilts": 6}]}
     done = sweep(plan)
     assert done.returncode == 0, done.returncode
@@ -35,6 +35,11 @@ def main():
     assert all(abs(a - b) < 1e-9 for x, y in zip(grid, turned) for a, b in zip(x, y))
     # What tests/jacobian_test.cpp asserts of the same poses' like.
     assert four["rows"][0]["inverse_condition_min"] > 0.15 and four["rows"][0]["torque_for_35N_max_Nm"] < 4.5
+
+    inverse, forward, motors, compact, influence = answer["kinematics"]
+    assert all(row["failures"] == 0 and row["median_us"] > 0 for row in answer["kinematics"])
+    assert forward["pose_error_max_m"] < 1e-12 and motors["pose_error_max_m"] < 1e-10 and motors["iterations_max"] <= 6, (forward, motors)
+    assert influence["difference_from_compact_max"] < 1e-11
 
     rows = answer["allocation"]
     assert [r["force_N"] for r in rows] == [10, 60, 140]

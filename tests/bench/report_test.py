@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """report_test.py SOURCE: the parts of scripts/report that judge: what moved, what is recommended, what
 README.md gets, numbers as they are shown."""
+import contextlib
+import importlib
+import io
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -38,6 +42,30 @@ def check_against():
     page = html.Page("t")
     against.show("old.json", report(), report(triangles=8), page)
     assert "s/rows/a/triangles" in page.text() and "s/rows/a/total_ms" not in page.text()
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        against.show("old.json", report(), report(triangles=14, total_ms=20.0), html.Page("t"))
+    assert "1 errors, counts or bytes and 1 times moved" in said.getvalue() and said.getvalue().count("x 2\n") == 2, said.getvalue()
+
+
+def check_sections():
+    """Everything that the report is to cover has its section, in this order; the programs they run are built by scripts/report."""
+    import main as report_main
+    sections = sorted((importlib.import_module(f"sections.{name}") for name in report_main.SECTION_NAMES), key=lambda s: s.ORDER)
+    names = [section.__name__.split(".")[1] for section in sections]
+    assert names == ["pipeline", "deformation", "remeshing", "device", "loop", "scenes", "conditioning"], names
+    script = (SOURCE / "scripts" / "report").read_text()
+    for section in sections:
+        for program in re.findall(r'context\.programs / "([\w-]+)"', pathlib.Path(section.__file__).read_text()):
+            assert program in script, program
+    # The section that no test of its own program shows.
+    import remeshing
+    what = [remeshing.CUT, remeshing.READY, "replica, after the hand-over", remeshing.CAVITY, remeshing.SLICE]
+    data = {"sheets": [{"triangles_removed_median": 30}],
+            "rows": [{"vertices": n, "what": w, "samples": 9, "median_us": 2.0 + k, "p99_us": 5.0, "max_us": 9.0, "to_cut_ratio": 1.0 + k}
+                     for n in (10000, 200000) for k, w in enumerate(what)]}
+    page = html.Page("t")
+    remeshing.show(data, page)
+    assert "<svg" in page.text() and "meets 30 triangles" in page.text() and len(remeshing.readme(data)) == 2
 
 
 def check_recommendation():
@@ -79,6 +107,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         check_readme(pathlib.Path(folder))
         check_arguments(pathlib.Path(folder))
+    check_sections()
     return 0
 
 

@@ -52,5 +52,9 @@ def show(name, old, new, page):
         page.table(("figure", "where"), [(p, "only before") for p in gone] + [(p, "only now") for p in fresh],
                    folded=f"{len(gone)} figures are no more, {len(fresh)} are new")
     print(f"since {name}: {len(rest)} errors, counts or bytes and {len(times)} times moved")
-    for path, a, b, _ in (rest + times)[:20]:
-        print(f"  {path}: {a:g} -> {b:g}")
+    shown = (rest[:20] + times[:20]) if rest and times else (rest + times)[:40]
+    width = max((len(path) for path, *_ in shown), default=0)
+    for path, a, b, ratio in shown:
+        print(f"  {path:{width}}  {a:>12g}  {b:>12g}  {'' if ratio is None else f'x {ratio:.3g}'}")
+    if len(shown) < len(rows):
+        print(f"  and {len(rows) - len(shown)} more on the page")

@@ -76,6 +76,6 @@ def show(data, page):
 
 def readme(data):
     wrong, count = (sum(row[key] for row in data["predicates"]) for key in ("wrong_signs", "count"))
-    return ["Rounding, against 50 digits (predicates: against integers of any length):", "",
-            f"predicates: {wrong} wrong signs of {count}. Largest relative error on ordinary inputs, and on those made to be hard:",
-            "", "; ".join(f"{name} {ordinary:.0e}, {hard:.0e}" for name, _, ordinary, hard in figures(data)) + ".", ""]
+    errors = ", ".join(f"{name} {ordinary:.0e} ({hard:.0e})" for name, _, ordinary, hard in figures(data))
+    return ["", f"Rounding, against 50 digits: {wrong} wrong signs of {count} predicates; largest relative error on ordinary inputs (and on those "
+            f"made to be hard): {errors}."]

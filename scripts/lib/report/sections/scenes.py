@@ -40,7 +40,7 @@ def show(data, page):
         f"(bound: {RATIO_BOUND}), and {slowest_ms:.2f} ms (bound: {ONE_SLICE_BOUND_MS} ms).", verdict=True)
     page.text_block(
         "Loading is from opening the asset to sheets that a tool can meet: the slices' bytes, their decoding, the proof of every "
-        "triangle, the grid for looking up. The files are in the page cache, times are medians taken in turn. Peak: bytes of the heap "
+        "triangle, the grid for looking up. The files are in the page cache, times are medians taken in turn, and their ratio is of CPU time, which other work on the machine does not concern. Peak: bytes of the heap "
         "at most while loading; kept: what stays of it, mostly room for the holes to come (the session's second replica apart). "
         "Factored: free nodes of the networks that answer the tool, one region a slice; 0 where the tool meets nothing.")
     page.plot(plots.loading([(scan, [row for row in data["rows"] if row["scan"] == scan],
