@@ -25,7 +25,9 @@ class ScriptedDevice final : public Device {
     written = command;
     return on_write;
   }
+  void restore() noexcept override { ++restored; }
   DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
+  int restored = 0;
   DeviceState next;
   DeviceCommand written;
 };
@@ -372,8 +374,18 @@ TEST_F(Loop, MotorOverloadWhenHotMotorsGiveTooLittleForTooLong) {
   tick();
   recover_ = false;
   EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
-  EXPECT_GT(result_.row.motor_heat_max, 0.5) << "hot: the quiet time has not begun";
-  EXPECT_EQ(state_.safety.quiet_ticks, 0U);
+  let_it_jump(true);
+  go_to(0.121);
+  tick();
+  ASSERT_GT(result_.row.motor_heat_max, 0.6);
+  for (int i = 0; result_.row.motor_heat_max > 0.5; ++i) {
+    ASSERT_LT(i, 5000);
+    ASSERT_EQ(state_.safety.quiet_ticks, 0U) << "hot: the quiet time has not begun";
+    tick();
+  }
+  for (int i = 0; i < 300; ++i)
+    tick();
+  EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
 }
 
 TEST_F(Loop, MotorOverloadWhenABudgetIsOverdrawn) {
@@ -487,6 +499,33 @@ TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
     last_N = result_.row.wrench_delivered[2];
   }
   EXPECT_NEAR(last_N, 20, 1e-9);
+}
+
+TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
+  for (const DeviceStatus lost : {DeviceStatus::kLinkLost, DeviceStatus::kMotorFault}) {
+    device_.restored = 0;
+    device_.on_read = lost;
+    for (int i = 0; i < 100; ++i)
+      tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kFault);
+    EXPECT_EQ(device_.restored, 0);
+    recover_ = true;
+    tick();
+    recover_ = false;
+    for (int i = 0; i < 9; ++i)
+      tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+    EXPECT_EQ(device_.restored, 10) << "as long as it is away";
+    let_it_jump(true);
+    go_to(0.121);
+    for (const DeviceStatus there : {DeviceStatus::kEmergencyStop, DeviceStatus::kOk}) {
+      device_.on_read = there;
+      for (int i = 0; i < 400; ++i)
+        tick();
+    }
+    EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+    EXPECT_EQ(device_.restored, 10);
+  }
 }
 
 TEST_F(Loop, ARequestInAnyOtherStateDoesNothing) {
