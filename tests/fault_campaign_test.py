@@ -378,7 +378,8 @@ def killed_drive(rig, name, kind, row, _):
     """One session, whose drive is killed and started again."""
     folder = rig.folder()
     moment_s = row.random.uniform(*CONTACT_S)
-    duration_s = 2.25 if kind.clock == "real" else 1.75
+    # Real time: long enough for a slow start and for the hand to come back a second time.
+    duration_s = 3.25 if kind.clock == "real" else 1.75
     simulator = Simulator(rig, row, folder, kind.order(row.random, moment_s), kind.clock)
     process = rig.start(simulator, folder, kind.clock, duration_s)
     if kind.clock == "real":
