@@ -183,10 +183,12 @@ class Server {
     realtime.priority = 70;  // below the loop's own
     realtime.stop = &stop_requested;
     return run_realtime(realtime, [this](const TickTiming& timing) {
-      const double skipped = std::clamp(std::round(timing.gap_s / period_s_), 1.0, kMostCaughtUp);
+      owed_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
+      const double periods = std::clamp(std::round(owed_), 0.0, kMostCaughtUp);
+      owed_ = std::min(owed_ - periods, 1.0);
       serve();
       Drive::Answer state;
-      drive_.tick(now_ns(), static_cast<int>(skipped), state);
+      drive_.tick(now_ns(), static_cast<int>(periods), state);
       send(state, host_);
       die_if_due();
       return !is_done();
@@ -258,6 +260,7 @@ class Server {
   std::uint64_t sessions_;
   std::string record_;
   double period_s_;
+  double owed_ = 0;  ///< periods that the world is behind the clock
 };
 
 nlohmann::json summarize(const Arguments& arguments, const Drive& drive,

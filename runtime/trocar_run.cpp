@@ -301,6 +301,7 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   Result<SessionReport> report = watched(arguments, options, [&] {
     return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
   });
+  (*device)->close();
   of_link = describe(**device);
   return report;
 }

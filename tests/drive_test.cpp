@@ -199,7 +199,7 @@ TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
     const DriveMode told = silence ? DriveMode::kWatchdog : DriveMode::kEmergencyStop;
     for (; ms < 60; ++ms) {
       ASSERT_EQ(torque_of(drive), 0) << ms;
-      ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+      ASSERT_EQ(host.torque(ms == 50 ? 0 : 1, ms * kMs), LinkRefusal::kNone);  // nor is a chance 0
       drive.tick(ms * kMs, 4, state);
       ASSERT_EQ(drive.mode(), told) << "it is told until the host knows";
     }
@@ -410,6 +410,21 @@ TEST_F(DriveLink, ADeadMotorGivesNothingAndIsReported) {
       EXPECT_EQ(faults, 8) << tick;
     }
   }
+}
+
+TEST_F(DriveLink, AnEncoderThatSticksAgainDoesSoWhereItThenIs) {
+  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01..0.02,stuck:0@0.03..0.04"),
+              held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  double stuck_rad[2] = {0, 0};
+  for (int tick = 0; tick < 38; ++tick) {
+    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
+    const double angle_rad = host.state().encoder_rad[0];
+    if (tick == 15) stuck_rad[0] = angle_rad;
+    if (tick == 35) stuck_rad[1] = angle_rad;
+  }
+  EXPECT_GT(std::abs(stuck_rad[1] - stuck_rad[0]), 1e-6);
 }
 
 TEST_F(DriveLink, EncodersStickAndJump) {

@@ -9,123 +9,15 @@
 
 #include "runtime/loop/haptic_loop.h"
 #include "runtime/loop/session.h"
+#include "tests/loop_fixture.h"
 #include "tests/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
-/// Says what it is told to and keeps what it hears.
-class ScriptedDevice final : public Device {
- public:
-  DeviceStatus read(DeviceState& state) noexcept override {
-    if (on_read == DeviceStatus::kOk) state = next;
-    return on_read;
-  }
-  DeviceStatus write(const DeviceCommand& command) noexcept override {
-    written = command;
-    return on_write;
-  }
-  DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
-  DeviceState next;
-  DeviceCommand written;
-};
-
-double largest(const DeviceCommand& command) {
-  double result = 0;
-  for (const double tau : command.tau_motor_Nm)
-    result = std::max(result, std::abs(tau));
-  return result;
-}
-
-/// A sheet at 0.12 m, a device pushed 4 mm into it (20 N), one good tick done before each test.
-class Loop : public testing::Test {
- protected:
-  void SetUp() override {
-    const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
-    sheets_ = std::move(*place_slices(scene, test::square_asset(1), "a"));
-    current_ = {sheets_[0].get()};
-    model_.device = default_device_description();
-    model_.contact.tool = make_tool(scene.tool);
-    model_.rate_Hz = 1000;
-    model_.limits.torque_rise_max_Nm_per_s = 1e6;
-    let_it_jump(true);
-    go_to(0.125);
-    tick();
-    EXPECT_EQ(state_.safety.state, SafetyState::kReady);
-    tick();
-    EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
-    go_to(0.116);
-    tick();
-    ASSERT_EQ(state_.safety.fault, Fault::kNone);
-    ASSERT_NEAR(result_.row.wrench_wanted[2], 20, 1e-9);
-    ASSERT_GT(largest(device_.written), 0.1);
-    good_ = device_.written;
-    let_it_jump(false);
-  }
-  /// A test's device goes where it is told to from one tick to the next.
-  void let_it_jump(bool may) {
-    model_.limits.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
-    model_.limits.speed_max_m_per_s = may ? 1e3 : 2;
-    state_.limits.has_pose = false;
-  }
-  void go_to(double z_m, double x_m = 0) {
-    Pose pose;
-    pose.p_m = {x_m, 0, z_m};
-    const InverseResult inverse = inverse_kinematics(model_.device, pose);
-    ASSERT_TRUE(inverse.status);
-    device_.next.encoder_rad = encoder_angles(inverse.joints);
-  }
-  void tick(double gap_s = 1e-3) {
-    TickInputs inputs;
-    inputs.sheets = current_;
-    inputs.gap_s = gap_s;
-    inputs.missed_in_row = missed_in_row_;
-    inputs.outside = outside_;
-    inputs.recover = recover_;
-    haptic_tick(model_, inputs, device_, state_, result_);
-  }
-  /// The next tick must have this fault, and laws 1 to 3 must hold from it on.
-  void expect_fault(Fault fault, double gap_s = 1e-3) {
-    tick(gap_s);
-    ASSERT_EQ(state_.safety.fault, fault) << to_word(state_.safety.fault);
-    EXPECT_EQ(result_.row.fault, fault);
-    EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
-    device_.on_read = device_.on_write = DeviceStatus::kOk;  // all is well again: it latches
-    go_to(0.116);
-    double last = largest(device_.written);
-    EXPECT_LE(last, largest(good_));
-    const bool in_writing = last == largest(good_);
-    int ticks = 1;
-    for (; !result_.at_rest; ++ticks) {
-      ASSERT_LT(ticks, 100);
-      tick();
-      EXPECT_EQ(state_.safety.fault, fault);
-      const double left = std::max(0.0, 1 - static_cast<double>(state_.safety.ramp_ticks_done) / 4);
-      for (int i = 0; i < kMotors; ++i) {
-        ASSERT_NEAR(device_.written.tau_motor_Nm[i], left * state_.tau_at_stop_Nm[i], 1e-12);
-      }
-      EXPECT_LT(largest(device_.written), last);
-      last = largest(device_.written);
-    }
-    EXPECT_EQ(ticks, in_writing ? 5 : 4) << "the ramp is 4 ms";
-    EXPECT_EQ(largest(device_.written), 0);
-    tick();
-    EXPECT_EQ(largest(device_.written), 0);
-    EXPECT_EQ(result_.row.fault, fault);
-    EXPECT_EQ(result_.row.safety, SafetyState::kFault);
-  }
-
-  std::vector<std::unique_ptr<const Sheet>> sheets_;
-  std::vector<const Sheet*> current_;
-  LoopModel model_;
-  LoopState state_;
-  TickResult result_;
-  ScriptedDevice device_;
-  DeviceCommand good_;
-  int missed_in_row_ = 0;
-  Fault outside_ = Fault::kNone;
-  bool recover_ = false;
-};
+using testing_support::largest;
+using testing_support::ScriptedDevice;
+using Loop = testing_support::LoopFixture;
 
 TEST_F(Loop, AGoodTickHasNoFault) {
   go_to(0.1158);
@@ -319,133 +211,6 @@ TEST_F(Loop, NearAnEndOfReach) {
   expect_fault(Fault::kSingularity);
 }
 
-// The wall softens along its own direction, down to what motors may give for ever, and is back once
-// they have cooled; nobody is stopped.
-TEST_F(Loop, HotMotorsGiveWaySmoothlyAndComeBack) {
-  DeviceDescription& device = model_.device;
-  device.motor_continuous_torque_Nm = 0.7 * largest(good_);
-  device.motor_peak_time_s = 0.2;
-  device.motor_peak_torque_Nm = 1.5 * largest(good_);
-  double last_N = result_.row.wrench_delivered[2], largest_step_N = 0, heat = 0;
-  for (int i = 0; i < 2000; ++i) {
-    tick();
-    ASSERT_EQ(state_.safety.fault, Fault::kNone) << i;
-    for (int k = 0; k < 6; ++k) {
-      ASSERT_NEAR(result_.row.wrench_delivered[k],
-                  result_.row.wrench_scale * result_.row.wrench_wanted[k], 1e-9);
-    }
-    largest_step_N = std::max(largest_step_N, std::abs(result_.row.wrench_delivered[2] - last_N));
-    last_N = result_.row.wrench_delivered[2];
-    heat = std::max(heat, result_.row.motor_heat_max);
-  }
-  EXPECT_LT(largest(device_.written), 1.01 * device.motor_continuous_torque_Nm);
-  EXPECT_GT(largest(device_.written), 0.98 * device.motor_continuous_torque_Nm);
-  EXPECT_NEAR(last_N, 20 * 0.7, 0.4);
-  EXPECT_LT(largest_step_N, 0.5);
-  EXPECT_GT(heat, 0.95);
-  EXPECT_LE(heat, 1 + 1e-9);
-  let_it_jump(true);
-  go_to(0.125);
-  for (int i = 0; i < 2000; ++i)
-    tick();
-  go_to(0.116);
-  tick();
-  EXPECT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
-}
-
-TEST_F(Loop, MotorOverloadWhenHotMotorsGiveTooLittleForTooLong) {
-  model_.device.motor_continuous_torque_Nm = 0.3 * largest(good_);
-  model_.device.motor_peak_torque_Nm = 1.5 * largest(good_);
-  model_.device.motor_peak_time_s = 0.02;
-  model_.limits.overload_time_max_s = 0.05;
-  int ticks = 0;
-  for (; state_.safety.fault == Fault::kNone; ++ticks) {
-    ASSERT_LT(ticks, 1000);
-    tick();
-  }
-  EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
-  EXPECT_GT(ticks, 50);
-  EXPECT_LT(ticks, 150);
-  for (int i = 0; i < 10; ++i)
-    tick();
-  recover_ = true;
-  tick();
-  recover_ = false;
-  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
-  EXPECT_GT(result_.row.motor_heat_max, 0.5) << "hot: the quiet time has not begun";
-  EXPECT_EQ(state_.safety.quiet_ticks, 0U);
-}
-
-TEST_F(Loop, MotorOverloadWhenABudgetIsOverdrawn) {
-  model_.device.motor_continuous_torque_Nm = 0.01;
-  model_.device.motor_peak_time_s = 1e-9;  // shorter than a tick: nothing can give way in time
-  expect_fault(Fault::kMotorOverload);
-}
-
-// Added to what is rendered, told apart from it, slowly from nothing on, and never beyond a limit.
-TEST_F(Loop, WeightAndFrictionAreCompensatedIfAskedFor) {
-  model_.compensation.gravity = true;
-  model_.device.gravity_m_per_s2 = 9.81;
-  double last_N = 0;
-  for (int i = 1; i <= 400; ++i) {
-    tick();
-    ASSERT_EQ(state_.safety.fault, Fault::kNone);
-    ASSERT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
-    const Wrench all = state_.G.transpose() * state_.tau_motor_Nm;
-    ASSERT_NEAR(all[2] - 20, std::min(1.0, i / 250.0) * 0.35 * 9.81, 1e-6);
-    ASSERT_GE(all[2], last_N);
-    last_N = all[2];
-  }
-  const double limit_Nm = 0.9 * largest(device_.written);
-  model_.device.motor_peak_torque_Nm = model_.device.motor_continuous_torque_Nm = limit_Nm;
-  tick();
-  EXPECT_LE(largest(device_.written), limit_Nm);
-  EXPECT_LT(result_.row.wrench_scale, 1);
-  for (int k = 0; k < 6; ++k) {
-    EXPECT_NEAR(result_.row.wrench_delivered[k],
-                result_.row.wrench_scale * result_.row.wrench_wanted[k], 1e-9);
-  }
-}
-
-TEST_F(Loop, MotorOverloadWhenTheWeightAloneIsTooMuchForHotMotors) {
-  model_.compensation.gravity = true;
-  model_.device.gravity_m_per_s2 = 9.81;
-  model_.device.plate_mass_kg = 10;
-  model_.limits.timing.ramp_up_s = 0;
-  model_.limits.overload_time_max_s = 1e9;
-  tick();
-  ASSERT_EQ(state_.safety.fault, Fault::kNone);
-  model_.device.motor_continuous_torque_Nm = 0.5 * state_.beside_Nm.cwiseAbs().maxCoeff();
-  model_.device.motor_peak_time_s = 0.02;
-  int ticks = 0;
-  for (; state_.safety.fault == Fault::kNone; ++ticks) {
-    ASSERT_LT(ticks, 2000);
-    tick();
-  }
-  EXPECT_GT(ticks, 10);
-  EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
-}
-
-TEST_F(Loop, CompensationMovesWithTheMotors) {
-  model_.compensation.friction = true;
-  model_.device.joint_coulomb_friction_Nm = 0.1;
-  model_.limits.timing.ramp_up_s = 0;
-  double z_m = 0.116;
-  for (int i = 0; i < 60; ++i) {
-    go_to(z_m += 0.1e-3);
-    tick();
-    ASSERT_EQ(state_.safety.fault, Fault::kNone);
-  }
-  const MotorVector rate = state_.G * state_.limits.twist_device;
-  for (int i = 0; i < kMotors; ++i) {
-    ASSERT_GT(std::abs(rate[i]), 0.1) << "fast enough for all of it";
-    EXPECT_NEAR(state_.beside_Nm[i],
-                0.8 * (std::copysign(0.1, rate[i]) +
-                       model_.device.joint_viscous_friction_Nms_per_rad * rate[i]),
-                1e-12);
-  }
-}
-
 TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
   device_.next.encoder_rad[4] += 0.061;
   expect_fault(Fault::kEncoderJump);  // the tool stands in the sheet
@@ -487,6 +252,33 @@ TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
     last_N = result_.row.wrench_delivered[2];
   }
   EXPECT_NEAR(last_N, 20, 1e-9);
+}
+
+TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
+  for (const DeviceStatus lost : {DeviceStatus::kLinkLost, DeviceStatus::kMotorFault}) {
+    device_.restored = 0;
+    device_.on_read = lost;
+    for (int i = 0; i < 100; ++i)
+      tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kFault);
+    EXPECT_EQ(device_.restored, 0);
+    recover_ = true;
+    tick();
+    recover_ = false;
+    for (int i = 0; i < 9; ++i)
+      tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+    EXPECT_EQ(device_.restored, 10) << "as long as it is away";
+    let_it_jump(true);
+    go_to(0.121);
+    for (const DeviceStatus there : {DeviceStatus::kEmergencyStop, DeviceStatus::kOk}) {
+      device_.on_read = there;
+      for (int i = 0; i < 400; ++i)
+        tick();
+    }
+    EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+    EXPECT_EQ(device_.restored, 10);
+  }
 }
 
 TEST_F(Loop, ARequestInAnyOtherStateDoesNothing) {

@@ -87,14 +87,15 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
   // Several are kept: an old hello sent again must not spoil the one that is being answered.
   auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
   if (known == offers_.end()) {
-    offered.emplace();
-    offered->host_nonce = hello.host_nonce;
-    offered->drive_nonce = random_nonce();
-    offered->key = session_key(options_.key, offered->host_nonce, offered->drive_nonce);
-    offered->number = session_number(offered->drive_nonce);
-    offered->period_s = hello.period_s;
-    offered->watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
-    offered->fresh = hello.fresh;
+    Session made;
+    made.host_nonce = hello.host_nonce;
+    made.drive_nonce = random_nonce();
+    made.key = session_key(options_.key, made.host_nonce, made.drive_nonce);
+    made.number = session_number(made.drive_nonce);
+    made.period_s = hello.period_s;
+    made.watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
+    made.fresh = hello.fresh;
+    offered = made;
   }
   WelcomePacket welcome;
   welcome.time_ns = now_ns;

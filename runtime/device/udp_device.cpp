@@ -39,9 +39,14 @@ Result<std::unique_ptr<UdpDevice>> UdpDevice::connect(const UdpDeviceOptions& op
 }
 
 UdpDevice::~UdpDevice() {
+  close();
+}
+
+void UdpDevice::close() {
   closing_.store(true);
   if (restorer_.joinable()) restorer_.join();
   if (session_ != 0) send(CommandMode::kStop, {});
+  session_ = 0;
 }
 
 void UdpDevice::restore() noexcept {

@@ -36,8 +36,10 @@ class UdpDevice final : public Device {
   /// Hello, welcome, and a first state. Blocks at most connect_timeout_s. Errors: device fault, if
   /// there is no answer; usage, if the drive goes by another clock.
   static Result<std::unique_ptr<UdpDevice>> connect(const UdpDeviceOptions& options);
-  /// Says that the session is over.
+  /// close().
   ~UdpDevice() override;
+  /// Says that the session is over, and ends what restore() began. Of use afterwards: the counts.
+  void close();
   UdpDevice(const UdpDevice&) = delete;
   UdpDevice& operator=(const UdpDevice&) = delete;
 
@@ -60,7 +62,7 @@ class UdpDevice final : public Device {
   /// the last read() has found the link lost or a motor's fault, which a drive keeps for a session.
   void restore() noexcept override;
 
-  /// While nothing is being restored.
+  // While nothing is being restored.
   const LinkCounts& packets() const noexcept { return counts_; }
   /// States that were sent in this device's sessions and never accepted: lost, or overtaken. From
   /// the first torques on: before them a loop may take its time.

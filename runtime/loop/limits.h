@@ -2,7 +2,7 @@
 // The limits beyond which the loop stops: where the plate may be, how fast, and what may be asked
 // of the motors. Pure functions; each limit is a named fault. Called from the haptic thread.
 //
-// Laws (tests/limits_test.cpp):
+// Laws (tests/limits_test.cpp; in the loop: tests/loop_motors_test.cpp):
 //  1. Within its limit a check finds nothing, beyond it it names its own fault; what is not finite
 //     is beyond every limit.
 //  2. Speeds are smoothed over `speed_window_s`, so that an encoder's single count is no speed.
