@@ -226,10 +226,11 @@ std::vector<Ring> simple_rings(std::vector<DirectedEdge> edges) {
       ways.pop_back();
       while (true) {
         if (const auto it = seen.find(at); it != seen.end()) {
-          Ring ring(path.begin() + static_cast<std::ptrdiff_t>(it->second), path.end());
+          const std::size_t first = it->second;
+          Ring ring(path.begin() + static_cast<std::ptrdiff_t>(first), path.end());
           for (const LatticePoint& p : ring)
             seen.erase(p);
-          path.resize(it->second);
+          path.resize(first);
           if (ring.size() >= 3 && doubled_area(ring) != 0) rings.push_back(std::move(ring));
           if (path.empty()) break;
         }

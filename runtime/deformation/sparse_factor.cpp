@@ -20,6 +20,7 @@ std::vector<std::uint32_t> elimination_order(const Network& network,
     number[i] = static_cast<int>(free.size());
     free.push_back(i);
   }
+  if (free.empty()) return free;  // Eigen reads beyond the end of a matrix of no columns
   const auto n = static_cast<int>(free.size());
   Eigen::SparseMatrix<double> pattern(n, n);
   std::vector<int> per_column(free.size());
