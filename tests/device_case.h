@@ -40,7 +40,7 @@ inline std::optional<double> number_or_word(const nlohmann::json& value) {
 class DeviceFields {
  public:
   DeviceFields(const nlohmann::json& value, std::string path, JsonErrors& errors)
-      : object_(value, path, errors), value_(value), path_(std::move(path)), errors_(errors) {}
+      : object_(value, path, errors), path_(std::move(path)), errors_(errors) {}
 
   bool has(const char* key) const { return object_.has(key); }
   double number(const char* key, double otherwise) {
@@ -78,7 +78,6 @@ class DeviceFields {
     return x.value_or(0);
   }
   StrictObject object_;
-  const nlohmann::json& value_;
   std::string path_;
   JsonErrors& errors_;
 };

@@ -89,6 +89,14 @@ RC_GTEST_PROP(SegmentsCross, IsSymmetric, (P a, P b, P c, P d)) {
   if (s1 * s2 > 0 || s3 * s4 > 0) RC_ASSERT(!cross);
 }
 
+RC_GTEST_PROP(SegmentsCross, EndsInCommonAreNone, (P a, P b, P c)) {
+  RC_PRE(orient2d(a, b, c) != 0);
+  RC_ASSERT(!segments_cross(a, b, b, c));
+  RC_ASSERT(!segments_cross(a, b, a, c));
+  // But a segment and itself, or one that goes on along it.
+  RC_ASSERT(segments_cross(a, b, b, a));
+}
+
 RC_GTEST_PROP(DoubledArea, IsTheSameFromEveryVertex, (std::vector<P> points)) {
   RC_PRE(points.size() >= 3);
   Ring ring(points.begin(),

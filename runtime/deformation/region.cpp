@@ -26,6 +26,11 @@ Vector2d relative(LatticePoint p, LatticePoint origin) {
           static_cast<double>(std::int64_t{p.y} - origin.y)};
 }
 
+void move_by(LatticePoint by, std::vector<LatticePoint>& points) {
+  for (LatticePoint& p : points)
+    p = {p.x + by.x, p.y + by.y};
+}
+
 /// First moment of the mesh's area about `origin`, in steps^3.
 Vector2d moment(const SheetMesh& mesh, LatticePoint origin) {
   Vector2d sum = Vector2d::Zero();
@@ -115,33 +120,45 @@ void close_up(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, Regio
 }  // namespace
 
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
-                               const Ring& tool, const Lattice& lattice,
+                               const Ring& tool_in_sheet, const Lattice& lattice,
                                const RegionOptions& options, RegionWorkspace& workspace) {
-  if (tool.size() < 3) return refused("a tool has at least three corners");
+  if (tool_in_sheet.size() < 3) return refused("a tool has at least three corners");
   if (!(options.radius_m > 0)) return refused("a region's radius must be positive");
   RegionMesh region;
+  // From here on places are relative to the tool: what rounding makes of them then does not depend
+  // on where in the slice it is.
+  const LatticePoint here = box_around(tool_in_sheet).lowest;
+  Ring tool = tool_in_sheet;
+  move_by({-here.x, -here.y}, tool);
   const Circle circle = circle_around(tool);
-  region.origin = {static_cast<std::int32_t>(std::lround(circle.centre.x())),
-                   static_cast<std::int32_t>(std::lround(circle.centre.y()))};
+  const LatticePoint middle{static_cast<std::int32_t>(std::lround(circle.centre.x())),
+                            static_cast<std::int32_t>(std::lround(circle.centre.y()))};
+  region.origin = {here.x + middle.x, here.y + middle.y};
 
-  const std::vector<std::uint32_t> under = seeds_under_tool(sheet, seeds, tool);
+  const std::vector<std::uint32_t> under = seeds_under_tool(sheet, seeds, tool_in_sheet);
   if (under.empty()) return region;
-  const SheetPart part =
-      part_around(sheet, under, circle, options.radius_m / lattice.step_m(), workspace.queue);
+  SheetPart part = part_around(sheet, under, circle_around(tool_in_sheet),
+                               options.radius_m / lattice.step_m(), workspace.queue);
+  move_by({-here.x, -here.y}, part.mesh.vertices);
+  for (OuterSide& side : part.outer) {
+    side.from = {side.from.x - here.x, side.from.y - here.y};
+    side.to = {side.to.x - here.x, side.to.y - here.y};
+  }
   for (std::size_t spare = options.grading.graded ? kSpareForCut + options.grading.max_new_vertices
                                                   : kSpareForCut;
        spare <= kMostSpare; spare *= 8) {
     SheetMesh mesh = to_sheet(part, spare, 2 * spare);
     make_room(mesh, workspace);
-    region.borne.moment_steps3 = moment(mesh, region.origin);
+    region.borne.moment_steps3 = moment(mesh, middle);
     const auto done = cut_tool(mesh, tool, workspace, region.borne);
     if (!done) return done.error();
     if (!*done) continue;
-    region.borne.moment_steps3 -= moment(mesh, region.origin);
+    region.borne.moment_steps3 -= moment(mesh, middle);
     const BoundarySides sides = classified_sides(mesh, part.outer, tool, circle);
     if (options.grading.graded)
       refine(mesh, sides, tool, circle.radius, options.grading, workspace);
     close_up(mesh, node_kinds(mesh, sides, tool, circle), region);
+    move_by(here, region.mesh.vertices);
     return region;
   }
   return bug("region: no capacity suffices for the cut");

@@ -3,7 +3,7 @@
 // outline cut out exactly as the hole will be (the tool is rigid: under it nothing bends), and
 // refined towards the tool, where the sheet is steepest. Made by a worker, thrown away afterwards.
 //
-// Laws (tests/deformation_region_test.cpp tests each):
+// Laws (tests/deformation_region_test.cpp and properties_sheet_test.cpp test each):
 //  1. With radius R, the mesh has every point of the sheet that is nearer than R to the tool's
 //     circumscribed circle and connected with the tool through such points, less the tool.
 //  2. Its sides lie on the tool (their nodes are kTool), on the sheet's outline (kFree, but for
@@ -13,6 +13,7 @@
 //     sides on the ring are the sheet's own: mesh and rest of the sheet fit together.
 //  3. `borne` is the part of the sheet under the tool: its area is exactly what the cut removed.
 //  4. Time in proportion to the region, not to the sheet.
+//  5. Sheet and tool moved by lattice steps give the same region, moved.
 #pragma once
 
 #include <Eigen/Core>

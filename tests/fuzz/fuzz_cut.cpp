@@ -21,7 +21,7 @@ using namespace trocar;           // NOLINT(google-build-using-namespace): a pro
 using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
 
-constexpr std::size_t kMostTriangles = 2000, kMostCutsEach = 24;
+constexpr std::size_t kMostTriangles = 2000, kMostCutsEach = 12;
 
 bool same(const SheetMesh& a, const SheetMesh& b) {
   return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&

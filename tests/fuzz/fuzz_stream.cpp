@@ -149,7 +149,11 @@ class Stream {
     if (sessions_[which].over) fail("a session that is over begins again");
     if (in_session_ && which == current_ && packet.sequence <= taken_)
       fail("a command is taken twice, or after a newer one");
-    if (in_session_ && which != current_) sessions_[current_].over = true;
+    if (in_session_ && which != current_) {
+      const std::int64_t longest_ns = clock_ == LinkClock::kReal ? 10'000'000 : 1'000'000'000;
+      if (now_ns_ - newest_ns_ <= longest_ns) fail("a session begins while another is alive");
+      sessions_[current_].over = true;
+    }
     taken_ = packet.sequence;
     current_ = which;
     in_session_ = packet.mode != CommandMode::kStop;

@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+// Properties of the sheet on random meshes with holes, needles and features of the lattice's size:
+// the spring network, its energy, and the cut under the lattice's motions.
+#include <cmath>
+#include <map>
+
+#include "formats/mesh_validity.h"
+#include "runtime/deformation/network.h"
+#include "runtime/deformation/propagation.h"
+#include "runtime/deformation/region.h"
+#include "runtime/remesh/cut.h"
+#include "tests/delaunay_fixture.h"
+#include "tests/property_fixture.h"
+#include "tests/random_geometry.h"
+
+namespace trocar::runtime {
+namespace {
+
+using test::canonical;
+using test::Motion;
+
+constexpr Lattice kLattice{8};
+constexpr Membrane kMembrane{20, 1e6};
+
+/// Constrained Delaunay, with up to four holes.
+SliceMesh any_sheet() {
+  Random random(test::any_seed());
+  for (;;) {
+    SliceMesh out = to_slice_mesh(random_sheet(random, 0, 0));
+    if (!out.triangles.empty()) return out;
+  }
+}
+
+// In m, of tenths of a millimetre; some exactly alike.
+std::vector<double> any_displacements(std::size_t size) {
+  Random random(test::any_seed());
+  std::vector<double> out;
+  for (std::size_t i = 0; i < size; ++i)
+    out.push_back(1e-4 * (random.between(0, 3) == 0 ? random.between(-2, 2) : random.unit()));
+  return out;
+}
+
+// ---- the network ----
+
+RC_GTEST_PROP(Network, IsSymmetricAndOfADelaunayMeshPositive, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Network network = make_network(sheet, kLattice, kMembrane);
+  std::map<std::pair<std::uint32_t, std::uint32_t>, double> spring;
+  for (std::uint32_t i = 0; i < network.size(); ++i) {
+    RC_ASSERT(network.bed_N_per_m[i] > 0);
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+      RC_ASSERT(network.neighbour[k] != i);
+      const bool ascends = k == network.first[i] || network.neighbour[k - 1] < network.neighbour[k];
+      RC_ASSERT(ascends);
+      RC_ASSERT(
+          spring.emplace(std::pair(i, network.neighbour[k]), network.stiffness_N_per_m[k]).second);
+    }
+  }
+  for (const auto& [ends, stiffness] : spring)
+    RC_ASSERT(spring.at({ends.second, ends.first}) == stiffness);
+  RC_ASSERT(is_constrained_delaunay(sheet));
+  RC_ASSERT(network.signs.negative_interior == 0U);
+  RC_ASSERT(spring.size() == 2 * std::size_t{network.signs.interior + network.signs.boundary});
+}
+
+RC_GTEST_PROP(Network, WeighsWhatItsSheetWeighs, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Network network = make_network(sheet, kLattice, kMembrane);
+  double bed = 0;
+  for (const double f : network.bed_N_per_m)
+    bed += f;
+  const double step_m = kLattice.step_m();
+  const double right =
+      kMembrane.bed_N_per_m3 * 0.5 * static_cast<double>(doubled_area(sheet)) * step_m * step_m;
+  RC_ASSERT(std::abs(bed / right - 1) < 1e-12);
+  // Moved as a whole it stretches nothing: exactly.
+  const std::vector<double> w(network.size(), 1e-3);
+  for (std::size_t i = 0; i < network.size(); ++i)
+    RC_ASSERT(reaction_N(network, w, i) == network.bed_N_per_m[i] * 1e-3);
+}
+
+RC_GTEST_PROP(Network, EnergyIsPositiveAndLessWithoutATriangle, ()) {
+  const SliceMesh sheet = any_sheet();
+  const std::vector<double> w = any_displacements(sheet.vertices.size());
+  const double whole = energy_J(make_network(sheet, kLattice, kMembrane), w);
+  RC_ASSERT(whole >= 0);
+  SliceMesh part = sheet;
+  std::mt19937_64 random(test::any_seed());
+  std::erase_if(part.triangles, [&](const Triangle&) { return random() % 4 == 0; });
+  const double of_part = energy_J(make_network(part, kLattice, kMembrane), w);
+  RC_ASSERT(of_part >= -1e-12 * whole);
+  RC_ASSERT(of_part <= whole * (1 + 1e-12));
+}
+
+RC_GTEST_PROP(Network, MovesWithItsSheet, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Motion m = test::any_motion();
+  const Network here = make_network(sheet, kLattice, kMembrane),
+                there = make_network(m(sheet), kLattice, kMembrane);
+  RC_ASSERT(here.first == there.first);
+  RC_ASSERT(here.neighbour == there.neighbour);
+  RC_ASSERT(here.stiffness_N_per_m == there.stiffness_N_per_m);
+  RC_ASSERT(here.bed_N_per_m == there.bed_N_per_m);
+}
+
+// With full damping a sweep is Gauss and Seidel's: each node goes to the least energy there is.
+RC_GTEST_PROP(Propagation, NeverRaisesTheEnergy, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Network network = make_network(sheet, kLattice, kMembrane);
+  std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
+  std::mt19937_64 random(test::any_seed());
+  kind[random() % kind.size()] = NodeKind::kTool;
+  for (std::size_t held = random() % 4; held > 0; --held) {
+    NodeKind& one = kind[random() % kind.size()];
+    if (one == NodeKind::kFree) one = NodeKind::kRing;
+  }
+  const PropagationPlan plan = plan_propagation(network, kind, {1000, 1, 1.0});
+  PropagationState state = make_propagation_state(network, plan);
+  propagate(network, plan, 1e-3, state);
+  double energy = energy_J(network, state.w_m);
+  for (int sweep = 0; sweep < 50; ++sweep) {
+    propagate(network, plan, 1e-3, state);
+    const double next = energy_J(network, state.w_m);
+    RC_ASSERT(next <= energy * (1 + 1e-12));
+    energy = next;
+  }
+}
+
+// ---- the cut ----
+
+Ring any_tool_on(const SliceMesh& sheet) {
+  Random random(test::any_seed());
+  const LatticePoint at = sheet.vertices[static_cast<std::size_t>(
+      random.between(0, static_cast<int>(sheet.vertices.size()) - 1))];
+  return any_tool(random, at, random.between(2, 1500));
+}
+
+RC_GTEST_PROP(Cut, MovesWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(here));
+  const Motion m = test::any_translation();
+  const auto there = cut(m(sheet), m(tool));
+  RC_ASSERT(static_cast<bool>(there));
+  RC_ASSERT(there->doubled_area_removed == here->doubled_area_removed);
+  RC_ASSERT(canonical(there->mesh) == canonical(m(here->mesh)));
+  RC_ASSERT(canonical(there->hole) == canonical(m(Pslg{here->hole}).rings));
+}
+
+// Where tool and outline cross, both are bent through lattice points, crossing by crossing in the
+// order of the sheet's triangles; one bend can make another crossing. So after a turn, or given
+// otherwise, the same comes out where nothing crosses, and else what rounding leaves open.
+void expect_alike(const SliceMesh& sheet, const Ring& tool, const CutResult& here,
+                  const CutResult& there, const std::vector<Ring>& hole_there) {
+  const Real bound = 2 * rounding_bound(boundary_rings(sheet).rings, tool);
+  const std::int64_t difference = here.doubled_area_removed - there.doubled_area_removed;
+  RC_ASSERT(static_cast<Real>(std::abs(difference)) <= bound);
+  const bool same_hole = canonical(here.hole) == canonical(hole_there);
+  RC_TAG(std::string(bound == 0 ? "apart or inside" : same_hole ? "crossing, alike" : "crossing"));
+  const bool as_it_should = same_hole || bound > 0;
+  RC_ASSERT(as_it_should);
+}
+
+RC_GTEST_PROP(Cut, TurnsWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(here));
+  const Motion m = test::any_motion();
+  const auto there = cut(m(sheet), m(tool));
+  RC_ASSERT(static_cast<bool>(there));
+  expect_alike(m(sheet), m(tool), *there, *here, m(Pslg{here->hole}).rings);
+}
+
+RC_GTEST_PROP(Cut, DoesNotDependOnTheFirstCorner, ()) {
+  const SliceMesh sheet = any_sheet();
+  Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(here));
+  std::rotate(tool.begin(), tool.begin() + 1, tool.end());
+  const auto there = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(there));
+  expect_alike(sheet, tool, *here, *there, there->hole);
+}
+
+// Triangles in another order, each from another corner, vertices with other numbers.
+SliceMesh given_otherwise(const SliceMesh& mesh) {
+  std::mt19937_64 random(test::any_seed());
+  std::vector<std::uint32_t> number(mesh.vertices.size());
+  for (std::uint32_t i = 0; i < number.size(); ++i)
+    number[i] = i;
+  for (std::size_t i = number.size(); i > 1; --i)
+    std::swap(number[i - 1], number[random() % i]);
+  SliceMesh out = mesh;
+  for (std::size_t i = 0; i < number.size(); ++i)
+    out.vertices[number[i]] = mesh.vertices[i];
+  for (Triangle& t : out.triangles) {
+    for (std::uint32_t& v : t)
+      v = number[v];
+    std::rotate(t.begin(), t.begin() + random() % 3, t.end());
+  }
+  for (std::size_t i = out.triangles.size(); i > 1; --i)
+    std::swap(out.triangles[i - 1], out.triangles[random() % i]);
+  return out;
+}
+
+RC_GTEST_PROP(Cut, RemovesTheSameInWhateverOrderTheSheetIs, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool), there = cut(given_otherwise(sheet), tool);
+  const bool both = here && there;
+  RC_ASSERT(both);
+  expect_alike(sheet, tool, *here, *there, there->hole);
+}
+
+// ---- the region that a force is computed on ----
+
+RC_GTEST_PROP(Region, MovesWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const Motion m = test::any_translation();
+  const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
+  const auto region = [&](const SliceMesh& mesh, const Ring& outline) {
+    const auto made = make_sheet_mesh(mesh, 0, 0);
+    RegionWorkspace workspace;
+    RegionOptions options;
+    options.radius_m = radius_m;
+    options.grading.max_new_vertices = 300;
+    return make_region(*made, find_seeds(*made, outline), outline, kLattice, options, workspace);
+  };
+  const auto here = region(sheet, tool), there = region(m(sheet), m(tool));
+  const bool both = here && there;
+  RC_ASSERT(both);
+  RC_ASSERT(canonical(there->mesh) == canonical(m(here->mesh)));
+  RC_ASSERT(there->kind == here->kind);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
