@@ -300,7 +300,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
         {"torque_max_Nm", &l.torque_max_Nm},
         {"torque_rise_max_Nm_per_s", &l.torque_rise_max_Nm_per_s},
         {"torque_rise_time_max_s", &l.torque_rise_time_max_s},
-        {"thermal_s", &l.thermal_s},
+        {"branch_distance_min_m", &l.branch_distance_min_m},
+        {"overload_time_max_s", &l.overload_time_max_s},
         {"silence_max_s", &l.silence_max_s},
         {"gap_max_s", &l.gap_max_s},
         {"ramp_s", &l.timing.ramp_s}};
