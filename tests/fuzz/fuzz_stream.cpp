@@ -2,8 +2,9 @@
 // A stream of packets to a drive: hosts that say hello and command, and somebody between them who
 // repeats, delays, reorders, changes and invents. In: operations of a few bytes each, see run().
 // What must hold, whatever the stream: nothing changed or invented is taken, nothing twice, nothing
-// older than what was taken; torques follow the newest command and are zero after silence; what
-// the drive says is authentic, in order, and of its session.
+// older than what was taken; torques follow the newest command and are zero after silence, until
+// a command that knows of it asks for none; what the drive says is authentic, in order, and of its
+// session.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -117,8 +118,12 @@ class Stream {
     WelcomePacket welcome;
     if (decode(answer_.view(), shared_key(), packet.host_nonce, welcome) != LinkRefusal::kNone)
       fail("a hello is taken and not welcomed");
-    sessions_.push_back({session_key(shared_key(), packet.host_nonce, welcome.drive_nonce),
-                         session_number(welcome.drive_nonce), 0, 0, false});
+    const std::uint64_t number = session_number(welcome.drive_nonce);
+    const bool known = std::any_of(sessions_.begin(), sessions_.end(),
+                                   [&](const Session& s) { return s.number == number; });
+    if (known) return;  // the same hello again
+    sessions_.push_back(
+        {session_key(shared_key(), packet.host_nonce, welcome.drive_nonce), number, 0, 0, false});
   }
 
   void command(fuzz::Bytes& bytes) {
@@ -134,6 +139,7 @@ class Stream {
     packet.mode = how == 15   ? CommandMode::kStop
                   : how == 14 ? CommandMode::kHold
                               : CommandMode::kTorque;
+    if (how % 2 == 0) packet.state_seen = session.last_state;
     if (packet.mode == CommandMode::kTorque) packet.tau_motor_Nm.fill(0.01 * bytes.small());
     Datagram datagram(kLargestPacketBytes);
     datagram.resize(encode(packet, session.key, datagram));
@@ -149,6 +155,10 @@ class Stream {
     if (sessions_[which].over) fail("a session that is over begins again");
     if (in_session_ && which == current_ && packet.sequence <= taken_)
       fail("a command is taken twice, or after a newer one");
+    if (!in_session_ || which != current_) told_from_ = 0;
+    const bool asks_for_none = std::all_of(packet.tau_motor_Nm.begin(), packet.tau_motor_Nm.end(),
+                                           [](double tau) { return tau == 0; });
+    if (packet.state_seen >= told_from_ && asks_for_none) told_from_ = 0;
     if (in_session_ && which != current_) {
       const std::int64_t longest_ns = clock_ == LinkClock::kReal ? 10'000'000 : 1'000'000'000;
       if (now_ns_ - newest_ns_ <= longest_ns) fail("a session begins while another is alive");
@@ -230,6 +240,10 @@ class Stream {
     if (decode(answer.view(), session.key, session.number, session.last_state, state) !=
         LinkRefusal::kNone)
       fail("a state that its host refuses");
+    if (state.mode == DriveMode::kWatchdog && told_from_ == 0) {
+      if (now_ns_ - newest_ns_ <= 10'000'000) fail("a watchdog that was not kept waiting");
+      told_from_ = state.sequence;
+    }
     if (state.command_taken != taken_) fail("another command was taken than the drive says");
     for (const double angle : state.encoder_rad) {
       if (!std::isfinite(angle)) fail("an angle that is none");
@@ -240,7 +254,8 @@ class Stream {
   void expect_torques() const {
     const auto& applied = drive_.model().truth().tau_motor_Nm;
     const bool silent = clock_ == LinkClock::kReal && now_ns_ - newest_ns_ > 10'000'000;
-    const bool wanted = in_session_ && !silent && newest_.mode == CommandMode::kTorque;
+    const bool wanted =
+        in_session_ && !silent && told_from_ == 0 && newest_.mode == CommandMode::kTorque;
     if ((drive_.mode() == DriveMode::kTorque) != wanted) fail("torques without a command, or none");
     // They reach the motors with the next step of time.
     if (waited_ == 0 || (clock_ == LinkClock::kReal && now_ns_ == newest_ns_)) return;
@@ -259,6 +274,8 @@ class Stream {
   bool in_session_ = false;
   std::uint64_t taken_ = 0;
   CommandPacket newest_;
+  /// The first state that has said of a watchdog what no command has heeded; 0: none.
+  std::uint64_t told_from_ = 0;
   std::int64_t now_ns_ = 0, newest_ns_ = 0;
   int waited_ = 0;
 };
