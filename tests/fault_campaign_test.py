@@ -34,6 +34,7 @@ RATE_HZ = 1000
 CYCLE_S, CONTACT_S = 0.75, (0.40, 0.52)  # of the hand's motion, and when in it the tool is in the sheet
 CYCLES = 10  # of a session
 TO_ZERO_S, BLACK_BOX_S = 0.005, 4.0
+WATCHDOG_S = 0.01  # of the drive
 LOADED_NM = 0.1
 STALLS = {"no_data", "link_lost", "deadline_missed"}
 
@@ -129,11 +130,11 @@ class Simulator:
         self.process.communicate(timeout=30)
 
     def steps(self):
-        """(times, commanded, applied, modes, sessions): one entry a step of the drive."""
+        """(times, commanded, applied, modes, sessions, commands taken): one entry a step of the drive."""
         with self.files[0].open() as file:
             rows = list(csv.reader(file))[1:]
         return ([float(r[1]) for r in rows], [float(r[6]) for r in rows], [float(r[7]) for r in rows],
-                [r[2] for r in rows], [int(r[0]) for r in rows])
+                [r[2] for r in rows], [int(r[0]) for r in rows], [int(r[5]) for r in rows])
 
     def summary(self):
         return json.loads(self.files[1].read_text())
@@ -258,9 +259,24 @@ def judge_latch(row, recording, event, last_moment, folder):
     return True
 
 
+def stalled_on_its_way(row, kind, steps, moment_s, folder):
+    """Whether the host was held up by the machine on its way to zero, though nothing kept its commands back: then it is the
+    drive's watchdog that has to take the torques away in time."""
+    if kind.clock != "real" or kind.own_s is not None:
+        return False
+    times, _, applied, modes, _, taken = steps
+    zero = next((i for i in range(bisect.bisect_left(times, moment_s), len(times)) if applied[i] == 0), None)
+    if zero is None or modes[zero] != "watchdog":
+        return False
+    last = next(i for i in range(zero, -1, -1) if i == 0 or taken[i - 1] != taken[zero])
+    if times[zero] - times[last] > WATCHDOG_S + 2 * (times[1] - times[0]) + 1e-9:
+        row.fail(f"{folder.name}: the watchdog took {(times[zero] - times[last]) * 1e3:.2f} ms")
+    return True
+
+
 def judge_drive(row, kind, steps, first_step, recording, event, moment_s, folder):
     """What the drive's own record says of the way to zero."""
-    times, _, applied, modes, _ = steps
+    times, _, applied, modes, _, _ = steps
     step_s = times[1] - times[0]
     at = bisect.bisect_left(times, moment_s)
     k = round(event["t_s"] * RATE_HZ)
@@ -316,7 +332,7 @@ def many(rig, name, kind, row, wanted):
 
 
 def judge_moments(kind, row, moments, told, recording, steps, folder):
-    times, _, applied, _, _ = steps
+    times, _, applied, _, _, _ = steps
     first_step = first_steps(steps)
     events = list(told["faults"])
     for event in events:
@@ -338,6 +354,12 @@ def judge_moments(kind, row, moments, told, recording, steps, folder):
                 row.fail(f"{folder.name}: {found[0]['fault']} at {moment_s:.4f} s, which is to be survived")
             else:
                 row.found += 1
+            continue
+        if len(found) == 1 and stalled_on_its_way(row, kind, steps, moment_s, folder):
+            row.machine += 1
+            row.void += 1
+            events.remove(found[0])
+            judge_latch(row, recording, found[0], True, folder)
             continue
         row.times += 1
         done += 1
@@ -448,7 +470,7 @@ def killed_host(rig, name, kind, row, _):
     second = rig.start(simulator, folder, "real", 0.6)
     said = second.communicate(timeout=60)[1]
     simulator.end()
-    times, _, applied, modes, sessions = simulator.steps()
+    times, _, applied, modes, sessions, _ = simulator.steps()
     last = max((i for i in range(len(times)) if sessions[i] == 1 and modes[i] == "torque"), default=0)
     if not applied or applied[last] < LOADED_NM:
         row.void += 1
