@@ -65,7 +65,7 @@ def check_sections():
                      for n in (10000, 200000) for k, w in enumerate(what)]}
     page = html.Page("t")
     remeshing.show(data, page)
-    assert "<svg" in page.text() and "meets 30 triangles" in page.text() and len(remeshing.readme(data)) == 2
+    assert "<svg" in page.text() and "meets 30 triangles" in page.text() and len(remeshing.readme(data)) == 1
 
 
 def check_recommendation():
@@ -83,8 +83,8 @@ def check_readme(folder):
     file = folder / "README.md"
     file.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n")
     for _ in range(2):
-        readme.update(file, "a report", ["| x |"])
-        assert file.read_text() == f"before\n{readme.BEGIN}\n| x |\n\n(From `scripts/report`: a report.)\n{readme.END}\nafter\n"
+        readme.update(file, "a report", [["| x |"], ["| y |", "| z |", "", "words", "| w |"]])
+        assert file.read_text() == f"before\n{readme.BEGIN}\n| x |\n\n| y |\n| z |\n\nwords\n\n| w |\n\n(From `scripts/report`: a report.)\n{readme.END}\nafter\n"
     assert readme.BEGIN in (SOURCE / "README.md").read_text() and readme.END in (SOURCE / "README.md").read_text()
 
 

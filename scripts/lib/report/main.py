@@ -114,9 +114,9 @@ def main():
             section.show(report["sections"][name], page)
     write(given.out / "index.html", page.text())
     if given.readme:
-        lines = [line for name, section in sections.items() if name in report["sections"] and hasattr(section, "readme")
-                 for line in section.readme(report["sections"][name])]
-        readme.update(given.root / "README.md", machine.sentence(report), lines)
+        parts = [section.readme(report["sections"][name]) for name, section in sections.items()
+                 if name in report["sections"] and hasattr(section, "readme")]
+        readme.update(given.root / "README.md", machine.sentence(report), parts)
 
 
 if __name__ == "__main__":

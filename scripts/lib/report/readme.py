@@ -5,17 +5,20 @@ import os
 BEGIN, END = "<!-- report: begin -->", "<!-- report: end -->"
 
 
-def update(path, sentence, lines):
+def update(path, sentence, parts):
     text = path.read_text(encoding="utf-8")
     head, begin, rest = text.partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not begin or not end:
         raise SystemExit(f"{path}: has no {BEGIN} ... {END}")
     spaced = []
-    for line in lines:  # a table starts after an empty line
-        if line.startswith("|") and spaced and spaced[-1] and not spaced[-1].startswith("|"):
+    for part in parts:
+        if spaced:
             spaced.append("")
-        spaced.append(line)
+        for line in part:  # a table starts after an empty line
+            if line.startswith("|") and spaced and spaced[-1] and not spaced[-1].startswith("|"):
+                spaced.append("")
+            spaced.append(line)
     body = "\n".join([*spaced, "", f"(From `scripts/report`: {sentence}.)"])
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(f"{head}{begin}\n{body}\n{end}{tail}", encoding="utf-8")

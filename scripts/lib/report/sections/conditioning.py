@@ -77,5 +77,5 @@ def show(data, page):
 def readme(data):
     wrong, count = (sum(row[key] for row in data["predicates"]) for key in ("wrong_signs", "count"))
     errors = ", ".join(f"{name} {ordinary:.0e} ({hard:.0e})" for name, _, ordinary, hard in figures(data))
-    return ["", f"Rounding, against 50 digits: {wrong} wrong signs of {count} predicates; largest relative error on ordinary inputs (and on those "
+    return [f"Rounding, against 50 digits: {wrong} wrong signs of {count} predicates; largest relative error on ordinary inputs (and on those "
             f"made to be hard): {errors}."]

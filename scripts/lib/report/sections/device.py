@@ -122,6 +122,6 @@ def readme(data):
     least_four, least_three = (least_stated(ring) for ring in data["rings"])
     sixty = next(row for row in data["allocation"] if row["force_N"] == 60)
     times = next(row for row in data["times"] if row["id"] == "all")
-    return ["", f"Device, stated workspace: least inverse condition {least_four:.3f} and {four['torque_for_35N_max_Nm']:.1f} N m a joint for 35 N in any direction with four legs; "
+    return [f"Device, stated workspace: least inverse condition {least_four:.3f} and {four['torque_for_35N_max_Nm']:.1f} N m a joint for 35 N in any direction with four legs; "
             f"{least_three:.3f} and {three['torque_for_35N_max_Nm']:.1f} N m with three. At 60 N the null space raises exactly delivered wrenches from "
             f"{sixty['minimum_norm_fits_percent']:.0f} % to {sixty['exact_percent']:.0f} %; one allocation takes {times['median_us']:.2f} us (median), {times['max_us']:.2f} us at most."]

@@ -40,5 +40,5 @@ def show(data, page):
 
 
 def readme(data):
-    return ["", f"A hole in a sheet of 10,000 vertices is cut, proved and refined in {of(data, 10000, READY)['median_us']:.0f} us, in one of 200,000 in "
+    return [f"A hole in a sheet of 10,000 vertices is cut, proved and refined in {of(data, 10000, READY)['median_us']:.0f} us, in one of 200,000 in "
             f"{of(data, 200000, READY)['median_us']:.0f} us; CGAL takes {of(data, 10000, SLICE)['to_cut_ratio']:,.0f} times as long as the cut for the smaller slice anew, and {of(data, 10000, CAVITY)['to_cut_ratio']:.1f} times for the cavity alone, which the cut also finds and proves."]
