@@ -43,5 +43,5 @@ def region(rows):
     axes.set_xlim(-0.15, 45)
     axes.grid(True)
     axes.set(xlabel="damping B of the wall (N s/m)", ylabel="largest stable stiffness K (kN/m)")
-    axes.legend(fontsize=8, ncols=5, loc="lower right", title="full: with the controller; open: without; dotted: b > K T / 2 + |B|", title_fontsize=8)
+    axes.legend(fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1), title="full: with the controller; open: without; dotted: b > K T / 2 + |B|", title_fontsize=8)
     return figure
