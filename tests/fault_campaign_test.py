@@ -341,8 +341,11 @@ def judge_moments(kind, row, moments, told, recording, steps, folder):
     for i, moment_s in enumerate(moments):
         at = bisect.bisect_left(times, moment_s) - 1
         found = [e for e in events if e["drive_s"] is not None and -0.003 <= e["drive_s"] - moment_s <= kind.within_s + 0.003]
-        if applied[at] < LOADED_NM:
-            row.void += 1  # a fault of the machine's own came before
+        # A fault of the machine's own came before, and its way to zero may not have ended yet.
+        own = [e for e in events if kind.clock == "real" and e["fault"] in STALLS and e["drive_s"] is not None
+               and e not in found and moment_s - TO_ZERO_S - WATCHDOG_S <= e["drive_s"] < moment_s]
+        if applied[at] < LOADED_NM or own:
+            row.void += 1
             continue
         if not kind.names:
             if found and {e["fault"] for e in found} <= STALLS:
@@ -355,7 +358,8 @@ def judge_moments(kind, row, moments, told, recording, steps, folder):
             else:
                 row.found += 1
             continue
-        if len(found) == 1 and stalled_on_its_way(row, kind, steps, moment_s, folder):
+        late = kind.clock == "real" and [e["fault"] for e in found] == ["deadline_missed"]  # the machine was first
+        if late or (len(found) == 1 and stalled_on_its_way(row, kind, steps, moment_s, folder)):
             row.machine += 1
             row.void += 1
             events.remove(found[0])
@@ -370,9 +374,6 @@ def judge_moments(kind, row, moments, told, recording, steps, folder):
         events.remove(event)
         row.found += 1
         if event["fault"] in kind.names:
-            row.named += 1
-        elif event["fault"] == "deadline_missed":
-            row.machine += 1
             row.named += 1
         else:
             row.fail(f"{folder.name}: named {event['fault']} at {moment_s:.4f} s")
@@ -433,6 +434,15 @@ def killed_drive(rig, name, kind, row, _):
     for event in told["faults"]:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
     events = [e for e in told["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
+    if len(events) == 1 and events[0]["recovered_t_s"] is None and any(
+            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in told["faults"]):
+        row.void += 1  # the machine held a process up again while it recovered; then it did recover
+        row.machine += 1
+        return 0
+    if kind.clock == "real" and events and events[0]["fault"] == "deadline_missed":
+        row.void += 1  # the machine was first
+        row.machine += 1
+        return 0
     row.times += 1
     if not events or events[0]["drive_s"] > moment_s + kind.within_s + 0.003:
         row.fail(f"{folder.name}: {told['faults']}")
