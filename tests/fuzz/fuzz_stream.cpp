@@ -54,7 +54,7 @@ struct Session {
 class Stream {
  public:
   explicit Stream(LinkClock clock)
-      : clock_(clock), drive_({shared_key(), clock, kPeriod_s, 0.01, 1, {}}, model()) {}
+      : drive_({shared_key(), clock, kPeriod_s, 0.01, 1, {}}, model()), clock_(clock) {}
 
   void run(fuzz::Bytes bytes) {
     for (int n = 0; n < kMostOperations && !bytes.empty(); ++n) {
@@ -265,19 +265,19 @@ class Stream {
     }
   }
 
-  LinkClock clock_;
   Drive drive_;
   Drive::Answer answer_;
   std::vector<Session> sessions_;
   std::vector<Datagram> sent_;
   std::size_t current_ = 0;
-  bool in_session_ = false;
   std::uint64_t taken_ = 0;
   CommandPacket newest_;
   /// The first state that has said of a watchdog what no command has heeded; 0: none.
   std::uint64_t told_from_ = 0;
   std::int64_t now_ns_ = 0, newest_ns_ = 0;
   int waited_ = 0;
+  LinkClock clock_;
+  bool in_session_ = false;
 };
 
 }  // namespace
