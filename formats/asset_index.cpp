@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset_index.h"
 
+#include <zlib.h>
+
 #include <algorithm>
 #include <cstring>
 #include <utility>
@@ -26,20 +28,17 @@ bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t whole) 
   return offset <= whole && size <= whole - offset;
 }
 
-// FNV-1a: any one changed byte changes it.
-constexpr std::uint32_t kChecksumStart = 2166136261, kChecksumPrime = 16777619;
-
-std::uint32_t checksum_of(std::span<const std::uint8_t> bytes, std::uint32_t before) {
-  for (const std::uint8_t byte : bytes)
-    before = (before ^ byte) * kChecksumPrime;
-  return before;
+// CRC-32. Of no bytes it is 0 (and crc32_z() takes a null pointer for a new start).
+std::uint32_t checksum_of(std::span<const std::uint8_t> bytes, std::uint32_t before = 0) {
+  if (bytes.empty()) return before;
+  return static_cast<std::uint32_t>(crc32_z(before, bytes.data(), bytes.size()));
 }
 
 std::uint32_t checksum_of(SliceRecord record, const SliceBytes& bytes) {
   record.checksum = 0;
   std::array<std::uint8_t, sizeof record> own{};
   std::memcpy(own.data(), &record, sizeof record);
-  std::uint32_t sum = checksum_of(own, kChecksumStart);
+  std::uint32_t sum = checksum_of(own);
   for (const auto* part : {&bytes.node, &bytes.draco, &bytes.outline, &bytes.segments})
     sum = checksum_of(*part, sum);
   return sum;
@@ -176,7 +175,7 @@ Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
 Result<std::vector<std::uint8_t>> read_extras(ByteSource& source, const IndexedFile& file) {
   const IndexHeader& h = file.header;
   auto text = read_bytes(source, file.json_at + h.extras_offset, h.extras_bytes);
-  if (text && checksum_of(*text, kChecksumStart) != h.extras_checksum)
+  if (text && checksum_of(*text) != h.extras_checksum)
     return refused("its extras are not those that were written (checksum)");
   return text;
 }
@@ -188,7 +187,7 @@ void seal_index(std::span<std::uint8_t> glb) {
   IndexedFile file = **found;
   const auto text =
       read_bytes(source, file.json_at + file.header.extras_offset, file.header.extras_bytes);
-  if (text) file.header.extras_checksum = checksum_of(*text, kChecksumStart);
+  if (text) file.header.extras_checksum = checksum_of(*text);
   std::memcpy(glb.data() + file.binary_at, &file.header, sizeof file.header);
   for (std::uint32_t place = 0; place < file.header.slices; ++place) {
     auto record = read_record(source, file, place);

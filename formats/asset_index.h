@@ -12,12 +12,12 @@
 //
 // Laws (tests/asset_part_test.cpp):
 //  1. An index whose header does not state the file's own chunk sizes is none: it is left over
-//     from before some other tool rewrote the file.
+//     from before some other tool rewrote the file. So is one of another version.
 //  2. Where there is one, decode_asset() refuses the file unless every record and every text that
 //     it points to agrees with the JSON. So what was verified is what a part of it gives.
 //  3. Nothing that a record says is believed before it is held against the chunks' sizes.
-//  4. A checksum covers all bytes that a slice is made of: one that changed on its way is refused,
-//     also where it would still decode.
+//  4. A checksum (CRC-32) covers all bytes that a slice is made of: one that changed on its way is
+//     refused, also where it would still decode.
 #pragma once
 
 #include <array>
@@ -41,7 +41,7 @@ inline constexpr std::size_t kGlbHeader = 20;
 Result<std::uint32_t> json_bytes_of(ByteSource& source);
 
 inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', 'I', 'X'};
-inline constexpr std::uint32_t kIndexVersion = 1;
+inline constexpr std::uint32_t kIndexVersion = 2;
 inline constexpr std::size_t kMaxSlices = 100'000;
 
 // Bytes as they stand in the file, little-endian.

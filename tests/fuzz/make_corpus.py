@@ -79,7 +79,8 @@ def write_assets(folder, mesh):
         for name, options in (("coarse", ["--min-angle", "0", "--tolerance", "1"]), ("fine", ["--tolerance", "0.1"]), ("empty", ["--threshold", "5000"])):
             options = options if "--threshold" in options else options + ["--threshold", "0"]
             subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", *options], check=True)
-        # Those in the repository are from before assets had a slice index: both kinds are read. This one has it, and a slice without material.
+        # Those in the repository are from before assets had a slice index (and older_index.glb is from when it had another checksum):
+        # all kinds are read. This one has it, and a slice without material.
         volume[1] = -1000
         nibabel.save(nibabel.Nifti1Image(volume.T.astype("i2"), np.eye(4)), scan)
         subprocess.run([mesh, scan, "-o", folder / "indexed.glb", "--quiet", "--min-angle", "0", "--tolerance", "1", "--threshold", "0"], check=True)
