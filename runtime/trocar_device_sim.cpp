@@ -4,12 +4,9 @@
 // clock.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
 #include <ctime>
-#include <exception>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -17,7 +14,6 @@
 
 #include "formats/device_description.h"
 #include "formats/file_io.h"
-#include "formats/nearest_name.h"
 #include "formats/scene.h"
 #include "runtime/device/drive.h"
 #include "runtime/device/drive_record.h"
@@ -25,16 +21,10 @@
 #include "runtime/device/udp_socket.h"
 #include "runtime/loop/realtime_thread.h"
 #include "runtime/loop/session.h"
+#include "runtime/program.h"
 
 namespace trocar::runtime {
 namespace {
-
-std::atomic<bool> stop_requested{false};
-static_assert(std::atomic<bool>::is_always_lock_free);  // it is set in a signal handler
-
-void request_stop(int) {
-  stop_requested.store(true);
-}
 
 struct Arguments {
   std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
@@ -45,8 +35,7 @@ struct Arguments {
 };
 
 int fail(const Error& error) {
-  std::fprintf(stderr, "trocar-device-sim: %s\n", error.message.c_str());
-  return static_cast<int>(error.code);
+  return runtime::fail("trocar-device-sim", error);
 }
 
 std::string version() {
@@ -359,25 +348,9 @@ int main_without_exceptions(int count, char** words) {
   CLI::App app("The simulated device behind the device link, a process of its own.",
                "trocar-device-sim");
   declare(app, arguments);
-  try {
-    app.parse(count, words);
-  } catch (const CLI::CallForHelp&) {
-    std::fputs(app.help().c_str(), stdout);
-    return 0;
-  } catch (const CLI::CallForVersion&) {
-    std::puts(version().c_str());
-    return 0;
-  } catch (const CLI::ExtrasError&) {
-    return fail(usage(unexpected_word(app)));
-  } catch (const CLI::ParseError& error) {
-    return fail(usage(std::string(error.what()) + "; see trocar-device-sim --help"));
-  }
+  if (const auto done = parse_words(app, count, words, version())) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
-  struct sigaction action {};
-  action.sa_handler = request_stop;
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    ::sigaction(signal, &action, nullptr);
-  std::signal(SIGPIPE, SIG_IGN);
+  stop_on_signals();
   return serve(arguments);
 }
 
@@ -385,10 +358,6 @@ int main_without_exceptions(int count, char** words) {
 }  // namespace trocar::runtime
 
 int main(int argc, char** argv) {
-  try {
-    return trocar::runtime::main_without_exceptions(argc, argv);
-  } catch (const std::exception& failure) {
-    std::fprintf(stderr, "trocar-device-sim: unexpected: %s\n", failure.what());
-    return static_cast<int>(trocar::ExitCode::kBug);
-  }
+  return trocar::runtime::run_program("trocar-device-sim", argc, argv,
+                                      trocar::runtime::main_without_exceptions);
 }

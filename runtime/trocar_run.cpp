@@ -9,7 +9,6 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <limits>
 #include <string>
@@ -19,7 +18,6 @@
 
 #include "formats/asset.h"
 #include "formats/file_io.h"
-#include "formats/nearest_name.h"
 #include "formats/scene.h"
 #include "runtime/device/link_key.h"
 #include "runtime/device/udp_device.h"
@@ -28,18 +26,12 @@
 #include "runtime/loop/scene_needs.h"
 #include "runtime/loop/session.h"
 #include "runtime/loop/summary.h"
+#include "runtime/program.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr double kDefaultRate_Hz = 1000;
-
-std::atomic<bool> stop_requested{false};
-static_assert(std::atomic<bool>::is_always_lock_free);  // it is set in a signal handler
-
-void request_stop(int) {
-  stop_requested.store(true);
-}
 
 std::atomic<bool> recovery_requested{false};
 
@@ -58,8 +50,7 @@ struct Arguments {
 };
 
 int fail(const Error& error) {
-  std::fprintf(stderr, "trocar-run: %s\n", error.message.c_str());
-  return static_cast<int>(error.code);
+  return runtime::fail("trocar-run", error);
 }
 
 std::string version() {
@@ -461,27 +452,12 @@ int main_without_exceptions(int count, char** words) {
   Arguments arguments;
   CLI::App app("Runs a session of the haptic loop over a scene.", "trocar-run");
   declare(app, arguments);
-  try {
-    app.parse(count, words);
-  } catch (const CLI::CallForHelp&) {
-    std::fputs(app.help().c_str(), stdout);
-    return 0;
-  } catch (const CLI::CallForVersion&) {
-    std::puts(version().c_str());
-    return 0;
-  } catch (const CLI::ExtrasError&) {
-    return fail(usage(unexpected_word(app)));
-  } catch (const CLI::ParseError& error) {
-    return fail(usage(std::string(error.what()) + "; see trocar-run --help"));
-  }
+  if (const auto done = parse_words(app, count, words, version())) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
+  stop_on_signals();
   struct sigaction action {};
-  action.sa_handler = request_stop;
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    ::sigaction(signal, &action, nullptr);
   action.sa_handler = request_recovery;
   ::sigaction(SIGUSR1, &action, nullptr);
-  std::signal(SIGPIPE, SIG_IGN);
   return session(arguments);
 }
 
@@ -489,10 +465,6 @@ int main_without_exceptions(int count, char** words) {
 }  // namespace trocar::runtime
 
 int main(int argc, char** argv) {
-  try {
-    return trocar::runtime::main_without_exceptions(argc, argv);
-  } catch (const std::exception& failure) {
-    std::fprintf(stderr, "trocar-run: unexpected: %s\n", failure.what());
-    return static_cast<int>(trocar::ExitCode::kBug);
-  }
+  return trocar::runtime::run_program("trocar-run", argc, argv,
+                                      trocar::runtime::main_without_exceptions);
 }

@@ -20,10 +20,7 @@ namespace fs = std::filesystem;
 
 class Recording : public testing::Test {
  protected:
-  std::size_t files() const {
-    return static_cast<std::size_t>(
-        std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
-  }
+  std::size_t files() const { return temporary_.files(); }
   test::TemporaryFolder temporary_;
   fs::path folder_ = temporary_.path();
 };

@@ -29,6 +29,7 @@
 #include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
+#include "tests/bench/sweep_main.h"
 #include "tests/deformation_fixture.h"
 
 namespace {
@@ -272,16 +273,5 @@ Result<json> run(const json& plan) {
 }  // namespace
 
 int main() {
-  try {
-    const auto out = run(json::parse(std::cin));
-    if (!out) {
-      std::cerr << "deformation_sweep: " << out.error().message << '\n';
-      return static_cast<int>(out.error().code);
-    }
-    std::cout << out->dump(1) << '\n';
-    return 0;
-  } catch (const std::exception& e) {
-    std::cerr << "deformation_sweep: the plan: " << e.what() << '\n';
-    return static_cast<int>(ExitCode::kUsage);
-  }
+  return trocar::test::sweep_main("deformation_sweep", run);
 }

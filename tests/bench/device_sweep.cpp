@@ -21,6 +21,7 @@
 #include "runtime/device/leg_ring.h"
 #include "runtime/device/torque_allocation.h"
 #include "tests/bench/kinematics_rows.h"
+#include "tests/bench/sweep_main.h"
 #include "tests/device_workspace.h"
 
 namespace {
@@ -286,22 +287,17 @@ json times(const DeviceDescription& device, int count) {
   return rows;
 }
 
+json measure(const json& plan) {
+  const DeviceDescription device = default_device_description();
+  return {{"rings", json::array({ring<4>(device, plan), ring<3>(device, plan)})},
+          {"allocation", allocation(device, plan)},
+          {"times", times(device, plan.at("timed"))},
+          {"kinematics", test::kinematics_rows(device, plan.at("kinematics_poses"))},
+          {"torque_reserve_percent", 100 * kTorqueReserve}};
+}
+
 }  // namespace
 
 int main() {
-  try {
-    const json plan = json::parse(std::cin);
-    const DeviceDescription device = default_device_description();
-    json answer;
-    answer["rings"] = json::array({ring<4>(device, plan), ring<3>(device, plan)});
-    answer["allocation"] = allocation(device, plan);
-    answer["times"] = times(device, plan.at("timed"));
-    answer["kinematics"] = test::kinematics_rows(device, plan.at("kinematics_poses"));
-    answer["torque_reserve_percent"] = 100 * kTorqueReserve;
-    std::cout << answer.dump() << '\n';
-  } catch (const json::exception& error) {
-    std::cerr << "device_sweep: plan: " << error.what() << '\n';
-    return static_cast<int>(ExitCode::kUsage);
-  }
-  return 0;
+  return trocar::test::sweep_main("device_sweep", measure);
 }

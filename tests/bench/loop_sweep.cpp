@@ -6,12 +6,10 @@
 // Plan: {"rates_Hz": [..], "walls": [{"rate_Hz", "stiffness_N_per_m", "pressed_N"}, ..],
 //        "region": {"damping_N_s_per_m": [..], "bisections": n}, "traces": bool}
 #include <cmath>
-#include <cstdio>
-#include <exception>
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "tests/bench/sweep_main.h"
 #include "tests/loop_rig.h"
 
 namespace trocar::test {
@@ -154,11 +152,5 @@ json measure(const json& plan) {
 }  // namespace trocar::test
 
 int main() {
-  try {
-    std::cout << trocar::test::measure(nlohmann::json::parse(std::cin)).dump(1) << "\n";
-    return 0;
-  } catch (const std::exception& failure) {
-    std::fprintf(stderr, "loop_sweep: %s\n", failure.what());
-    return 2;
-  }
+  return trocar::test::sweep_main("loop_sweep", trocar::test::measure);
 }

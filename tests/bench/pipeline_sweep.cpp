@@ -17,6 +17,7 @@
 #include "formats/asset.h"
 #include "pipeline/mesh_slice.h"
 #include "tests/bench/peers.h"
+#include "tests/bench/sweep_main.h"
 
 namespace {
 
@@ -228,16 +229,5 @@ Result<json> run(const json& plan) {
 }  // namespace
 
 int main() {
-  try {
-    const auto out = run(json::parse(std::cin));
-    if (!out) {
-      std::cerr << "pipeline_sweep: " << out.error().message << '\n';
-      return static_cast<int>(out.error().code);
-    }
-    std::cout << out->dump(1) << '\n';
-    return 0;
-  } catch (const std::exception& e) {
-    std::cerr << "pipeline_sweep: the plan: " << e.what() << '\n';
-    return static_cast<int>(ExitCode::kUsage);
-  }
+  return trocar::test::sweep_main("pipeline_sweep", run);
 }

@@ -12,10 +12,8 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
-#include <exception>
 #include <filesystem>
 #include <functional>
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <random>
@@ -28,6 +26,7 @@
 #include "runtime/contact/tool.h"
 #include "runtime/loop/responder.h"
 #include "tests/bench/heap_meter.h"
+#include "tests/bench/sweep_main.h"
 
 namespace trocar::test {
 namespace {
@@ -312,19 +311,5 @@ Result<json> run(const json& plan) {
 }  // namespace trocar::test
 
 int main() {
-  try {
-    const auto out = trocar::test::run(nlohmann::json::parse(std::cin));
-    if (!out) {
-      std::fprintf(stderr, "scene_sweep: %s\n", out.error().message.c_str());
-      return static_cast<int>(out.error().code);
-    }
-    std::cout << out->dump(1) << '\n';
-    return 0;
-  } catch (const nlohmann::json::exception& e) {
-    std::fprintf(stderr, "scene_sweep: the plan: %s\n", e.what());
-    return 2;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "scene_sweep: %s\n", e.what());
-    return 1;
-  }
+  return trocar::test::sweep_main("scene_sweep", trocar::test::run);
 }
