@@ -76,7 +76,8 @@ class FileSource : public ByteSource {
 }  // namespace
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
-  Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  // Not to wait for the other end of what turns out to be a pipe.
+  Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
   struct stat status {};
   if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));

@@ -36,27 +36,31 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
 
 }  // namespace
 
+// The sums are modulo 2^64: parts of a ring's may leave the range of 64 bits though the whole does
+// not (a spiral over the whole lattice).
+
 std::int64_t doubled_area(const Ring& ring) {
-  std::int64_t sum = 0;
+  std::uint64_t sum = 0;
   for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
-    sum += orient2d(ring[0], ring[i], ring[i + 1 == n ? 0 : i + 1]);
+    sum += static_cast<std::uint64_t>(orient2d(ring[0], ring[i], ring[i + 1 == n ? 0 : i + 1]));
   }
-  return sum;
+  return static_cast<std::int64_t>(sum);
 }
 
 std::int64_t doubled_area(const Pslg& pslg) {
-  std::int64_t sum = 0;
+  std::uint64_t sum = 0;
   for (const Ring& ring : pslg.rings)
-    sum += doubled_area(ring);
-  return sum;
+    sum += static_cast<std::uint64_t>(doubled_area(ring));
+  return static_cast<std::int64_t>(sum);
 }
 
 std::int64_t doubled_area(const SliceMesh& mesh) {
-  std::int64_t sum = 0;
+  std::uint64_t sum = 0;
   for (const Triangle& t : mesh.triangles) {
-    sum += orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]);
+    sum += static_cast<std::uint64_t>(
+        orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
   }
-  return sum;
+  return static_cast<std::int64_t>(sum);
 }
 
 Pslg boundary_rings(const SliceMesh& mesh) {

@@ -105,6 +105,8 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
         }
       }
       if (error) return refused(input.string() + ": " + error.message());
+    } else if (!fs::is_regular_file(status)) {
+      return refused(input.string() + ": not a regular file");
     } else {
       files.push_back(input);
     }

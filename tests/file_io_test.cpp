@@ -58,6 +58,9 @@ TEST_F(FileIo, RefusesWhatIsNotAFileOrTooLarge) {
   ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view("12345")));
   EXPECT_TRUE(read_file(folder_ / "a", 5));
   EXPECT_FALSE(read_file(folder_ / "a", 4));
+  // Without waiting for its other end.
+  ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
+  EXPECT_EQ(read_file(folder_ / "pipe").error().code, ExitCode::kRefused);
 }
 
 TEST(NearestName, FindsWhatWasMeantAndNothingElse) {

@@ -108,6 +108,36 @@ TEST(BoundaryRings, SplitWhereTheBoundaryMeetsItself) {
   EXPECT_EQ(doubled_area(rings), doubled_area(m));
 }
 
+// A band of width w wound round and round a square spiral over the whole lattice. The parts of the
+// area's sum pass 64 bits; the whole, by long division in 128 bits, does not.
+TEST(DoubledArea, IsExactForASpiralOverTheWholeLattice) {
+  constexpr std::int32_t kTurns = 40, kStep = kMaxCoordinate / kTurns, kWidth = kStep / 2;
+  Ring outer, inner;
+  for (std::int32_t turn = 0; turn + 1 < kTurns; ++turn) {
+    const std::int32_t r = kMaxCoordinate - turn * kStep, s = r - kWidth;
+    for (const auto& [ring, h] : {std::pair(&outer, r), std::pair(&inner, s)}) {
+      ring->push_back({-h + (turn == 0 ? 0 : kStep), -h});
+      ring->push_back({h, -h});
+      ring->push_back({h, h});
+      ring->push_back({-h, h});
+      ring->push_back({-h, -h + kStep});
+    }
+  }
+  Ring spiral = outer;
+  spiral.insert(spiral.end(), inner.rbegin(), inner.rend());
+  __extension__ using Wide = __int128;
+  Wide area = 0, largest = 0;
+  for (std::size_t i = 0; i < spiral.size(); ++i) {
+    area += orient2d(spiral[0], spiral[i], spiral[(i + 1) % spiral.size()]);
+    largest = std::max({largest, area, -area});
+  }
+  EXPECT_GT(largest, Wide{INT64_MAX});
+  ASSERT_TRUE(area > 0 && area < Wide{INT64_MAX});
+  EXPECT_EQ(doubled_area(spiral), static_cast<std::int64_t>(area));
+  EXPECT_EQ(doubled_area(Pslg{{spiral}}), static_cast<std::int64_t>(area));
+  EXPECT_TRUE(check_pslg(Pslg{{spiral}}));
+}
+
 TEST(IsConstrainedDelaunay, SeesAFlippedDiagonal) {
   const std::vector<LatticePoint> kite = {{0, 0}, {10, -1}, {20, 0}, {10, 1}};
   EXPECT_TRUE(is_constrained_delaunay({kite, {{0, 1, 3}, {1, 2, 3}}}));
