@@ -27,7 +27,8 @@ struct SliceMesh {
   std::vector<Triangle> triangles;
 };
 
-/// Twice the signed area of a ring in steps^2. Exact, modulo 2^64.
+/// Twice the signed area of a ring in steps^2. Exact (modulo 2^64, which matters only to a ring
+/// that winds many times around the whole lattice and is not simple).
 std::int64_t doubled_area(const Ring& ring);
 /// Sum over the rings; holes subtract. Exact.
 std::int64_t doubled_area(const Pslg& pslg);
