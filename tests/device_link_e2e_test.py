@@ -22,7 +22,7 @@ import sys
 import time
 
 import device_link as link
-from e2e import check, failures, run
+from e2e import NO_ALLOCATIONS, check, failures, run
 
 FORCE_N, SHARE = 35.0, 0.02
 STALLS = {"no_data", "link_lost", "deadline_missed"}
@@ -108,7 +108,7 @@ def experiments(source, programs, asset, work):
                     felt = simulator.summary()
                 recordings.append(record.read_bytes())
                 told = json.loads(summary.read_text())
-                check(told["allocations_in_loop"] == 0, f"{name}: {told['allocations_in_loop']} allocations")
+                check(told["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {told['allocations_in_loop']} allocations")
                 if turn == 1:
                     check_felt(f"{name}, {model} model, lock-step", felt, told["punctures"], sheets)
             check(recordings[0] == recordings[-1], f"{name} {model}: two runs differ")

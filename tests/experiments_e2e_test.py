@@ -15,7 +15,7 @@ import re
 import shutil
 import sys
 
-from e2e import check, failures, run
+from e2e import NO_ALLOCATIONS, check, failures, run
 
 
 def read_recording(path):
@@ -38,7 +38,7 @@ def check_experiment(name, rows, scene, summary, rate):
     check(min(tip) < heights[-1] - threshold / stiffness, f"{name}: the tool does not come through")
     check(len(summary["punctures"]) == len(heights), f"{name}: {len(summary['punctures'])} punctures")
     check(summary["faults"] == [], f"{name}: faults {summary['faults']}")
-    check(summary["allocations_in_loop"] == 0, f"{name}: {summary['allocations_in_loop']} allocations")
+    check(summary["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {summary['allocations_in_loop']} allocations")
     check(summary["ticks"] == len(rows), f"{name}: {summary['ticks']} ticks, {len(rows)} rows")
     check(summary["wrench_error_max"] <= 1e-9, f"{name}: wrench error {summary['wrench_error_max']}")
     worst = max(abs(f - d) for f, d in zip(force, delivered))
