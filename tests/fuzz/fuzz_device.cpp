@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The device on any numbers, every bit pattern of a double among them: poses, encoders, wrenches,
-// limits, currents, a hand, one number of the description, and the whole loop on spoilt readings.
-// Each answer is finite and keeps its laws, or is a refusal by name. In: a hard case
+// limits, currents, a hand, a scene, one number of the description, and the whole loop on spoilt
+// readings.
+// Each answer is finite and keeps its laws, or is a refusal by name. In: a hard case or a scene
 // (tests/corpus/device), or bytes that are a kind and its doubles.
 #include <algorithm>
 #include <array>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "formats/device_protocol.h"
+#include "formats/scene.h"
 #include "runtime/device/motor.h"
 #include "runtime/device/simulated_device.h"
 #include "runtime/device/singularity.h"
@@ -289,6 +291,24 @@ std::string written(double number) {
   return text.data();
 }
 
+// What is taken is finite in every field that a session begins with.
+void check_scene(std::string_view text) {
+  const auto scene = parse_scene(text, "input.json", "");
+  if (!scene) return fuzz::expect_refusal(scene.error());
+  bool known = std::isfinite(scene->duration_s) && scene->tool.sides >= 3;
+  for (const TipKeyframe& k : scene->hand.trajectory) {
+    known = known && std::isfinite(k.t_s);
+    for (std::size_t i = 0; i < 3; ++i)
+      known = known && std::isfinite(k.tip_m[i]) && std::isfinite(k.rotation_deg[i]);
+  }
+  for (const SceneSlice& slice : scene->slices)
+    known = known && std::isfinite(slice.z_m);
+  if (!known) fail("scene: takes what is not finite");
+  const Tool tool = make_tool(scene->tool);
+  for (int i = 0; i < tool.sides; ++i)
+    if (!tool.corner_plate_m[static_cast<std::size_t>(i)].allFinite()) fail("tool: no corner");
+}
+
 // ---- what the bytes say ----
 
 Pose pose_of(fuzz::Bytes& bytes) {
@@ -453,6 +473,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return 0;
   }
   const auto json = parse_strict_json({reinterpret_cast<const char*>(data), size}, "input.json");
-  if (json && json->is_object()) check_case(*json);
+  if (!json || !json->is_object()) return 0;
+  if (json->contains("schema")) {
+    check_scene({reinterpret_cast<const char*>(data), size});
+  } else {
+    check_case(*json);
+  }
   return 0;
 }
