@@ -16,6 +16,7 @@
 #include "pipeline/mesh_slice.h"
 #include "pipeline/refinement.h"
 #include "pipeline/triangulation.h"
+#include "tests/picture_checks.h"
 #include "tests/pslg_case.h"
 
 namespace trocar::pipeline {
@@ -193,6 +194,24 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     return options;
   }
 
+  // Of the full contours, by the pixels alone.
+  void expect_outlines_its_pixels(const Pslg& contours) const {
+    const test::Picture& picture = *case_.picture;
+    if (case_.min_region_mm2 > 0) return;
+    const double steps_per_mm = 1 / case_.lattice.step_mm();
+    test::PixelTruth truth{picture.width, picture.height, {}};
+    truth.step_u = picture.pixel_mm[0] * steps_per_mm;
+    truth.step_v = picture.pixel_mm[1] * steps_per_mm;
+    truth.as_chains = picture.as_chains;
+    truth.half_way = picture.is_mask;
+    for (const float v : picture.values)
+      truth.material.push_back(picture.is_mask ? v == 100 : v >= 50);
+    EXPECT_EQ(test::wrong_pixel(truth, contours), "");
+    if (const auto area = test::exact_doubled_area(truth)) {
+      EXPECT_EQ(doubled_area(contours), *area);
+    }
+  }
+
   void picture_is_right() const {
     const PictureStack stack(*case_.picture);
     Asset asset;
@@ -210,6 +229,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm * (1 + 1e-12));
       const auto contours_ok = check_pslg(slice->contours);
       EXPECT_TRUE(contours_ok) << contours_ok.error().message;
+      expect_outlines_its_pixels(slice->contours);
       const auto cdt_ok = check_mesh_against_pslg(slice->cdt, slice->pslg);
       EXPECT_TRUE(cdt_ok) << cdt_ok.error().message;
       expect_counts(slice->pslg, slice->cdt);
