@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <numbers>
 #include <set>
 #include <string>
 #include <utility>
@@ -52,6 +54,21 @@ std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}
   }
   std::sort(out.begin(), out.end());
   return out;
+}
+
+/// By the corners' coordinates alone; 60 without triangles.
+double smallest_angle_deg(const SliceMesh& mesh) {
+  double least = 60;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const LatticePoint a = mesh.vertices[t[i]], b = mesh.vertices[t[(i + 1) % 3]],
+                         c = mesh.vertices[t[(i + 2) % 3]];
+      const double angle = std::atan2(static_cast<double>(orient2d(a, b, c)),
+                                      static_cast<double>(diametral_dot(b, c, a)));
+      least = std::min(least, angle * 180 / std::numbers::pi);
+    }
+  }
+  return least;
 }
 
 /// The picture as a scan whose slices are all the same.
@@ -132,6 +149,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
     const MeshQuality quality = measure_quality(refined, case_.lattice, case_.min_angle_deg);
     EXPECT_LE(std::int64_t{quality.below_min_angle}, e.sharp_max);
+    EXPECT_GE(smallest_angle_deg(mesh), e.min_angle_deg_min.value_or(0));
     if (refined.outcome == RefinementOutcome::kRefined) {
       EXPECT_EQ(quality.below_unexplained, 0U);
       EXPECT_EQ(quality.below_min_angle, quality.below_at_small_input_angle);
@@ -167,6 +185,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     expect_counts(case_.outline, cdt->mesh);
     const Refined refined = refine(*cdt, case_.lattice, refinement());
     expect_refined(refined);
+    expect_kept_if_it_fits(refined.mesh);
     if (case_.also_at) {
       const LatticePoint at = *case_.also_at;
       Pslg moved = case_.outline;
@@ -177,8 +196,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       const auto there = triangulate(moved);
       ASSERT_TRUE(there) << there.error().message;
       EXPECT_EQ(triangles_of(there->mesh), triangles_of(cdt->mesh, at));
-      EXPECT_EQ(triangles_of(refine(*there, case_.lattice, refinement()).mesh),
-                triangles_of(refined.mesh, at));
+      const SliceMesh refined_there = refine(*there, case_.lattice, refinement()).mesh;
+      EXPECT_EQ(triangles_of(refined_there), triangles_of(refined.mesh, at));
+      expect_kept_if_it_fits(refined_there);
     }
   }
 
@@ -243,6 +263,31 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       asset.slices.push_back(std::move(out));
     }
     expect_kept_by_an_asset(asset);
+  }
+
+  // An asset's positions have 24 bits, counted from the plane's origin or beyond.
+  static bool fits_an_asset(const SliceMesh& mesh) {
+    std::int64_t extent = 0;
+    for (const LatticePoint p : mesh.vertices) {
+      for (const LatticePoint q : {mesh.vertices[0], LatticePoint{}})
+        extent = std::max(
+            {extent, std::abs(std::int64_t{p.x} - q.x), std::abs(std::int64_t{p.y} - q.y)});
+    }
+    return extent <= kMaxAssetExtent;
+  }
+
+  // Kept by an asset, or refused with the way out.
+  void expect_kept_if_it_fits(const SliceMesh& mesh) const {
+    Asset asset;
+    asset.lattice = case_.lattice;
+    asset.slices.emplace_back();
+    asset.slices[0].mesh = mesh;
+    asset.slices[0].pslg = boundary_rings(mesh);
+    if (fits_an_asset(mesh)) return expect_kept_by_an_asset(asset);
+    const auto bytes = encode_asset(asset);
+    ASSERT_FALSE(bytes);
+    EXPECT_EQ(bytes.error().code, ExitCode::kRefused);
+    EXPECT_NE(bytes.error().message.find("use a coarser lattice"), std::string::npos);
   }
 
   // To bytes and back: the same triangles, and planes that have not moved.

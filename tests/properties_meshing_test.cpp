@@ -25,9 +25,10 @@ using test::Motion;
 
 constexpr Lattice kLattice{8};
 
-/// Stars with holes, or the outline of noise: islands, holes, necks, pinches.
+/// Stars with holes and specks beside them, or the outline of noise: islands, holes, necks,
+/// pinches.
 Pslg any_outline() {
-  const int kind = *rc::gen::inRange(0, 3);
+  const int kind = *rc::gen::inRange(0, 4);
   const int size = *rc::gen::inRange(8, 40);
   if (kind == 0) {
     const Field field = noise_field(size, *rc::gen::inRange(1, 6), test::any_seed());
@@ -47,7 +48,14 @@ Pslg any_outline() {
       std::reverse(hole.begin(), hole.end());
       out.rings.push_back(hole);
     }
-    if (check_pslg(out)) return out;
+    if (check_pslg(out) && kind == 2) return out;
+    // Specks in the bays, where a simplified side may jump over them.
+    for (int specks = random.between(1, 12); specks > 0; --specks) {
+      const Ring speck = runtime::star(random, random.point(-radius, radius), 2, 12, 3);
+      out.rings.push_back(speck);
+      if (!check_pslg(out)) out.rings.pop_back();
+    }
+    if (check_pslg(out) && kind == 3) return out;
   }
 }
 
