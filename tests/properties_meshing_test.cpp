@@ -332,25 +332,29 @@ RC_GTEST_PROP(Contours, MoveWithTheirPicture, ()) {
             canonical(by(contours(field, here, kind)).rings));
 }
 
+// (x, y) -> (height - 1 - y, x)
 Field turned(const Field& field) {
-  Field out{{field.image.height, field.image.width, field.image.values}, field.iso, field.is_mask};
-  const int n = field.image.height;
+  const int width = field.image.height, height = field.image.width;
+  Field out{{width, height, field.image.values}, field.iso, field.is_mask};
   for (int y = 0; y < field.image.height; ++y) {
     for (int x = 0; x < field.image.width; ++x)
-      out.image.values[static_cast<std::size_t>(x) * n + (n - 1 - y)] = field.image.at(x, y);
+      out.image.values[static_cast<std::size_t>(x) * width + (width - 1 - y)] =
+          field.image.at(x, y);
   }
   return out;
 }
 
+// Pixels that are no squares, in pictures that are none.
 RC_GTEST_PROP(Contours, TurnWithTheirPicture, ()) {
   const int size = *rc::gen::inRange(8, 32);
-  const Field field = noise_field(size, *rc::gen::inRange(1, 6), test::any_seed());
+  Field field = any_field(size);
+  field.image.height = *rc::gen::inRange(1, size + 1);
+  field.image.values.resize(static_cast<std::size_t>(size) * field.image.height);
   const ContourKind kind = *rc::gen::element(ContourKind::kSubpixel, ContourKind::kPixel);
-  const PixelGrid grid{0.5, 0.5, 0, 0, kLattice};
-  // (x, y) -> (n - 1 - y, x)
-  const Motion quarter{1, {(size - 1) * 128, 0}};
-  RC_ASSERT(canonical(contours(turned(field), grid, kind).rings) ==
-            canonical(quarter(contours(field, grid, kind)).rings));
+  const double u_mm = *rc::gen::element(0.0625, 0.25, 0.5), v_mm = *rc::gen::element(0.25, 0.5);
+  const Motion quarter{1, {(field.image.height - 1) * kLattice.snap_mm(v_mm), 0}};
+  RC_ASSERT(canonical(contours(turned(field), {v_mm, u_mm, 0, 0, kLattice}, kind).rings) ==
+            canonical(quarter(contours(field, {u_mm, v_mm, 0, 0, kLattice}, kind)).rings));
 }
 
 }  // namespace

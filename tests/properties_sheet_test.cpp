@@ -5,9 +5,11 @@
 #include <map>
 
 #include "formats/mesh_validity.h"
+#include "runtime/contact/overlap.h"
 #include "runtime/deformation/network.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/region.h"
+#include "runtime/deformation/response.h"
 #include "runtime/remesh/cut.h"
 #include "tests/delaunay_fixture.h"
 #include "tests/property_fixture.h"
@@ -235,26 +237,89 @@ RC_GTEST_PROP(Cut, RemovesTheSameInWhateverOrderTheSheetIs, ()) {
   expect_alike(sheet, tool, *here, here->hole, here->mesh, *there, true);
 }
 
-// ---- the region that a force is computed on ----
+// ---- the region that a force is computed on, and the force ----
+
+Motion any_translation_or_turn() {
+  return *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
+}
+
+/// Of a point that is not on the lattice: rounded, as far away as it is.
+Eigen::Vector2d moved(const Motion& m, Eigen::Vector2d p) {
+  for (int i = 0; i < m.quarters; ++i)
+    p = Eigen::Vector2d(-p.y(), p.x());
+  return p + Eigen::Vector2d(m.by.x, m.by.y);
+}
 
 RC_GTEST_PROP(Region, MovesWithSheetAndTool, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const Motion m = test::any_translation();
+  const Motion m = any_translation_or_turn();
   const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
   const auto region = [&](const SliceMesh& mesh, const Ring& outline) {
     const auto made = make_sheet_mesh(mesh, 0, 0);
     RegionWorkspace workspace;
-    RegionOptions options;
-    options.radius_m = radius_m;
-    options.grading.max_new_vertices = 300;
-    return make_region(*made, find_seeds(*made, outline), outline, kLattice, options, workspace);
+    ResponseOptions options;
+    options.error_bound = 0;
+    options.region.radius_m = radius_m;
+    options.region.grading.max_new_vertices = 300;
+    return prepare_region(*made, find_seeds(*made, outline), outline, kLattice, kMembrane, options,
+                          workspace);
   };
   const auto here = region(sheet, tool), there = region(m(sheet), m(tool));
   const bool both = here && there;
   RC_ASSERT(both);
-  RC_ASSERT(canonical(there->mesh) == canonical(m(here->mesh)));
-  RC_ASSERT(there->kind == here->kind);
+  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned"));
+  RC_ASSERT(canonical(there->mesh.mesh) == canonical(m(here->mesh.mesh)));
+  RC_ASSERT(there->mesh.kind == here->mesh.kind);
+  RC_ASSERT(there->solution.w == here->solution.w);
+  RC_ASSERT(there->response.stiffness_N_per_m == here->response.stiffness_N_per_m);
+  RC_ASSERT((there->response.centre_steps - moved(m, here->response.centre_steps)).norm() < 1e-6);
+}
+
+// ---- contact: what of the tool stands on material ----
+
+RC_GTEST_PROP(Overlap, MovesWithSheetAndTool, ()) {
+  const SliceMesh mesh = any_sheet();
+  const Motion m = any_translation_or_turn();
+  Random random(test::any_seed());
+  SceneTool shape;
+  shape.sides = random.between(3, 12);
+  const auto sheet_of = [](const SliceMesh& of) {
+    Sheet out;
+    out.mesh = *make_sheet_mesh(of, 0, 0);
+    out.grid = TriangleGrid(out.mesh);
+    return out;
+  };
+  const LatticePoint centre = mesh.vertices[random.between(0, 1 << 20) % mesh.vertices.size()];
+  const auto any_outline = [&] {
+    LatticeOutline out;
+    const Ring ring = convex(random, centre, random.between(10, 1500), shape.sides);
+    out.size = static_cast<int>(ring.size());
+    std::copy(ring.begin(), ring.end(), out.points.begin());
+    return out;
+  };
+  const LatticeOutline outline = any_outline();
+  shape.sides = outline.size;
+  const Tool tool = make_tool(shape);
+  LatticeOutline hole = outline;
+  const LatticePoint off = random.point(-300, 300);
+  for (int i = 0; i < hole.size; ++i)
+    hole.points[i] = {hole.points[i].x + off.x, hole.points[i].y + off.y};
+  const auto there_of = [&](LatticeOutline what) {
+    for (int i = 0; i < what.size; ++i)
+      what.points[i] = m(what.points[i]);
+    return what;
+  };
+  const int holes = random.between(0, 1);
+  const LatticeOutline here_holes[] = {hole}, there_holes[] = {there_of(hole)};
+  const Overlap here = overlap(sheet_of(mesh), tool, outline, std::span(here_holes, holes)),
+                there = overlap(sheet_of(m(mesh)), tool, there_of(outline),
+                                std::span(there_holes, holes));
+  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned") + (here.fraction == 0   ? ", beside"
+                                                              : here.fraction == 1 ? ", inside"
+                                                                                   : ", in part"));
+  RC_ASSERT(here.fraction == there.fraction);
+  RC_ASSERT((there.centroid_steps - moved(m, here.centroid_steps)).norm() < 1e-6);
 }
 
 }  // namespace

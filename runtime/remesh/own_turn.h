@@ -29,8 +29,23 @@ class OwnTurn {
     const std::int64_t y = 2 * sum_y_ - count_ * (std::int64_t{low_.y} + high_.y);
     quarters_ = x > 0 && y >= 0 ? 0 : y > 0 && x <= 0 ? 3 : x < 0 && y <= 0 ? 2 : y < 0 ? 1 : 0;
   }
-  LatticePoint operator()(LatticePoint p) const noexcept {
-    switch (quarters_) {
+  LatticePoint operator()(LatticePoint p) const noexcept { return turned(p, quarters_); }
+  LatticePoint back(LatticePoint p) const noexcept { return turned(p, 4 - quarters_); }
+  /// Likewise of a vector that is not on the lattice.
+  template <typename Vector>
+  Vector back(const Vector& v) const noexcept {
+    Vector out = v;
+    for (int i = quarters_; i % 4 != 0; ++i)
+      out = {-out.y(), out.x()};
+    return out;
+  }
+  /// Of a box's corners, 0..3 counter-clockwise from the lower left, the one that is the lower left
+  /// after the turn.
+  int lower_left() const noexcept { return (4 - quarters_) % 4; }
+
+ private:
+  static LatticePoint turned(LatticePoint p, int quarters) noexcept {
+    switch (quarters) {
       case 1:
         return {-p.y, p.x};
       case 2:
@@ -41,11 +56,7 @@ class OwnTurn {
         return p;
     }
   }
-  /// Of a box's corners, 0..3 counter-clockwise from the lower left, the one that is the lower left
-  /// after the turn.
-  int lower_left() const noexcept { return (4 - quarters_) % 4; }
 
- private:
   LatticePoint low_{INT32_MAX, INT32_MAX}, high_{INT32_MIN, INT32_MIN};
   std::int64_t sum_x_ = 0, sum_y_ = 0, count_ = 0;
   int quarters_ = 0;
