@@ -273,6 +273,7 @@ RC_GTEST_PROP(Region, MovesWithSheetAndTool, ()) {
   RC_ASSERT(there->mesh.kind == here->mesh.kind);
   RC_ASSERT(there->solution.w == here->solution.w);
   RC_ASSERT(there->response.stiffness_N_per_m == here->response.stiffness_N_per_m);
+  if (here->response.stiffness_N_per_m == 0) return;  // nothing acts anywhere
   RC_ASSERT((there->response.centre_steps - moved(m, here->response.centre_steps)).norm() < 1e-6);
 }
 
