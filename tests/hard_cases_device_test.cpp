@@ -18,6 +18,7 @@
 #include "runtime/device/singularity.h"
 #include "runtime/loop/haptic_loop.h"
 #include "tests/device_case.h"
+#include "tests/limits_by_name.h"
 #include "tests/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -364,29 +365,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     model.limits.gap_max_s = 0.1;
     const std::string law = asked.word("law", "hooke");
     model.contact.law = law == "network" ? ForceLawKind::kNetwork : ForceLawKind::kHooke;
-    SafetyLimits& l = model.limits;
-    const std::vector<std::pair<const char*, double*>> limits = {
-        {"encoder_rate_max_rad_per_s", &l.encoder_rate_max_rad_per_s},
-        {"pose_residual_max_m", &l.pose_residual_max_m},
-        {"theta4_residual_max_rad", &l.theta4_residual_max_rad},
-        {"inverse_condition_min", &l.inverse_condition_min},
-        {"plate_tilt_max_rad", &l.plate_tilt_max_rad},
-        {"speed_max_m_per_s", &l.speed_max_m_per_s},
-        {"turn_rate_max_rad_per_s", &l.turn_rate_max_rad_per_s},
-        {"speed_window_s", &l.speed_window_s},
-        {"torque_max_Nm", &l.torque_max_Nm},
-        {"torque_rise_max_Nm_per_s", &l.torque_rise_max_Nm_per_s},
-        {"torque_rise_time_max_s", &l.torque_rise_time_max_s},
-        {"branch_distance_min_m", &l.branch_distance_min_m},
-        {"overload_time_max_s", &l.overload_time_max_s},
-        {"silence_max_s", &l.silence_max_s},
-        {"gap_max_s", &l.gap_max_s},
-        {"overload_scale_min", &l.overload_scale_min},
-        {"workspace_min_x_m", &l.workspace_min_m[0]},
-        {"workspace_max_z_m", &l.workspace_max_m[2]},
-        {"ramp_s", &l.timing.ramp_s}};
     DeviceFields set(asked.object("limits"), "/limits", errors_);
-    for (const auto& [name, value] : limits)
+    for (const auto& [name, value] : test::limits_by_name(model.limits))
       *value = set.number(name, *value);
     set.finish();
     return model;

@@ -20,6 +20,7 @@
 #include "runtime/loop/haptic_loop.h"
 #include "tests/device_case.h"
 #include "tests/fuzz/harness.h"
+#include "tests/limits_by_name.h"
 #include "tests/sheet_fixture.h"
 
 namespace {
@@ -330,28 +331,10 @@ Vector vector_of(fuzz::Bytes& bytes) {
 
 SafetyLimits limits_of(fuzz::Bytes& bytes) {
   SafetyLimits l;
-  double* const all[] = {&l.encoder_rate_max_rad_per_s,
-                         &l.pose_residual_max_m,
-                         &l.theta4_residual_max_rad,
-                         &l.inverse_condition_min,
-                         &l.branch_distance_min_m,
-                         &l.plate_tilt_max_rad,
-                         &l.speed_max_m_per_s,
-                         &l.turn_rate_max_rad_per_s,
-                         &l.speed_window_s,
-                         &l.torque_max_Nm,
-                         &l.torque_rise_max_Nm_per_s,
-                         &l.torque_rise_time_max_s,
-                         &l.overload_scale_min,
-                         &l.overload_time_max_s,
-                         &l.silence_max_s,
-                         &l.gap_max_s,
-                         &l.timing.ramp_s,
-                         &l.workspace_min_m[2],
-                         &l.workspace_max_m[2]};
+  const auto all = test::limits_by_name(l);
   for (int n = bytes.below(4); n > 0; --n) {
-    const auto which = static_cast<std::size_t>(bytes.below(static_cast<int>(std::size(all))));
-    *all[which] = bytes.real();
+    const auto which = static_cast<std::size_t>(bytes.below(static_cast<int>(all.size())));
+    *all[which].second = bytes.real();
   }
   return l;
 }
@@ -461,7 +444,11 @@ void check_case(const nlohmann::json& json) {
   tick.gap_s = asked.number("gap_s", 1e-3);
   tick.stiffness = asked.number("response_stiffness_N_per_m", 5000);
   tick.offset_m = asked.number("response_offset_m", 0);
-  check_loop({tick, tick, tick}, {});
+  SafetyLimits set;
+  test::DeviceFields named(asked.object("limits"), "/limits", errors);
+  for (const auto& [name, value] : test::limits_by_name(set))
+    *value = named.number(name, *value);
+  check_loop({tick, tick, tick}, set);
 }
 
 }  // namespace
