@@ -11,6 +11,7 @@
 #include "runtime/deformation/region.h"
 #include "runtime/deformation/response.h"
 #include "runtime/remesh/cut.h"
+#include "runtime/remesh/local_refinement.h"
 #include "tests/delaunay_fixture.h"
 #include "tests/property_fixture.h"
 #include "tests/random_geometry.h"
@@ -241,6 +242,30 @@ RC_GTEST_PROP(Cut, RemovesTheSameInWhateverOrderTheSheetIs, ()) {
 
 Motion any_translation_or_turn() {
   return *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
+}
+
+// As after a puncture: the hole, and then better triangles around it.
+RC_GTEST_PROP(QualityPass, MovesWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const Motion m = any_translation_or_turn();
+  const auto improved = [](const SliceMesh& of, const Ring& outline) {
+    SheetMesh mesh = *make_sheet_mesh(of, 1000, 2000);
+    const std::size_t slots = mesh.triangles.size();
+    CutWorkspace work({slots, mesh.vertices.size() + 1000, 3 * slots + 1000});
+    SheetEdit edit(mesh);
+    const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), outline, work, edit);
+    RC_ASSERT(report.outcome != CutOutcome::kBug);
+    RC_ASSERT(report.outcome != CutOutcome::kNotATool);
+    LocalRefinementWorkspace refinement(mesh);
+    LocalRefinementOptions options;
+    options.min_angle_deg = 20;
+    refine_locally(mesh, edit, work.stitch.created, options, refinement);
+    return to_slice_mesh(mesh);
+  };
+  const SliceMesh here = improved(sheet, tool), there = improved(m(sheet), m(tool));
+  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned"));
+  RC_ASSERT(canonical(there) == canonical(m(here)));
 }
 
 /// Of a point that is not on the lattice: rounded, as far away as it is.
