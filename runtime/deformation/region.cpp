@@ -134,12 +134,12 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   // From here on places are relative to the tool, and turned by right angles as the part itself
   // decides: what rounding makes of them then does not depend on where in the slice it is, nor on
   // how the slice was turned (law 5).
-  OwnTurn turn;
-  for (const LatticePoint p : part.mesh.vertices)
-    turn.add(p);
-  for (const LatticePoint p : tool_in_sheet)
-    turn.add(p);
-  turn.decide();
+  const OwnTurn turn([&](auto&& visit) {
+    for (const LatticePoint p : part.mesh.vertices)
+      visit(p);
+    for (const LatticePoint p : tool_in_sheet)
+      visit(p);
+  });
   Ring tool;
   for (const LatticePoint p : tool_in_sheet)
     tool.push_back(turn(p));

@@ -49,13 +49,12 @@ bool recedes(const Strand& s, LatticePoint p) {
 
 // Of all corners of rim and tool (law 5).
 OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
-  OwnTurn out;
-  for (const std::uint32_t v : cavity.rim_vertices)
-    out.add(mesh.vertices[v]);
-  for (const OutlineEdge& e : cavity.tool)
-    out.add(e.a);
-  out.decide();
-  return out;
+  return OwnTurn([&](auto&& visit) {
+    for (const std::uint32_t v : cavity.rim_vertices)
+      visit(mesh.vertices[v]);
+    for (const OutlineEdge& e : cavity.tool)
+      visit(e.a);
+  });
 }
 
 // The bend of law 1 for two segments that cross properly.

@@ -104,6 +104,13 @@ void mesh_outline(const Pslg& outline, const test::PslgCase& options) {
   if (!is_constrained_delaunay(refined.mesh)) fail("refinement: not Delaunay");
   if (refined.origins.size() != refined.mesh.vertices.size()) fail("refinement: origins missing");
   expect_near_outline(refined);
+  double perimeter = 0;
+  for (const Ring& ring : outline.rings) {
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      perimeter += std::sqrt(static_cast<double>(distance2(ring[i], ring[(i + 1) % ring.size()])));
+  }
+  const std::int64_t lost = doubled_area(outline) - doubled_area(refined.mesh);
+  if (lost < 0 || static_cast<double>(lost) > 2 * 3 * perimeter) fail("refinement: another area");
   const MeshQuality quality =
       measure_quality(refined, options.lattice, std::min(refined.angle_deg, 60.0));
   if (!std::isfinite(quality.min_angle_deg) || !std::isfinite(quality.max_area_mm2))
