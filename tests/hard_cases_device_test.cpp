@@ -3,6 +3,7 @@
 // is right. Whatever is asked, no answer is other than finite, and no torque beyond its limit.
 #include <gtest/gtest.h>
 
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -10,10 +11,14 @@
 #include <vector>
 
 #include "formats/device_protocol.h"
+#include "formats/scene.h"
+#include "runtime/device/hand.h"
 #include "runtime/device/motor.h"
+#include "runtime/device/simulated_device.h"
 #include "runtime/device/singularity.h"
 #include "runtime/loop/haptic_loop.h"
 #include "tests/device_case.h"
+#include "tests/limits_by_name.h"
 #include "tests/sheet_fixture.h"
 
 namespace trocar::runtime {
@@ -175,6 +180,18 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     EXPECT_TRUE((result.tau_motor_Nm.cwiseAbs().array() <= limit.array()).all());
     EXPECT_GE(result.scale, 0);
     EXPECT_LE(result.scale, 1);
+    if (result.kind == Allocation::kMinimumNorm && wanted.norm() > 1e-150) {
+      // Another decomposition's pseudo-inverse; rotation in metres, as its rank is judged.
+      Jacobian in_metres = G;
+      in_metres.rightCols<3>() /= kCharacteristicLength_m;
+      Wrench wanted_in_metres = wanted;
+      wanted_in_metres.tail<3>() /= kCharacteristicLength_m;
+      const Eigen::JacobiSVD<Eigen::Matrix<double, 6, kMotors>> svd(
+          in_metres.transpose(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+      const MotorVector tau = svd.solve(wanted_in_metres);
+      const double condition = svd.singularValues()[0] / svd.singularValues()[5];
+      EXPECT_LE((tau - result.tau_motor_Nm).norm(), 1e-13 * condition * tau.norm());
+    }
     const Wrench given = G.transpose() * result.tau_motor_Nm;
     const double size = G.norm() * std::max(result.tau_motor_Nm.norm(), 1e-300);
     EXPECT_LE((given - result.scale * wanted).norm(), 1e-9 * size);
@@ -196,8 +213,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     };
     if (!asked.has("each_field")) {
       expect_kind(G, wanted, limit);
-      const double largest = right.number("largest_torque_max_Nm", 1e300);
-      EXPECT_LE(allocate_torques(G, wanted, limit).tau_motor_Nm.cwiseAbs().maxCoeff(), largest);
+      const double is = allocate_torques(G, wanted, limit).tau_motor_Nm.cwiseAbs().maxCoeff();
+      EXPECT_LE(is, right.number("largest_torque_max_Nm", 1e300));
+      EXPECT_GE(is, right.number("largest_torque_min_Nm", 0));
       return;
     }
     const double bad = asked.number("each_field", 0);
@@ -234,30 +252,88 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
   }
 
-  // ---- description and packets ----
+  // ---- the hand ----
+
+  void ask_hand(DeviceFields& asked, DeviceFields& right) {
+    const Pose T = test::read_pose(device_, asked.object("pose"), errors_);
+    const double bad = asked.number("each_field", 0);
+    const std::string because = right.word("because", "");
+    const HandTrajectory still{{{0, T}, {1, T}}};
+    ASSERT_TRUE(check_hand(still, {}));
+    constexpr int kPoseFields = 8, kImpedanceFields = 6;
+    for (int i = 0; i < 2 * kPoseFields + kImpedanceFields; ++i) {
+      SCOPED_TRACE("field " + std::to_string(i));
+      HandTrajectory hand = still;
+      HandImpedance grip;
+      double* const parts[] = {&grip.stiffness_N_per_m,
+                               &grip.damping_Ns_per_m,
+                               &grip.rotational_stiffness_Nm_per_rad,
+                               &grip.rotational_damping_Nms_per_rad,
+                               &grip.mass_kg,
+                               &grip.let_go_t_s};
+      HandKeyframe& k = hand.keyframes[i / kPoseFields % 2];
+      const int field = i % kPoseFields;
+      (i >= 2 * kPoseFields ? *parts[i - 2 * kPoseFields]
+       : field == 0         ? k.t_s
+       : field <= 3         ? k.T_device_tool.p_m[field - 1]
+                            : k.T_device_tool.q.coeffs()[field - 4]) = bad;
+      const auto checked = check_hand(hand, grip);
+      const auto device = SimulatedDevice::make(device_, hand, grip);
+      // A hand may let go at any time or never.
+      const bool lets_go = parts[5] == parts[std::max(0, i - 2 * kPoseFields)] && !std::isnan(bad);
+      EXPECT_EQ(static_cast<bool>(checked), lets_go);
+      EXPECT_EQ(static_cast<bool>(device), lets_go);
+      if (checked) continue;
+      EXPECT_EQ(checked.error().code, ExitCode::kRefused);
+      EXPECT_NE(checked.error().message.find("hand: "), std::string::npos);
+      EXPECT_NE(checked.error().message.find(because), std::string::npos)
+          << checked.error().message;
+    }
+  }
+
+  // ---- scene, description and packets ----
+
+  /// In each place where `original` has a number, `text` in its stead.
+  template <typename Parse>
+  static void each_number_refused(const nlohmann::json& original, const std::string& text,
+                                  const std::string& because, int least, Parse parse) {
+    const nlohmann::json flat = original.flatten();
+    int numbers = 0;
+    for (const auto& [pointer, value] : flat.items()) {
+      if (!value.is_number()) continue;
+      ++numbers;
+      nlohmann::json spoilt = original;
+      spoilt[nlohmann::json::json_pointer(pointer)] = "PLACE";
+      std::string dumped = spoilt.dump();
+      dumped.replace(dumped.find("\"PLACE\""), 7, text);
+      const auto read = parse(dumped);
+      ASSERT_FALSE(read) << pointer << " = " << text << " was taken";
+      EXPECT_EQ(read.error().code, ExitCode::kRefused);
+      EXPECT_EQ(read.error().message.rfind("case.json: ", 0), 0U) << read.error().message;
+      EXPECT_NE(read.error().message.find(because.empty() ? pointer.substr(0, 6) : because),
+                std::string::npos)
+          << pointer << ": " << read.error().message;
+    }
+    EXPECT_GE(numbers, least);
+  }
+
+  void ask_scene(DeviceFields& asked, DeviceFields& right) {
+    const std::string text = asked.word("each_number", "null"), because = right.word("because", "");
+    const std::string source = test::text_of(TROCAR_CORPUS "/device/every_field_of_a.scene");
+    ASSERT_TRUE(parse_scene(source, "every_field_of_a.scene", ""));
+    each_number_refused(
+        *parse_strict_json(source, "every_field_of_a.scene"), text, because, 35,
+        [](const std::string& dumped) { return parse_scene(dumped, "case.json", ""); });
+  }
 
   void ask_description(DeviceFields& asked, DeviceFields& right) {
     const std::string text = asked.word("each_number", "null"), because = right.word("because", "");
     const std::string source = test::text_of(TROCAR_FOUR_LEGS_JSON);
     auto original = parse_strict_json(source, "four_legs.json");
     ASSERT_TRUE(original);
-    const nlohmann::json flat = original->flatten();
-    int numbers = 0;
-    for (const auto& [pointer, value] : flat.items()) {
-      if (!value.is_number()) continue;
-      ++numbers;
-      nlohmann::json spoilt = *original;
-      spoilt[nlohmann::json::json_pointer(pointer)] = "PLACE";
-      std::string dumped = spoilt.dump();
-      dumped.replace(dumped.find("\"PLACE\""), 7, text);
-      const auto read = parse_device_description(dumped, "case.json");
-      ASSERT_FALSE(read) << pointer << " = " << text << " was taken";
-      EXPECT_EQ(read.error().code, ExitCode::kRefused);
-      EXPECT_NE(read.error().message.find(because.empty() ? pointer.substr(0, 6) : because),
-                std::string::npos)
-          << pointer << ": " << read.error().message;
-    }
-    EXPECT_GE(numbers, 30);
+    each_number_refused(*original, text, because, 30, [](const std::string& dumped) {
+      return parse_device_description(dumped, "case.json");
+    });
   }
 
   void ask_packet(DeviceFields& asked, DeviceFields& right) {
@@ -276,6 +352,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       packet.tau_motor_Nm[i] = bad;
       EXPECT_EQ(encode(packet, key, bytes) > 0, taken) << "motor " << i;
     }
+    const HelloPacket hello{1, {1}, bad, true};
+    EXPECT_EQ(encode(hello, key, bytes) > 0, right.word("period", "refused") == "taken");
   }
 
   // ---- the loop: the tool goes down into a sheet, and then something is wrong ----
@@ -287,30 +365,19 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     model.limits.gap_max_s = 0.1;
     const std::string law = asked.word("law", "hooke");
     model.contact.law = law == "network" ? ForceLawKind::kNetwork : ForceLawKind::kHooke;
-    SafetyLimits& l = model.limits;
-    const std::vector<std::pair<const char*, double*>> limits = {
-        {"encoder_rate_max_rad_per_s", &l.encoder_rate_max_rad_per_s},
-        {"pose_residual_max_m", &l.pose_residual_max_m},
-        {"theta4_residual_max_rad", &l.theta4_residual_max_rad},
-        {"inverse_condition_min", &l.inverse_condition_min},
-        {"plate_tilt_max_rad", &l.plate_tilt_max_rad},
-        {"speed_max_m_per_s", &l.speed_max_m_per_s},
-        {"turn_rate_max_rad_per_s", &l.turn_rate_max_rad_per_s},
-        {"speed_window_s", &l.speed_window_s},
-        {"torque_max_Nm", &l.torque_max_Nm},
-        {"torque_rise_max_Nm_per_s", &l.torque_rise_max_Nm_per_s},
-        {"torque_rise_time_max_s", &l.torque_rise_time_max_s},
-        {"branch_distance_min_m", &l.branch_distance_min_m},
-        {"overload_time_max_s", &l.overload_time_max_s},
-        {"silence_max_s", &l.silence_max_s},
-        {"gap_max_s", &l.gap_max_s},
-        {"ramp_s", &l.timing.ramp_s}};
     DeviceFields set(asked.object("limits"), "/limits", errors_);
-    for (const auto& [name, value] : limits)
+    for (const auto& [name, value] : test::limits_by_name(model.limits))
       *value = set.number(name, *value);
     set.finish();
     return model;
   }
+
+  /// What is right in the end, beside the fault.
+  struct LoopEnd {
+    std::string fault;
+    double force_min_N = 0, force_max_N = 1e300;  ///< felt in the last tick
+    int zero_after_ticks = 5;                     ///< of the fault's
+  };
 
   struct Spoilt {
     int encoder = -1;  ///< and what is done to it
@@ -320,7 +387,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   };
 
   // The fault of the first tick in which one is named, with all that holds of every tick.
-  void run_loop(const LoopModel& model, const Spoilt& spoilt, const std::string& word) {
+  void run_loop(const LoopModel& model, const Spoilt& spoilt, const LoopEnd& right) {
     Scene scene = test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015);
     scene.tissue = Tissue{5000, 1e6, 0, {}};
     const auto sheets = place_slices(scene, test::square_asset(1), "case");
@@ -357,21 +424,25 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       }
       pressed_N = std::max(pressed_N, result.contact.force_N);
       if (found == Fault::kNone) found = result.new_fault;
-      if (found != Fault::kNone && ++since >= 5) {
+      if (found != Fault::kNone && ++since >= right.zero_after_ticks) {
         EXPECT_EQ(result.row.safety, SafetyState::kFault);
         for (const double tau : device.written.tau_motor_Nm)
-          EXPECT_EQ(tau, 0) << "5 ms after the fault";
+          EXPECT_EQ(tau, 0) << since << " ms after the fault";
       }
     }
-    EXPECT_EQ(std::string(to_word(found)), word);
-    if (!spoilt.first && word == "none") {
+    EXPECT_EQ(std::string(to_word(found)), right.fault);
+    if (!spoilt.first && right.fault == "none") {
       EXPECT_NEAR(pressed_N, 5, 0.1);
     }
+    EXPECT_GE(result.contact.force_N, right.force_min_N);
+    EXPECT_LE(result.contact.force_N, right.force_max_N);
   }
 
   void ask_loop(DeviceFields& asked, DeviceFields& right) {
     const LoopModel model = loop_model(asked);
-    const std::string word = right.word("fault", "none");
+    const LoopEnd word{right.word("fault", "none"), right.number("force_min_N", 0),
+                       right.number("force_max_N", 1e300),
+                       static_cast<int>(right.number("zero_after_ticks", 5))};
     Spoilt spoilt;
     spoilt.gap_s = asked.number("gap_s", 1e-3);
     spoilt.stiffness = asked.number("response_stiffness_N_per_m", 5000);
@@ -409,6 +480,10 @@ TEST_P(HardCase, IsRight) {
     ask_allocation(file, right);
   } else if (ask == "motor") {
     ask_motor(file, right);
+  } else if (ask == "hand") {
+    ask_hand(file, right);
+  } else if (ask == "scene") {
+    ask_scene(file, right);
   } else if (ask == "description") {
     ask_description(file, right);
   } else if (ask == "packet") {

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <numbers>
 #include <set>
 #include <string>
 #include <utility>
@@ -16,6 +18,7 @@
 #include "pipeline/mesh_slice.h"
 #include "pipeline/refinement.h"
 #include "pipeline/triangulation.h"
+#include "tests/picture_checks.h"
 #include "tests/pslg_case.h"
 
 namespace trocar::pipeline {
@@ -51,6 +54,21 @@ std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}
   }
   std::sort(out.begin(), out.end());
   return out;
+}
+
+/// By the corners' coordinates alone; 60 without triangles.
+double smallest_angle_deg(const SliceMesh& mesh) {
+  double least = 60;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const LatticePoint a = mesh.vertices[t[i]], b = mesh.vertices[t[(i + 1) % 3]],
+                         c = mesh.vertices[t[(i + 2) % 3]];
+      const double angle = std::atan2(static_cast<double>(orient2d(a, b, c)),
+                                      static_cast<double>(diametral_dot(b, c, a)));
+      least = std::min(least, angle * 180 / std::numbers::pi);
+    }
+  }
+  return least;
 }
 
 /// The picture as a scan whose slices are all the same.
@@ -119,7 +137,24 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
   }
 
-  void expect_refined(const Refined& refined) const {
+  // The outline's corners stay, and its sides recede by less than three steps: so little is lost.
+  static void expect_of_outline(const SliceMesh& mesh, const Pslg& outline) {
+    const std::set<LatticePoint> points(mesh.vertices.begin(), mesh.vertices.end());
+    double perimeter = 0;
+    for (const Ring& ring : outline.rings) {
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        EXPECT_TRUE(points.contains(ring[i])) << ring[i].x << ", " << ring[i].y << " is gone";
+        perimeter +=
+            std::sqrt(static_cast<double>(distance2(ring[i], ring[(i + 1) % ring.size()])));
+      }
+    }
+    const std::int64_t lost = doubled_area(outline) - doubled_area(mesh);
+    EXPECT_GE(lost, 0);
+    EXPECT_LE(static_cast<double>(lost), 2 * 3 * perimeter);
+  }
+
+  void expect_refined(const Refined& refined, const Pslg& outline) const {
+    expect_of_outline(refined.mesh, outline);
     const test::PslgExpectation& e = case_.expect;
     const SliceMesh& mesh = refined.mesh;
     const auto ok = check_mesh_against_pslg(mesh, boundary_rings(mesh));
@@ -131,6 +166,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
     const MeshQuality quality = measure_quality(refined, case_.lattice, case_.min_angle_deg);
     EXPECT_LE(std::int64_t{quality.below_min_angle}, e.sharp_max);
+    EXPECT_GE(smallest_angle_deg(mesh), e.min_angle_deg_min.value_or(0));
     if (refined.outcome == RefinementOutcome::kRefined) {
       EXPECT_EQ(quality.below_unexplained, 0U);
       EXPECT_EQ(quality.below_min_angle, quality.below_at_small_input_angle);
@@ -165,7 +201,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     EXPECT_TRUE(is_constrained_delaunay(cdt->mesh));
     expect_counts(case_.outline, cdt->mesh);
     const Refined refined = refine(*cdt, case_.lattice, refinement());
-    expect_refined(refined);
+    expect_refined(refined, case_.outline);
+    expect_kept_if_it_fits(refined.mesh);
     if (case_.also_at) {
       const LatticePoint at = *case_.also_at;
       Pslg moved = case_.outline;
@@ -176,8 +213,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       const auto there = triangulate(moved);
       ASSERT_TRUE(there) << there.error().message;
       EXPECT_EQ(triangles_of(there->mesh), triangles_of(cdt->mesh, at));
-      EXPECT_EQ(triangles_of(refine(*there, case_.lattice, refinement()).mesh),
-                triangles_of(refined.mesh, at));
+      const SliceMesh refined_there = refine(*there, case_.lattice, refinement()).mesh;
+      EXPECT_EQ(triangles_of(refined_there), triangles_of(refined.mesh, at));
+      expect_kept_if_it_fits(refined_there);
     }
   }
 
@@ -191,6 +229,24 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     options.min_region_mm2 = case_.min_region_mm2;
     options.lattice = case_.lattice;
     return options;
+  }
+
+  // Of the full contours, by the pixels alone.
+  void expect_outlines_its_pixels(const Pslg& contours) const {
+    const test::Picture& picture = *case_.picture;
+    if (case_.min_region_mm2 > 0) return;
+    const double steps_per_mm = 1 / case_.lattice.step_mm();
+    test::PixelTruth truth{picture.width, picture.height, {}};
+    truth.step_u = picture.pixel_mm[0] * steps_per_mm;
+    truth.step_v = picture.pixel_mm[1] * steps_per_mm;
+    truth.as_chains = picture.as_chains;
+    truth.half_way = picture.is_mask;
+    for (const float v : picture.values)
+      truth.material.push_back(picture.is_mask ? v == 100 : v >= 50);
+    EXPECT_EQ(test::wrong_pixel(truth, contours), "");
+    if (const auto area = test::exact_doubled_area(truth)) {
+      EXPECT_EQ(doubled_area(contours), *area);
+    }
   }
 
   void picture_is_right() const {
@@ -210,10 +266,11 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm * (1 + 1e-12));
       const auto contours_ok = check_pslg(slice->contours);
       EXPECT_TRUE(contours_ok) << contours_ok.error().message;
+      expect_outlines_its_pixels(slice->contours);
       const auto cdt_ok = check_mesh_against_pslg(slice->cdt, slice->pslg);
       EXPECT_TRUE(cdt_ok) << cdt_ok.error().message;
       expect_counts(slice->pslg, slice->cdt);
-      expect_refined(slice->refined);
+      expect_refined(slice->refined, slice->pslg);
       AssetSlice out;
       out.index = k;
       out.z_mm = stack.plane(k).z_mm;
@@ -223,6 +280,31 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       asset.slices.push_back(std::move(out));
     }
     expect_kept_by_an_asset(asset);
+  }
+
+  // An asset's positions have 24 bits, counted from the plane's origin or beyond.
+  static bool fits_an_asset(const SliceMesh& mesh) {
+    std::int64_t extent = 0;
+    for (const LatticePoint p : mesh.vertices) {
+      for (const LatticePoint q : {mesh.vertices[0], LatticePoint{}})
+        extent = std::max(
+            {extent, std::abs(std::int64_t{p.x} - q.x), std::abs(std::int64_t{p.y} - q.y)});
+    }
+    return extent <= kMaxAssetExtent;
+  }
+
+  // Kept by an asset, or refused with the way out.
+  void expect_kept_if_it_fits(const SliceMesh& mesh) const {
+    Asset asset;
+    asset.lattice = case_.lattice;
+    asset.slices.emplace_back();
+    asset.slices[0].mesh = mesh;
+    asset.slices[0].pslg = boundary_rings(mesh);
+    if (fits_an_asset(mesh)) return expect_kept_by_an_asset(asset);
+    const auto bytes = encode_asset(asset);
+    ASSERT_FALSE(bytes);
+    EXPECT_EQ(bytes.error().code, ExitCode::kRefused);
+    EXPECT_NE(bytes.error().message.find("use a coarser lattice"), std::string::npos);
   }
 
   // To bytes and back: the same triangles, and planes that have not moved.

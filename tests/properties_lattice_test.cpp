@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the exact predicates owe each other, over the whole lattice: symmetries, motions, and the
-// consistency that the proofs of meshing rest on.
+// consistency that the proofs of meshing rest on; and that they are the textbook's.
+#include <boost/multiprecision/cpp_int.hpp>
+
 #include "formats/lattice.h"
 #include "tests/property_fixture.h"
 
@@ -24,6 +26,49 @@ test::Motion motion_within_bounds(std::initializer_list<P> points) {
   out.by = {*rc::gen::inRange(-kMaxCoordinate - low_x, kMaxCoordinate - high_x + 1),
             *rc::gen::inRange(-kMaxCoordinate - low_y, kMaxCoordinate - high_y + 1)};
   return out;
+}
+
+using Big = boost::multiprecision::int512_t;
+
+// The textbook's determinants, in integers of any length.
+Big wide_orient(P a, P b, P c) {
+  return (Big(b.x) - a.x) * (Big(c.y) - a.y) - (Big(b.y) - a.y) * (Big(c.x) - a.x);
+}
+int wide_circle(P a, P b, P c, P d) {
+  const auto lift = [](P p) { return Big(Big(p.x) * p.x + Big(p.y) * p.y); };
+  const auto minor = [&](P p, P q, P r) {
+    return Big(Big(p.x) * (Big(q.y) * lift(r) - lift(q) * r.y) -
+               Big(p.y) * (Big(q.x) * lift(r) - lift(q) * r.x) +
+               lift(p) * (Big(q.x) * r.y - Big(q.y) * r.x));
+  };
+  return Big(minor(a, b, c) - minor(a, b, d) + minor(a, c, d) - minor(b, c, d)).sign();
+}
+
+RC_GTEST_PROP(Orient2d, IsTheTextbooksDeterminant, (P a, P b, P c)) {
+  RC_ASSERT(Big(orient2d(a, b, c)) == wide_orient(a, b, c));
+  RC_ASSERT(orient2d({0, 0}, {1, 0}, {0, 1}) == 1);  // counter-clockwise is positive
+}
+
+RC_GTEST_PROP(InCircle, IsTheTextbooksDeterminant, (P a, P b, P c, P d)) {
+  RC_ASSERT(in_circle(a, b, c, d) == wide_circle(a, b, c, d));
+  RC_ASSERT(in_circle({0, 0}, {2, 0}, {0, 2}, {1, 1}) == 1);  // inside is positive
+}
+
+// Where doubles and 64 bits are wrong: four points of one circle, however large, and one of them
+// off it by a step or not at all.
+RC_GTEST_PROP(InCircle, IsExactBesideACircle, ()) {
+  constexpr std::int32_t kFar = kMaxCoordinate / 2;
+  const P v{*rc::gen::inRange(-kFar + 2, kFar - 1), *rc::gen::inRange(-kFar + 2, kFar - 1)};
+  RC_PRE(v.x != 0 && v.y != 0 && std::abs(v.x) != std::abs(v.y));
+  const P centre{*rc::gen::inRange(-kFar, kFar + 1), *rc::gen::inRange(-kFar, kFar + 1)};
+  const auto at = [&](int turn, bool mirrored) {
+    const P p = test::Motion{turn, centre}(mirrored ? P{v.y, v.x} : v);
+    return p;
+  };
+  P a = at(0, false), b = at(1, *rc::gen::arbitrary<bool>()), c = at(2, false), d = at(3, true);
+  RC_ASSERT(in_circle(a, b, c, d) == 0);
+  d = {d.x + *rc::gen::inRange(-1, 2), d.y + *rc::gen::inRange(-1, 2)};
+  RC_ASSERT(in_circle(a, b, c, d) == wide_circle(a, b, c, d));
 }
 
 RC_GTEST_PROP(Orient2d, TurnsWithItsArguments, (P a, P b, P c)) {
@@ -58,9 +103,17 @@ RC_GTEST_PROP(InCircle, DoesNotDependOnThePlace, (P a, P b, P c, P d)) {
 
 // Of the two diagonals of a convex quadrilateral one is Delaunay, or both are: flips end.
 RC_GTEST_PROP(InCircle, OneDiagonalIsDelaunay, (P a, P b, P c, P d)) {
-  RC_PRE(orient2d(a, b, c) > 0 && orient2d(a, c, d) > 0 && orient2d(a, b, d) > 0 &&
-         orient2d(b, c, d) > 0);
-  RC_ASSERT(in_circle(a, b, c, d) == -in_circle(b, c, d, a));
+  // In some order, most that are given are.
+  std::array<P, 4> p = {a, b, c, d};
+  std::sort(p.begin(), p.end());
+  const auto is_convex = [&p] {
+    return orient2d(p[0], p[1], p[2]) > 0 && orient2d(p[0], p[2], p[3]) > 0 &&
+           orient2d(p[0], p[1], p[3]) > 0 && orient2d(p[1], p[2], p[3]) > 0;
+  };
+  while (!is_convex() && std::next_permutation(p.begin(), p.end())) {
+  }
+  RC_PRE(is_convex());
+  RC_ASSERT(in_circle(p[0], p[1], p[2], p[3]) == -in_circle(p[1], p[2], p[3], p[0]));
 }
 
 RC_GTEST_PROP(DiametralDot, IsThalesCircle, (P a, P b, P p)) {

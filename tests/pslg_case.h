@@ -34,6 +34,7 @@ struct PslgExpectation {
   /// Triangles below the wanted angle: at small input angles, or where the lattice is too coarse.
   std::int64_t sharp_max = 0;
   std::int64_t negative_stiffness_max = 0;
+  std::optional<double> min_angle_deg_min;  ///< no triangle is sharper
 };
 
 struct PslgCase {
@@ -170,6 +171,7 @@ inline PslgExpectation read_pslg_expectation(const nlohmann::json& value, JsonEr
   if (o.has("refinement")) out.refinement = o.string("refinement");
   out.sharp_max = o.integer("sharp_max", 0, kMost, 0);
   out.negative_stiffness_max = o.integer("negative_stiffness_max", 0, kMost, 0);
+  out.min_angle_deg_min = optional_number(o, "min_angle_deg_min", 0, 60);
   o.finish();
   return out;
 }

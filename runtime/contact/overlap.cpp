@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <utility>
 
@@ -23,21 +24,42 @@ struct Polygon {
 };
 static_assert(Polygon::kCapacity >= kMaxToolSides * 27 / 8);
 
-/// Doubled area, and six times the first moment.
-struct Moments {
-  double area = 0;
-  Eigen::Vector2d first = Eigen::Vector2d::Zero();
+/// Doubled area, and six times the first moment. Pieces are added up as integers, in units of some
+/// 2^-56 of the tool's box: in whatever order they come, the sum is the same to the bit.
+class Moments {
+ public:
+  /// `doubled_area` and `reach`, the largest |coordinate|: of what all pieces lie in.
+  Moments(double doubled_area, double reach) noexcept
+      : area_unit_(unit(doubled_area)), first_unit_(unit(3 * doubled_area * reach)) {}
+
   void add(const Polygon& polygon) noexcept {
     for (int i = 2; i < polygon.size; ++i) {
       const Eigen::Vector2d &o = polygon.points[0], &p = polygon.points[i - 1],
                             &q = polygon.points[i];
       const Eigen::Vector2d a = p - o, b = q - o;
       const double doubled = a.x() * b.y() - a.y() * b.x();
-      area += doubled;
-      first += doubled * (o + p + q);
+      const Eigen::Vector2d first = doubled * (o + p + q);
+      area_ += std::llrint(doubled / area_unit_);
+      first_x_ += std::llrint(first.x() / first_unit_);
+      first_y_ += std::llrint(first.y() / first_unit_);
     }
   }
-  Eigen::Vector2d centroid() const noexcept { return first / (3 * area); }
+  double area() const noexcept { return static_cast<double>(area_) * area_unit_; }
+  Eigen::Vector2d centroid() const noexcept {
+    const Eigen::Vector2d first(static_cast<double>(first_x_), static_cast<double>(first_y_));
+    return first_unit_ / (3 * area()) * first;
+  }
+
+ private:
+  // A power of two, so that dividing by it is exact. Seven bits are left for polygons that fold
+  // over themselves, whose parts are larger than what they sum to.
+  static double unit(double most) noexcept {
+    int exponent = 0;
+    std::frexp(most, &exponent);
+    return std::ldexp(1.0, exponent - 56);
+  }
+  double area_unit_, first_unit_;
+  std::int64_t area_ = 0, first_x_ = 0, first_y_ = 0;
 };
 
 /// What of the polygon lies left of a -> b (Sutherland and Hodgman, one plane). Where a polygon
@@ -110,7 +132,11 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
     whole.points[i] = relative(outline.points[i], origin);
   }
 
-  Moments covered;
+  double reach = 0;
+  for (int i = 0; i < whole.size; ++i)
+    reach = std::max(reach, whole.points[i].cwiseAbs().maxCoeff());
+  const double bound = 4 * reach * reach;  // of a box of that size around the origin
+  Moments covered(bound, reach);
   const Holes pending{tool, holes, origin};
   const auto add = [&](const Polygon& part, const std::array<Eigen::Vector2d, 3>& corner) {
     clip(part, corner[0], corner[1], first);
@@ -133,10 +159,10 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
     }
   });
 
-  Moments all;
+  Moments all(bound, reach);
   all.add(whole);
   const Eigen::Vector2d offset(origin.x, origin.y);
-  result.fraction = covered.area / all.area;
+  result.fraction = covered.area() / all.area();
   result.centroid_steps = offset + all.centroid();
   if (!(result.fraction > kSnap)) {
     result.fraction = 0;

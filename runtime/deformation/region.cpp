@@ -10,6 +10,7 @@
 #include "runtime/deformation/region_sides.h"
 #include "runtime/remesh/cavity.h"
 #include "runtime/remesh/cut.h"
+#include "runtime/remesh/own_turn.h"
 #include "runtime/remesh/triangle_grid.h"
 
 namespace trocar::runtime {
@@ -125,25 +126,40 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   if (tool_in_sheet.size() < 3) return refused("a tool has at least three corners");
   if (!(options.radius_m > 0)) return refused("a region's radius must be positive");
   RegionMesh region;
-  // From here on places are relative to the tool: what rounding makes of them then does not depend
-  // on where in the slice it is.
-  const LatticePoint here = box_around(tool_in_sheet).lowest;
-  Ring tool = tool_in_sheet;
+  const std::vector<std::uint32_t> under = seeds_under_tool(sheet, seeds, tool_in_sheet);
+  SheetPart part;
+  if (!under.empty())
+    part = part_around(sheet, under, circle_around(tool_in_sheet),
+                       options.radius_m / lattice.step_m(), workspace.queue);
+  // From here on places are relative to the tool, and turned by right angles as the part itself
+  // decides: what rounding makes of them then does not depend on where in the slice it is, nor on
+  // how the slice was turned (law 5).
+  const OwnTurn turn([&](auto&& visit) {
+    for (const LatticePoint p : part.mesh.vertices)
+      visit(p);
+    for (const LatticePoint p : tool_in_sheet)
+      visit(p);
+  });
+  Ring tool;
+  for (const LatticePoint p : tool_in_sheet)
+    tool.push_back(turn(p));
+  const LatticePoint here = box_around(tool).lowest;
   move_by({-here.x, -here.y}, tool);
   const Circle circle = circle_around(tool);
   const LatticePoint middle{static_cast<std::int32_t>(std::lround(circle.centre.x())),
                             static_cast<std::int32_t>(std::lround(circle.centre.y()))};
-  region.origin = {here.x + middle.x, here.y + middle.y};
-
-  const std::vector<std::uint32_t> under = seeds_under_tool(sheet, seeds, tool_in_sheet);
+  region.origin = turn.back(LatticePoint{here.x + middle.x, here.y + middle.y});
   if (under.empty()) return region;
-  SheetPart part = part_around(sheet, under, circle_around(tool_in_sheet),
-                               options.radius_m / lattice.step_m(), workspace.queue);
-  move_by({-here.x, -here.y}, part.mesh.vertices);
-  for (OuterSide& side : part.outer) {
-    side.from = {side.from.x - here.x, side.from.y - here.y};
-    side.to = {side.to.x - here.x, side.to.y - here.y};
-  }
+
+  const auto seen = [&](LatticePoint p) {
+    const LatticePoint q = turn(p);
+    return LatticePoint{q.x - here.x, q.y - here.y};
+  };
+  for (LatticePoint& p : part.mesh.vertices)
+    p = seen(p);
+  for (OuterSide& side : part.outer)
+    side = {seen(side.from), seen(side.to)};
+  std::sort(part.outer.begin(), part.outer.end());
   for (std::size_t spare = options.grading.graded ? kSpareForCut + options.grading.max_new_vertices
                                                   : kSpareForCut;
        spare <= kMostSpare; spare *= 8) {
@@ -159,6 +175,9 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
       refine(mesh, sides, tool, circle.radius, options.grading, workspace);
     close_up(mesh, node_kinds(mesh, sides, tool, circle), region);
     move_by(here, region.mesh.vertices);
+    for (LatticePoint& p : region.mesh.vertices)
+      p = turn.back(p);
+    region.borne.moment_steps3 = turn.back(region.borne.moment_steps3);
     return region;
   }
   return bug("region: no capacity suffices for the cut");

@@ -13,7 +13,8 @@
 //     sides on the ring are the sheet's own: mesh and rest of the sheet fit together.
 //  3. `borne` is the part of the sheet under the tool: its area is exactly what the cut removed.
 //  4. Time in proportion to the region, not to the sheet.
-//  5. Sheet and tool moved by lattice steps give the same region, moved.
+//  5. Sheet and tool moved by lattice steps or turned by right angles give the same region, moved
+//     and turned, to the bit (but where remesh/own_turn.h is undecided).
 #pragma once
 
 #include <Eigen/Core>

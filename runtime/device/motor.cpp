@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace trocar::runtime {
 namespace {
@@ -48,7 +49,9 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
   for (int i = 0; i < kMotors; ++i) {
     const double current = std::isfinite(current_A[i]) ? current_A[i] : model.peak_A[i];
     const double beyond = current * current - model.continuous_A[i] * model.continuous_A[i];
-    next.excess_A2s[i] = std::max(0.0, load.excess_A2s[i] + beyond * dt_s);
+    // The square of a current that no motor bears may overflow.
+    next.excess_A2s[i] =
+        std::clamp(load.excess_A2s[i] + beyond * dt_s, 0.0, std::numeric_limits<double>::max());
   }
   return next;
 }

@@ -69,7 +69,8 @@ Fault check_encoders(const LoopModel& model, const LoopState& state,
     const double step_max_rad =
         model.limits.encoder_rate_max_rad_per_s * (1 + state.no_data_ticks) / model.rate_Hz;
     for (int i = 0; i < kEncoders; ++i) {
-      if (std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]) > step_max_rad) {
+      // A limit that is nan is kept by nothing.
+      if (!(std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]) <= step_max_rad)) {
         return Fault::kEncoderJump;
       }
     }

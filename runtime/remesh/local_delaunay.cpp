@@ -25,14 +25,14 @@ void LocalTriangulation::allocate(std::size_t max_points) {
   reserve_touched(crossing_, 3 * cells);
 }
 
-LocalTriangulation::Status LocalTriangulation::triangulate(
-    std::span<const LatticePoint> points) noexcept {
+LocalTriangulation::Status LocalTriangulation::triangulate(std::span<const LatticePoint> points,
+                                                           int first_corner) noexcept {
   points_.clear();
   cells_.clear();
   last_ = 0;
   if (points.size() + 4 > points_.capacity()) return Status::kCapacity;
   points_.insert(points_.end(), points.begin(), points.end());
-  enclose();
+  enclose(first_corner);
   for (std::uint32_t v = 0; v < points.size(); ++v) {
     if (!insert(v)) return Status::kNotPlanar;
   }
@@ -41,14 +41,16 @@ LocalTriangulation::Status LocalTriangulation::triangulate(
 
 // Two cells over the box of the points, a step wider than they are. That is
 // still within what the predicates take.
-void LocalTriangulation::enclose() noexcept {
+void LocalTriangulation::enclose(int first_corner) noexcept {
   LatticeBox box;
   if (!points_.empty()) box = box_around(points_);
   const auto n = static_cast<std::uint32_t>(points_.size());
-  points_.push_back({box.lowest.x - 1, box.lowest.y - 1});
-  points_.push_back({box.highest.x + 1, box.lowest.y - 1});
-  points_.push_back({box.highest.x + 1, box.highest.y + 1});
-  points_.push_back({box.lowest.x - 1, box.highest.y + 1});
+  const std::array<LatticePoint, 4> around = {{{box.lowest.x - 1, box.lowest.y - 1},
+                                               {box.highest.x + 1, box.lowest.y - 1},
+                                               {box.highest.x + 1, box.highest.y + 1},
+                                               {box.lowest.x - 1, box.highest.y + 1}}};
+  for (int k = 0; k < 4; ++k)
+    points_.push_back(around[static_cast<std::size_t>((first_corner + k) % 4)]);
   constexpr std::array<std::uint32_t, 3> kFree{kNone, kNone, kNone};
   cells_.push_back({{n, n + 1, n + 2}, {kNone, kNone, 1}, kFree});
   cells_.push_back({{n, n + 2, n + 3}, {0, kNone, kNone}, kFree});

@@ -33,7 +33,9 @@ class LocalTriangulation {
 
   /// Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate. kNotPlanar: a
   /// point is there twice. Typically O(n^1.5), and less where neighbours follow each other.
-  Status triangulate(std::span<const LatticePoint> points) noexcept;
+  /// `first_corner`: of the box, 0..3 counter-clockwise from the lower left, the one that is
+  /// listed first. Points and it turned alike by right angles give the same cells.
+  Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
   /// Makes a side of the segment between two different points. The cells are no longer Delaunay
   /// then: see restore_delaunay. kNotPlanar: another constraint or a point is in the way; the
@@ -54,7 +56,7 @@ class LocalTriangulation {
   struct Side {
     std::uint32_t cell, side;
   };
-  void enclose() noexcept;
+  void enclose(int first_corner) noexcept;
   bool insert(std::uint32_t v) noexcept;
   bool find_crossing(std::uint32_t a, std::uint32_t b) noexcept;
   Side find(std::uint32_t v, std::uint32_t w) const noexcept;

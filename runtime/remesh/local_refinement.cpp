@@ -59,8 +59,11 @@ constexpr std::array<double, 3> kReaches{0.95, 0.66, 0.4};
 constexpr std::array<std::array<double, 2>, 5> kTurns{
     {{0, 1}, {-0.5, 0.8660254}, {0.5, 0.8660254}, {-0.8660254, 0.5}, {0.8660254, 0.5}}};
 
-LatticePoint nearest(double x, double y) noexcept {
-  return {static_cast<std::int32_t>(std::lrint(x)), static_cast<std::int32_t>(std::lrint(y))};
+// The lattice point nearest to p + (x, y), of two the farther from p: rounded from p on, which is
+// alike wherever p lies and however the plane is turned by right angles.
+LatticePoint nearest(LatticePoint p, double x, double y) noexcept {
+  return {p.x + static_cast<std::int32_t>(std::lround(x)),
+          p.y + static_cast<std::int32_t>(std::lround(y))};
 }
 
 }  // namespace
@@ -361,18 +364,20 @@ class LocalRefiner {
     double height = circumcentre;
     if (is_too_sharp)
       height = std::min(height, (centre_ + radius_) * (1 - std::min(0.4, kRounding / shortest)));
-    const double mx = p.x + 0.5 * qx, my = p.y + 0.5 * qy;
+    const double mx = 0.5 * qx, my = 0.5 * qy;
     if (is_too_large(v)) {
       const double guess = std::min(height, 1.0);
-      const double wanted = wanted_length(mx - guess * qy, my + guess * qx) / shortest;
+      const double wanted =
+          wanted_length(p.x + (mx - guess * qy), p.y + (my + guess * qx)) / shortest;
       if (wanted * kLongSide >= 1) {
         const double legs = std::clamp(wanted, std::numbers::sqrt2 / 2, kLargestStep);
         height = std::min(height, std::sqrt(legs * legs - 0.25));
       }
     }
     const double x = mx - height * qy, y = my + height * qx;
-    if (!(std::abs(x) < kMaxCoordinate && std::abs(y) < kMaxCoordinate)) return Step::kOutline;
-    const LatticePoint place = nearest(x, y);
+    if (!(std::abs(p.x + x) < kMaxCoordinate && std::abs(p.y + y) < kMaxCoordinate))
+      return Step::kOutline;
+    const LatticePoint place = nearest(p, x, y);
     if (!insertion_.find(mesh_, t, place)) return Step::kLattice;
 
     std::optional<Side> in_the_way;
@@ -404,7 +409,7 @@ class LocalRefiner {
       for (const auto [sine, cosine] : kTurns) {
         const double along = 0.5 + reach * radius_ * sine;
         const double out = reach * (centre_ + radius_ * cosine);
-        const LatticePoint at = nearest(p.x + along * qx - out * qy, p.y + along * qy + out * qx);
+        const LatticePoint at = nearest(p, along * qx - out * qy, along * qy + out * qx);
         if (!insertion_.find(mesh_, t, at)) continue;
         if (const std::optional<int> growth = growth_of_sharp(at); growth && *growth < least)
           best = at, least = *growth;

@@ -14,7 +14,8 @@
 //  4. Triangles that are neither seeds nor replaced are not looked at: time depends on the seeds
 //     and on what is added.
 //  5. It ends, at the latest with the budget, and never allocates. Same mesh, seeds and options:
-//     same result.
+//     same result; moved by lattice steps or turned by right angles, without `size` and
+//     `split_outline`, the same, moved and turned, to the bit.
 //  6. Without `split_outline` each boundary side is part of an old one, and obtuse only if that one
 //     was. With it and the outcome kDone no boundary side of the triangles looked at is obtuse,
 //     unless it is a kept one.

@@ -47,8 +47,18 @@ bool recedes(const Strand& s, LatticePoint p) {
   return s.rim > 0 ? side >= 0 : side <= 0;
 }
 
+// Of all corners of rim and tool (law 5).
+OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
+  return OwnTurn([&](auto&& visit) {
+    for (const std::uint32_t v : cavity.rim_vertices)
+      visit(mesh.vertices[v]);
+    for (const OutlineEdge& e : cavity.tool)
+      visit(e.a);
+  });
+}
+
 // The bend of law 1 for two segments that cross properly.
-LatticePoint bend_point(const Strand& s, const Strand& t) {
+LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
   const LatticePoint a = s.first, b = s.second, c = t.first, d = t.second;
   const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
   const std::int64_t dx = std::int64_t{d.x} - c.x, dy = std::int64_t{d.y} - c.y;
@@ -67,8 +77,12 @@ LatticePoint bend_point(const Strand& s, const Strand& t) {
     const Int128 ex = px * m - x_num, ey = py * m - y_num;
     const Int128 distance = ex * ex + ey * ey;
     const LatticePoint p{static_cast<std::int32_t>(a.x + px), static_cast<std::int32_t>(a.y + py)};
-    if (!nearest || distance < best) nearest = p, best = distance;
-    if (recedes(s, p) && recedes(t, p) && (!nearest_receding || distance < best_receding)) {
+    const auto closer = [&](const std::optional<LatticePoint>& than, Int128 its_distance) {
+      if (!than || distance != its_distance) return !than || distance < its_distance;
+      return turn(p) < turn(*than);
+    };
+    if (closer(nearest, best)) nearest = p, best = distance;
+    if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding)) {
       nearest_receding = p, best_receding = distance;
     }
   }
@@ -88,6 +102,7 @@ class Settling {
     out.pending.clear();
     out.rim_point.clear();
     out.rim_strand.clear();
+    out.turn = own_turn(mesh, cavity);
   }
 
   bool full() const { return full_; }
@@ -142,15 +157,29 @@ class Settling {
     if (!push_within(pending, strand)) full_ = true;
   }
 
+  // One strand after the other, each with the first in line of those that it meets.
   void settle() {
+    std::sort(out_.pending.begin(), out_.pending.end(), [this](std::uint32_t s, std::uint32_t t) {
+      return comes_before(out_.strands[s], out_.strands[t]);
+    });
     while (next_ < out_.pending.size() && !full_) {
       const std::uint32_t s = out_.pending[next_++];
       if (out_.strands[s].gone) continue;
+      std::uint32_t first = kNone;
+      Meeting how = Meeting::kApart;
+      LatticePoint where;
       for (std::uint32_t t = 0; t < out_.strands.size(); ++t) {
         const Strand &one = out_.strands[s], &other = out_.strands[t];
         if (other.gone || s == t || boxes_apart(one, other)) continue;
-        if (resolve(s, t)) break;  // the list has changed
+        LatticePoint p;
+        const Meeting meeting = meet(one, other, p);
+        if (meeting == Meeting::kApart) continue;
+        if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.turn);
+        if (is_held(one, other, meeting, p)) continue;
+        if (first != kNone && !comes_before(other, out_.strands[first])) continue;
+        first = t, how = meeting, where = p;
       }
+      if (how != Meeting::kApart) resolve(s, first, where);
     }
   }
 
@@ -159,29 +188,36 @@ class Settling {
     if (!push_within(out_.absorb, triangle)) full_ = true;
   }
 
-  // Makes an end of what crosses or touches; false if there was nothing to do.
-  bool resolve(std::uint32_t i, std::uint32_t j) {
-    LatticePoint p;
-    const Meeting meeting = meet(out_.strands[i], out_.strands[j], p);
-    if (meeting == Meeting::kApart) return false;
-    const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
-    const bool bends = meeting == Meeting::kCrosses;
-    if (bends) p = bend_point(s, t);
-    const bool split_s = p != s.first && p != s.second;
-    const bool split_t = p != t.first && p != t.second;
-    // A shared edge stays; the bend waits for the next round.
+  // In the plane after its own turn.
+  bool comes_before(const Strand& s, const Strand& t) const {
+    const auto ends = [this](const Strand& strand) {
+      const LatticePoint a = out_.turn(strand.first), b = out_.turn(strand.second);
+      return a < b ? std::pair(a, b) : std::pair(b, a);
+    };
+    return ends(s) < ends(t);
+  }
+
+  // A shared edge stays; the bend waits for the next round, when its triangle has gone too.
+  bool is_held(const Strand& s, const Strand& t, Meeting meeting, LatticePoint p) {
     bool held = false;
-    for (const auto& [strand, is_split] : {std::pair{&s, split_s}, std::pair{&t, split_t}}) {
-      if (strand->kept == kNone || !(is_split || bends)) continue;
+    for (const Strand* strand : {&s, &t}) {
+      const bool is_split = p != strand->first && p != strand->second;
+      if (strand->kept == kNone || !(is_split || meeting == Meeting::kCrosses)) continue;
       absorb(strand->kept);
       held = true;
     }
-    if (held) return false;
+    return held;
+  }
+
+  // Makes an end of p, where the two cross or touch.
+  void resolve(std::uint32_t i, std::uint32_t j, LatticePoint p) {
+    const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
+    const bool split_s = p != s.first && p != s.second;
+    const bool split_t = p != t.first && p != t.second;
     if (split_s) split(i, s, p);
     if (split_t) split(j, t, p);
     if (!split_s) wait(i);
     if (!split_t) wait(j);
-    return true;
   }
 
   void split(std::uint32_t index, const Strand& s, LatticePoint p) {
@@ -189,9 +225,12 @@ class Settling {
     out_.strands[index].gone = true;
     const std::uint32_t middle = point(p);
     if (full_) return;
-    wait(add(s.a, middle, s));
-    if (full_) return;
-    wait(add(middle, s.b, s));
+    // The piece with the end that comes first.
+    const bool as_it_is = out_.turn(s.first) < out_.turn(s.second);
+    for (const bool piece : {as_it_is, !as_it_is}) {
+      wait(piece ? add(s.a, middle, s) : add(middle, s.b, s));
+      if (full_) return;
+    }
   }
 
   // The rare bend outwards (law 1) must not run over material that stays.

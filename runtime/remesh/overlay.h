@@ -17,12 +17,17 @@
 //     would run into such a triangle, the triangle is named in `absorb`, and the
 //     caller repeats the stage with it in the cavity.
 //  4. Without a crossing nothing moves.
+//  5. Sheet and tool moved by lattice steps, turned by right angles or listed in another order give
+//     the same, moved and turned: what waits, what it meets first and which of two corners as near
+//     are chosen in a plane that rim and tool turn to their own liking (own_turn.h). Not where that
+//     is undecided, as where a turn brings them onto themselves.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "runtime/remesh/cavity.h"
+#include "runtime/remesh/own_turn.h"
 
 namespace trocar::runtime {
 
@@ -42,6 +47,7 @@ struct Overlay {
   std::vector<LatticePoint>
       points;                   ///< distinct; those of the rim and inner vertices worth keeping
   std::vector<Strand> strands;  ///< of those not gone no two cross, no point lies inside one
+  OwnTurn turn;                 ///< law 5
   std::vector<std::uint32_t> absorb;   ///< kAgain: the triangles that have to go as well (law 3)
   FlatTable point_at;                  ///< a point's index, by its coordinates
   FlatTable strand_at;                 ///< the latest strand between two points, the smaller first

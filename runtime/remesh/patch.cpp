@@ -7,10 +7,14 @@ namespace {
 using Status = LocalTriangulation::Status;
 
 Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
-  Status status = triangulation.triangulate(overlay.points);
+  Status status = triangulation.triangulate(overlay.points, overlay.turn.lower_left());
   for (std::uint32_t s = 0; s < overlay.strands.size() && status == Status::kDone; ++s) {
     const Strand& strand = overlay.strands[s];
-    if (!strand.gone) status = triangulation.constrain(strand.a, strand.b, s);
+    if (strand.gone) continue;
+    // From the same end after the overlay's own turn.
+    const bool as_it_is = overlay.turn(strand.first) < overlay.turn(strand.second);
+    status = as_it_is ? triangulation.constrain(strand.a, strand.b, s)
+                      : triangulation.constrain(strand.b, strand.a, s);
   }
   return status == Status::kDone       ? Stage::kDone
          : status == Status::kCapacity ? Stage::kCapacity

@@ -8,6 +8,7 @@
 
 #include "formats/mesh_validity.h"
 #include "pipeline/triangulation.h"
+#include "runtime/deformation/calibration.h"
 #include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/response.h"
 #include "runtime/remesh/cut.h"
@@ -21,7 +22,7 @@ using namespace trocar;           // NOLINT(google-build-using-namespace): a pro
 using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
 
-constexpr std::size_t kMostTriangles = 2000, kMostCutsEach = 12;
+constexpr std::size_t kMostTriangles = 6000, kMostCutsEach = 12, kMostCuts = 60, kMostForces = 2;
 
 bool same(const SheetMesh& a, const SheetMesh& b) {
   return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
@@ -66,39 +67,75 @@ bool cut_and_check(SliceMesh& sheet, const Ring& tool, std::size_t little) {
   return true;
 }
 
-void expect_equilibrium(const SliceMesh& sheet, const Ring& tool, const Lattice& lattice) {
+// `tolerance`: the network's condition number times rounding.
+void expect_equilibrium(const SliceMesh& sheet, const Ring& tool, const Lattice& lattice,
+                        const Membrane& membrane, double tolerance) {
   const auto mesh = make_sheet_mesh(sheet, 0, 0);
   if (!mesh) fail("force: " + mesh.error().message);
   RegionWorkspace workspace;
   const auto region =
-      prepare_region(*mesh, find_seeds(*mesh, tool), tool, lattice, {20, 1e6}, {}, workspace);
+      prepare_region(*mesh, find_seeds(*mesh, tool), tool, lattice, membrane, {}, workspace);
   if (!region) fail("force: " + region.error().message);
   const RegionResponse& r = region->response;
   if (!std::isfinite(r.stiffness_N_per_m) || r.stiffness_N_per_m < 0 || !r.centre_steps.allFinite())
     fail("force: not a stiffness");
   for (const double w : region->solution.w) {
     if (!std::isfinite(w)) fail("force: not a shape");
-    if (r.negative_springs == 0 && !(w > -1e-6 && w < 1 + 1e-6)) fail("force: beyond the tool");
+    if (r.negative_springs == 0 && !(w > -tolerance && w < 1 + tolerance))
+      fail("force: beyond the tool");
   }
   const auto global = solve_global(region->network, region->mesh.kind);
   if (!global) fail("force: " + global.error().message);
   const double scale = std::max(global->stiffness_N_per_m, 1e-300);
-  if (!(std::abs(global->stiffness_N_per_m - region->solution.stiffness_N_per_m) <= 1e-6 * scale))
-    fail("force: not what Cholesky says");
+  const double off = std::abs(global->stiffness_N_per_m - region->solution.stiffness_N_per_m);
+  if (!(off <= tolerance * scale)) fail("force: not what Cholesky says");
 }
 
-void check_case(SliceMesh sheet, const std::vector<Ring>& cuts, const Lattice& lattice) {
+// The case's own stiffness, reach and tool on what is left.
+void check_force(const SliceMesh& sheet, const test::ForceCase& force, const Lattice& lattice) {
+  Grading none;
+  none.graded = false;  // the exact constants, without a dozen regions to calibrate with
+  for (const double K : force.stiffness_N_per_m) {
+    const auto calibration = calibrate(K, force.reach_mm * 1e-3, force.tool, lattice, none);
+    if (!calibration) {
+      fuzz::expect_refusal(calibration.error());
+      continue;
+    }
+    const double cells = force.reach_mm / lattice.step_mm();
+    expect_equilibrium(sheet, force.tool, lattice, calibration->membrane,
+                       std::clamp(1e-15 * cells * cells, 1e-6, 0.1));
+  }
+}
+
+void check_case(SliceMesh sheet, const std::vector<Ring>& cuts, const Lattice& lattice,
+                const std::vector<test::ForceCase>& forces) {
   if (const auto ok = check_mesh(sheet); !ok) return fuzz::expect_refusal(ok.error());
   if (sheet.triangles.size() > kMostTriangles) return;
   const Ring* last = nullptr;
   for (std::size_t i = 0; i < std::min(cuts.size(), kMostCutsEach); ++i) {
     if (cut_and_check(sheet, cuts[i], 5 * i)) last = &cuts[i];
   }
+  // The rest of a long row of them only on a copy.
+  for (std::size_t i = kMostCutsEach; i < std::min(cuts.size(), kMostCuts); ++i) {
+    auto done = cut(sheet, cuts[i]);
+    if (!done) {
+      fuzz::expect_refusal(done.error());
+      continue;
+    }
+    if (doubled_area(sheet) - doubled_area(done->mesh) != done->doubled_area_removed)
+      fail("a cut's area");
+    sheet = std::move(done->mesh);
+  }
+  if (cuts.size() > kMostCutsEach) {
+    if (const auto ok = check_mesh(sheet); !ok) fail("after many cuts: " + ok.error().message);
+  }
+  for (std::size_t i = 0; i < std::min(forces.size(), kMostForces); ++i)
+    check_force(sheet, forces[i], lattice);
   if (last == nullptr) return;
   Ring beside = *last;
   for (LatticePoint& p : beside)
     p = {p.x + 300, p.y + 100};
-  expect_equilibrium(sheet, beside, lattice);
+  expect_equilibrium(sheet, beside, lattice, {20, 1e6}, 1e-6);
 }
 
 void check_bytes(fuzz::Bytes bytes) {
@@ -116,7 +153,7 @@ void check_bytes(fuzz::Bytes bytes) {
     if (doubled_area(tool) < 0) std::reverse(tool.begin(), tool.end());
     cuts.push_back(tool);
   }
-  check_case(sheet, cuts, {});
+  check_case(sheet, cuts, {}, {});
 }
 
 }  // namespace
@@ -136,6 +173,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!cdt) fail("triangulation: " + cdt.error().message);
     sheet = cdt->mesh;
   }
-  check_case(std::move(sheet), read->cuts, read->lattice);
+  check_case(std::move(sheet), read->cuts, read->lattice, read->forces);
   return 0;
 }

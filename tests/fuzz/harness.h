@@ -3,6 +3,7 @@
 // replay.cpp.
 #pragma once
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -33,6 +34,13 @@ class Bytes {
     for (int i = 0; i < 4; ++i)
       out |= static_cast<std::uint32_t>(next()) << (8 * i);
     return static_cast<std::int32_t>(out);
+  }
+  /// Any double there is.
+  double real() {
+    std::uint64_t out = 0;
+    for (int i = 0; i < 8; ++i)
+      out |= std::uint64_t{next()} << (8 * i);
+    return std::bit_cast<double>(out);
   }
 
  private:

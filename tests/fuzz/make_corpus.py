@@ -3,6 +3,7 @@
 written by DCMTK, GDCM, nibabel and Pillow (and trocar-mesh for .glb). Only needed to add kinds:
 the corpus is kept in the repository, with findings (found_*) beside the seeds."""
 import pathlib
+import struct
 import subprocess
 import sys
 import tempfile
@@ -151,10 +152,48 @@ def write_raw_cuts(folder):
             (folder / f"bytes_{cells + 1}_cells_{scale}.bin").write_bytes(bytes([cells, 40, scale] + tools))
 
 
+def write_raw_devices(folder):
+    """Bytes that fuzz_device.cpp takes for a kind and its doubles, little endian."""
+    nan, inf, tiny = float("nan"), float("inf"), 5e-324
+    middle, quaternion = [0.0, 0.0, 0.15], [0.0, 0.0, 0.0, 1.0]
+    wrench, limits = [1.0, 2.0, 10.0, 0.1, 0.2, 0.3], [6.0] * 8
+    angles = [4.2, -1.1, 0.0, -0.6] * 4  # about the middle pose's
+    keyframes = [0.0, *middle, *quaternion, 1.0, 0.0, 0.0, 0.1, *quaternion]
+    hand = [4000.0, 100.0, 20.0, 0.3, 0.05, inf]
+    quiet = [0.0, 1e-3, 5000.0, 0.0]  # angle (of no encoder), gap, stiffness, offset
+    cases = {
+        "pose": ([0], middle + quaternion + wrench + limits),
+        "pose_nan": ([0], [0.0, nan, 0.15] + quaternion + wrench + limits),
+        "pose_denormal": ([0], [tiny, -tiny, 0.15] + quaternion + [tiny] * 6 + [tiny] * 8),
+        "pose_at_the_edge": ([0], [0.0, 0.0, 0.2299] + quaternion + wrench + limits),
+        "turned": ([1], middle + [0.1, -0.05, 0.0] + wrench + limits),
+        "turned_to_the_singularity": ([1], middle + [0.0, 0.0, 0.5927] + wrench + limits),
+        "turned_and_scaled": ([1], [0.01, -0.01, 0.16, 0.0, 0.1, 0.05, 0.0, 0.0, 500.0, 0.0, 0.0, 0.0] + limits),
+        "encoders": ([2], angles),
+        "encoders_wrapped": ([2], [angles[0] + 2 * np.pi] + angles[1:]),
+        "encoders_inf": ([2], angles[:5] + [-inf] + angles[6:]),
+        "currents": ([3], [1.0, 0.0, nan, inf, -inf, 1e300, tiny, -3.0]),
+        "hand": ([4, 2], keyframes + hand),
+        "hand_nan": ([4, 2], keyframes + hand[:4] + [nan, nan]),
+        "packet_inf": ([6], [inf]),
+    }
+    for which in (0, 3, 9, 20, 30):
+        cases[f"description_{which}"] = ([5, which], [0.1])
+    for name, (kind, numbers) in cases.items():
+        (folder / f"bytes_{name}.bin").write_bytes(bytes(kind) + struct.pack(f"<{len(numbers)}d", *numbers))
+    # The loop: limits (how many; which, to what), then ticks (encoder or none, angle, gap, stiffness, offset).
+    ticks = {"quiet": [(31, *quiet)] * 3, "jump": [(31, *quiet), (4, 1.0, *quiet[1:])], "nan": [(2, nan, *quiet[1:])],
+             "stiff": [(31, 0.0, 1e-3, 1e300, 0.0)] * 4, "gap": [(31, 0.0, inf, 5000.0, 0.0)]}
+    for name, each in ticks.items():
+        data = b"".join(bytes([tick[0]]) + struct.pack("<4d", *tick[1:]) for tick in each)
+        (folder / f"bytes_loop_{name}.bin").write_bytes(bytes([7, 0]) + data)
+        (folder / f"bytes_loop_{name}_limited.bin").write_bytes(bytes([7, 2, 10]) + struct.pack("<d", 0.0) + bytes([4]) + struct.pack("<d", inf) + data)
+
+
 def main():
     programs, corpus = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
     folders = {}
-    for kind in ("dicom", "nifti", "image", "glb", "packet", "stream", "pslg", "cut"):
+    for kind in ("dicom", "nifti", "image", "glb", "packet", "stream", "pslg", "cut", "device"):
         folders[kind] = corpus / kind
         folders[kind].mkdir(parents=True, exist_ok=True)
     write_dicom(folders["dicom"])
@@ -164,6 +203,7 @@ def main():
     write_streams(folders["stream"])
     write_raw_outlines(folders["pslg"])
     write_raw_cuts(folders["cut"])
+    write_raw_devices(folders["device"])
     write_assets(folders["glb"], programs / "trocar-mesh")
 
 
