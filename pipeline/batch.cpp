@@ -3,7 +3,6 @@
 
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
@@ -11,6 +10,7 @@
 #include <mutex>
 #include <utility>
 
+#include "pipeline/for_each_piece.h"
 #include "pipeline/report.h"
 
 namespace trocar::pipeline {
@@ -164,13 +164,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
       options.progress(++finished, last - first + 1);
     }
   };
-  oneapi::tbb::parallel_for(
-      oneapi::tbb::blocked_range<int>(0, files + last - first + 1),
-      [&](const oneapi::tbb::blocked_range<int>& range) {
-        for (int piece = range.begin(); piece < range.end(); ++piece)
-          one_piece(piece);
-      },
-      oneapi::tbb::simple_partitioner());
+  for_each_piece(files + last - first + 1, one_piece);
 
   if (options.stop != nullptr && options.stop->load()) {
     return unwritable("interrupted; nothing was written");

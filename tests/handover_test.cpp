@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "runtime/loop/histogram.h"
+#include "runtime/loop/overwriting_ring.h"
 #include "runtime/loop/realtime_thread.h"
 #include "runtime/loop/spsc_queue.h"
 #include "runtime/loop/triple_buffer.h"
@@ -229,6 +230,65 @@ TEST(TripleBuffer, GivesWholeValuesNeverAnOlderOne) {
   }
   writer.join();
   EXPECT_FALSE(buffer.read(value));
+}
+
+// A value is a number and what follows from it, so that a mixture of two shows.
+struct Numbered {
+  std::array<std::uint64_t, 40> words{};
+  static Numbered of(std::uint64_t i) {
+    Numbered out;
+    for (std::size_t w = 0; w < out.words.size(); ++w)
+      out.words[w] = i * 0x9E3779B97F4A7C15U + w;
+    return out;
+  }
+  bool operator==(const Numbered&) const = default;
+};
+
+TEST(OverwritingRing, GivesTheValuesAskedForOrSaysThatTheyAreGone) {
+  OverwritingRing<Numbered> ring(8);
+  for (std::uint64_t i = 0; i < 13; ++i)
+    ring.push(Numbered::of(i));
+  EXPECT_EQ(ring.pushed(), 13U);
+  std::vector<Numbered> out{Numbered::of(99)};
+  // Value 5 is the next to go: the writer may be at it.
+  EXPECT_FALSE(ring.copy(4, 8, out));
+  EXPECT_FALSE(ring.copy(5, 13, out));
+  EXPECT_EQ(out.size(), 1U);
+  ASSERT_TRUE(ring.copy(6, 13, out));
+  ASSERT_EQ(out.size(), 8U);
+  EXPECT_EQ(out[0], Numbered::of(99));
+  for (std::uint64_t i = 6; i < 13; ++i)
+    EXPECT_EQ(out[static_cast<std::size_t>(i - 5)], Numbered::of(i));
+}
+
+TEST(OverwritingRing, NeverGivesAMixtureWhileItIsOverwritten) {
+  constexpr std::uint64_t kPushes = 400'000;
+  OverwritingRing<Numbered> ring(16);
+  std::atomic<std::uint64_t> seen{0};
+  std::thread writer([&] {
+    for (std::uint64_t i = 0; i < kPushes; ++i) {
+      ring.push(Numbered::of(i));
+      seen.store(i + 1, std::memory_order_release);
+    }
+  });
+  std::uint64_t given = 0, gone = 0;
+  std::vector<Numbered> out;
+  while (seen.load(std::memory_order_acquire) < kPushes || given == 0) {
+    const std::uint64_t end = seen.load(std::memory_order_acquire);
+    const std::uint64_t first = end - std::min<std::uint64_t>(end, 12);
+    out.clear();
+    if (!ring.copy(first, end, out)) {
+      ++gone;
+      continue;
+    }
+    ++given;
+    ASSERT_EQ(out.size(), end - first);
+    for (std::uint64_t i = first; i < end; ++i)
+      ASSERT_EQ(out[static_cast<std::size_t>(i - first)], Numbered::of(i)) << i;
+  }
+  writer.join();
+  EXPECT_GT(given, 0U);
+  RecordProperty("gone", static_cast<int>(gone));
 }
 
 TEST(Histogram, QuantilesAreThoseOfTheSamplesWithinABucket) {

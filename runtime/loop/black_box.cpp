@@ -47,7 +47,7 @@ BlackBox::~BlackBox() {
 }
 
 bool BlackBox::save(Fault fault, double t_s) noexcept {
-  if (requests_.push({fault, t_s, pushed_})) return true;
+  if (requests_.push({fault, t_s, ring_.pushed()})) return true;
   lost_.fetch_add(1, std::memory_order_relaxed);
   return false;
 }
@@ -70,21 +70,10 @@ void BlackBox::serve_one(const Request& request) {
   made.t_s = request.t_s;
   made.file = name_of(request);
   const std::uint64_t first = request.end - std::min<std::uint64_t>(request.end, rows_of_file_);
-  // The haptic thread writes row `count`, the oldest of the ring, while it is not yet counted.
-  const auto overtaken = [&] {
-    return count_.load(std::memory_order_acquire) + 1 > first + ring_.size();
-  };
   std::vector<RecordingRow> rows;
-  bool lost = overtaken();
-  if (!lost) {
-    rows.reserve(static_cast<std::size_t>(request.end - first));
-    for (std::uint64_t i = first; i < request.end; ++i)
-      rows.push_back(ring_[i % ring_.size()]);
-    std::atomic_thread_fence(std::memory_order_acquire);
-    lost = overtaken();
-  }
+  const bool kept = ring_.copy(first, request.end, rows);
   made.rows = rows.size();
-  if (lost) {
+  if (!kept) {
     made.error = unwritable(made.file.string() + ": the machine was too slow to keep these rows");
   } else if (Result<RecordingWriter> writer = RecordingWriter::open(made.file); !writer) {
     made.error = writer.error();

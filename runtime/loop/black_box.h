@@ -16,6 +16,7 @@
 
 #include "formats/recording.h"
 #include "formats/result.h"
+#include "runtime/loop/overwriting_ring.h"
 #include "runtime/loop/spsc_queue.h"
 
 namespace trocar::runtime {
@@ -44,10 +45,7 @@ class BlackBox {
 
   // Haptic thread.
 
-  void push(const RecordingRow& row) noexcept {
-    ring_[pushed_ % ring_.size()] = row;
-    count_.store(++pushed_, std::memory_order_release);
-  }
+  void push(const RecordingRow& row) noexcept { ring_.push(row); }
   /// Asks for the rows so far to be written. False: too many files wait; it is counted.
   bool save(Fault fault, double t_s) noexcept;
 
@@ -79,9 +77,7 @@ class BlackBox {
   std::filesystem::path folder_;
   std::string name_;
   std::size_t rows_of_file_;
-  std::vector<RecordingRow> ring_;
-  std::uint64_t pushed_ = 0;  ///< the haptic thread's
-  std::atomic<std::uint64_t> count_{0};
+  OverwritingRing<RecordingRow> ring_;
   SpscQueue<Request, 256> requests_;
   std::atomic<std::uint64_t> lost_{0};
   std::vector<BlackBoxFile> files_;

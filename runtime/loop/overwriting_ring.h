@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// The latest values of one writing thread, which never waits: it overwrites the oldest. One reading
+// thread takes copies, and is told if the writer came round meanwhile (a sequence lock, after
+// H.-J. Boehm, "Can seqlocks get along with programming language memory models?", 2012).
+//
+// Values are kept as atomic words, so that reading one while it is overwritten is no data race; on
+// x86 they cost what plain ones do. A word is stored with release and loaded with acquire: a reader
+// that saw a word of value c sees, in its look at the count afterwards, that c values came before.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <type_traits>
+#include <vector>
+
+namespace trocar::runtime {
+
+template <typename T>
+class OverwritingRing {
+  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % sizeof(std::uint64_t) == 0);
+  static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
+
+ public:
+  /// Allocates; nothing else does, but for a reader's copy. `capacity` >= 1 values.
+  explicit OverwritingRing(std::size_t capacity) : capacity_(capacity), words_(capacity * kWords) {}
+
+  /// Writer.
+  void push(const T& value) noexcept {
+    std::array<std::uint64_t, kWords> words;
+    std::memcpy(words.data(), &value, sizeof value);
+    std::atomic<std::uint64_t>* to = place(pushed_);
+    for (std::size_t w = 0; w < kWords; ++w)
+      to[w].store(words[w], std::memory_order_release);
+    count_.store(++pushed_, std::memory_order_release);
+  }
+  /// Writer: how many values so far.
+  std::uint64_t pushed() const noexcept { return pushed_; }
+
+  /// Reader: appends the values first, ..., end - 1, counted from the first push, to `out`. All of
+  /// them must have been pushed. False, and nothing is appended, if one is overwritten already.
+  bool copy(std::uint64_t first, std::uint64_t end, std::vector<T>& out) const {
+    const auto overtaken = [&] {
+      // The writer may be at work on value `count`.
+      return count_.load(std::memory_order_acquire) >= first + capacity_;
+    };
+    if (overtaken()) return false;
+    const std::size_t before = out.size();
+    out.resize(before + static_cast<std::size_t>(end - first));
+    for (std::uint64_t i = first; i < end; ++i) {
+      std::array<std::uint64_t, kWords> words;
+      const std::atomic<std::uint64_t>* from = place(i);
+      for (std::size_t w = 0; w < kWords; ++w)
+        words[w] = from[w].load(std::memory_order_acquire);
+      std::memcpy(static_cast<void*>(&out[before + static_cast<std::size_t>(i - first)]),
+                  words.data(), sizeof(T));
+    }
+    if (!overtaken()) return true;
+    out.resize(before);
+    return false;
+  }
+
+ private:
+  static constexpr std::size_t kWords = sizeof(T) / sizeof(std::uint64_t);
+
+  std::atomic<std::uint64_t>* place(std::uint64_t i) { return &words_[i % capacity_ * kWords]; }
+  const std::atomic<std::uint64_t>* place(std::uint64_t i) const {
+    return &words_[i % capacity_ * kWords];
+  }
+
+  std::size_t capacity_;
+  std::vector<std::atomic<std::uint64_t>> words_;
+  std::uint64_t pushed_ = 0;  // the writer's
+  std::atomic<std::uint64_t> count_{0};
+};
+
+}  // namespace trocar::runtime
