@@ -48,7 +48,10 @@ Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::ui
     return refused(name + ": its JSON is not UTF-8");
   }
   out.resize((out.size() + 3) & ~std::size_t{3}, ' ');
-  std::vector<std::uint8_t> bytes(glb.begin(), glb.begin() + kGlbHeader);
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(out.size() + glb.size() -
+                json_size);  // no room behind it for a reader to stray into
+  bytes.insert(bytes.end(), glb.begin(), glb.begin() + kGlbHeader);
   bytes.insert(bytes.end(), out.begin(), out.end());
   bytes.insert(bytes.end(), glb.begin() + static_cast<std::ptrdiff_t>(kGlbHeader + json_size),
                glb.end());
@@ -69,6 +72,14 @@ Result<Document> parse_container(std::span<const std::uint8_t> glb, const std::s
   MemorySource source(glb);
   const auto json_bytes = json_bytes_of(source);
   if (!json_bytes) return refused(name + ": " + json_bytes.error().message);
+  // It lets a binary chunk end up to eight bytes behind the file.
+  if (const auto rest = glb.subspan(kGlbHeader + *json_bytes); !rest.empty()) {
+    std::uint32_t binary_bytes = 0;
+    if (rest.size() >= kGlbChunkHeader)
+      std::memcpy(&binary_bytes, rest.data(), sizeof binary_bytes);
+    if (rest.size() < kGlbChunkHeader || binary_bytes > rest.size() - kGlbChunkHeader)
+      return refused(name + ": broken binary chunk");
+  }
   auto root = parse_json_text(glb.subspan(kGlbHeader, *json_bytes));
   if (!root) return refused(name + ": " + root.error().message);
   if (!root->is_object()) return refused(name + ": its JSON is no object");

@@ -13,7 +13,6 @@ namespace {
 // https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html, 4. GLB File Format Specification
 constexpr std::uint32_t kGlbMagic = 0x46546C67, kGlbVersion = 2;
 constexpr std::uint32_t kGlbJson = 0x4E4F534A, kGlbBinary = 0x004E4942;
-constexpr std::size_t kGlbChunkHeader = 8;
 
 template <typename T>
 Result<T> read_as(ByteSource& source, std::uint64_t offset) {

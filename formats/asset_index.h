@@ -36,6 +36,8 @@ namespace trocar {
 
 /// Bytes before the JSON text.
 inline constexpr std::size_t kGlbHeader = 20;
+/// Bytes before a further chunk's data.
+inline constexpr std::size_t kGlbChunkHeader = 8;
 /// The size of a .glb's JSON chunk. Refused (without a name) if it is no binary glTF, or its sizes
 /// are not the file's.
 Result<std::uint32_t> json_bytes_of(ByteSource& source);

@@ -149,6 +149,22 @@ TEST(Asset, RefusesWhatItCannotHoldExactly) {
   EXPECT_EQ(mismatch.error().code, ExitCode::kBug);
 }
 
+TEST(Asset, ABinaryChunkThatEndsBehindTheFileIsRefused) {
+  const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
+  std::uint32_t json_bytes = 0, binary_bytes = 0;
+  std::memcpy(&json_bytes, glb.data() + 12, 4);
+  std::memcpy(&binary_bytes, glb.data() + 20 + json_bytes, 4);
+  ASSERT_EQ(20 + json_bytes + 8 + binary_bytes, glb.size());
+  for (const std::uint32_t more : {4U, 8U, 12U, 0xfffffff0U - binary_bytes}) {
+    std::vector<std::uint8_t> bytes = glb;
+    const std::uint32_t wrong = binary_bytes + more;
+    std::memcpy(bytes.data() + 20 + json_bytes, &wrong, 4);
+    const auto out = decode_asset(bytes, "longer");
+    ASSERT_FALSE(out) << more;
+    EXPECT_EQ(out.error().message, "longer: broken binary chunk");
+  }
+}
+
 TEST(Asset, HostileBytesAreRefusedOrReadWhole) {
   const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
   std::mt19937_64 rng(11);

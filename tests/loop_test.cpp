@@ -298,8 +298,9 @@ TEST_F(Loop, RemeshBacklog) {
   track.pending_count = kMaxPendingHoles;
   track.cuts_requested = kMaxPendingHoles;
   for (LatticeOutline& hole : track.pending) {  // far from the tool
-    hole = outline_on_lattice(model_.contact.tool, Pose{{0.015, 0.015, 0.1}, {}},
-                              current_[0]->transform, 0.12);
+    Pose pose;
+    pose.p_m = {0.015, 0.015, 0.1};
+    hole = outline_on_lattice(model_.contact.tool, pose, current_[0]->transform, 0.12);
   }
   let_it_jump(true);
   go_to(0.112);

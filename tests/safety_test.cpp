@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <random>
 
 namespace trocar::runtime {
@@ -57,6 +58,9 @@ TEST(Safety, EveryRampReachesZeroWithinFiveMilliseconds) {
   EXPECT_EQ(ramp_ticks(timing, 1000), 4);
   EXPECT_EQ(ramp_ticks(timing, 8000), 32);
   EXPECT_EQ(ramp_ticks(timing, 100), 1) << "at once";
+  SafetyTiming none;
+  none.ramp_s = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(ramp_ticks(none, 1000), 1) << "no number: at once";
   SafetyTiming slow;
   slow.ramp_s = 1;
   EXPECT_EQ(ramp_ticks(slow, 1000), 4);

@@ -174,6 +174,11 @@ struct Refusal {
   const char* named;  ///< must be in the message
 };
 
+// By itself googletest prints the bytes, also those that pad it.
+void PrintTo(const Refusal& refusal, std::ostream* out) {
+  *out << refusal.pointer << " = " << refusal.value;
+}
+
 class Refused : public testing::TestWithParam<Refusal> {};
 
 TEST_P(Refused, NamesFileAndPlaceInOneLine) {

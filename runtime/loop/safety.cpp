@@ -27,8 +27,9 @@ SafetyState next_state(SafetyState state, SafetyEvent event) noexcept {
 }
 
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept {
-  const double ticks = std::clamp(timing.ramp_s, 0.0, kRampMax_s) * rate_Hz;
-  return std::max(1, static_cast<int>(std::floor(ticks + 1e-9)));
+  // Written so that nan is no time at all.
+  const double ramp_s = timing.ramp_s > 0 ? std::min(timing.ramp_s, kRampMax_s) : 0;
+  return std::max(1, static_cast<int>(std::floor(ramp_s * rate_Hz + 1e-9)));
 }
 
 bool raise(Safety& safety, Fault fault, double t_s) noexcept {
