@@ -309,8 +309,8 @@ RC_GTEST_PROP(Contours, JoinAcrossASaddleAsTheInterpolantDoes, ()) {
   Field field{{4, 4, std::vector<float>(16, -100)}, 0};
   const bool mirrored = *rc::gen::arbitrary<bool>();
   const auto at = [&](int x, int y) -> float& {
-    const int at = 4 * y + (mirrored ? 3 - x : x);
-    return field.image.values[static_cast<std::size_t>(at)];
+    const int place = 4 * y + (mirrored ? 3 - x : x);
+    return field.image.values[static_cast<std::size_t>(place)];
   };
   at(1, 1) = static_cast<float>(a), at(2, 2) = static_cast<float>(b);
   at(2, 1) = static_cast<float>(c), at(1, 2) = static_cast<float>(d);
