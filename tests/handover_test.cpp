@@ -265,7 +265,7 @@ TEST(OverwritingRing, NeverGivesAMixtureWhileItIsOverwritten) {
   constexpr std::uint64_t kPushes = 400'000;
   OverwritingRing<Numbered> ring(16);
   std::atomic<std::uint64_t> seen{0};
-  std::thread writer([&] {
+  std::jthread writer([&] {
     for (std::uint64_t i = 0; i < kPushes; ++i) {
       ring.push(Numbered::of(i));
       seen.store(i + 1, std::memory_order_release);
