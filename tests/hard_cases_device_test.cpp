@@ -19,27 +19,14 @@
 #include "runtime/loop/haptic_loop.h"
 #include "tests/device_case.h"
 #include "tests/limits_by_name.h"
+#include "tests/set_device.h"
 #include "tests/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
 using test::DeviceFields;
-
-/// The device at encoder angles that the test sets.
-class SetDevice final : public Device {
- public:
-  DeviceStatus read(DeviceState& state) noexcept override {
-    state = now;
-    return DeviceStatus::kOk;
-  }
-  DeviceStatus write(const DeviceCommand& command) noexcept override {
-    written = command;
-    return DeviceStatus::kOk;
-  }
-  DeviceState now;
-  DeviceCommand written;
-};
+using test::SetDevice;
 
 class HardCase : public testing::TestWithParam<std::filesystem::path> {
  protected:

@@ -25,6 +25,7 @@ namespace trocar::pipeline {
 namespace {
 
 using test::PslgCase;
+using test::triangles_of;
 
 std::string word(RefinementOutcome outcome) {
   switch (outcome) {
@@ -38,22 +39,6 @@ std::string word(RefinementOutcome outcome) {
       break;
   }
   return "vertex budget";
-}
-
-using Corners = std::array<LatticePoint, 3>;
-
-/// The triangles by their points, moved, in an order that only they decide.
-std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}) {
-  std::vector<Corners> out;
-  for (const Triangle& t : mesh.triangles) {
-    Corners c{};
-    for (std::size_t i = 0; i < 3; ++i)
-      c[i] = {mesh.vertices[t[i]].x + moved.x, mesh.vertices[t[i]].y + moved.y};
-    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-    out.push_back(c);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
 }
 
 /// By the corners' coordinates alone; 60 without triangles.

@@ -21,6 +21,7 @@ namespace {
 
 using runtime::Random;
 using test::canonical;
+using test::has_ties;
 using test::Motion;
 
 constexpr Lattice kLattice{8};
@@ -158,21 +159,6 @@ RefinementOptions any_refinement() {
   out.max_area_mm2 = *rc::gen::element(1.0, 10.0, 1e9);
   out.max_vertices = 20'000;
   return out;
-}
-
-// Four points on one circle leave a choice.
-bool has_ties(const SliceMesh& mesh) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
-  for (const Triangle& t : mesh.triangles) {
-    for (std::size_t i = 0; i < 3; ++i)
-      apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
-  }
-  return std::any_of(apex.begin(), apex.end(), [&](const auto& side) {
-    const auto beyond = apex.find({side.first.second, side.first.first});
-    return beyond != apex.end() &&
-           in_circle(mesh.vertices[side.first.first], mesh.vertices[side.first.second],
-                     mesh.vertices[side.second], mesh.vertices[beyond->second]) == 0;
-  });
 }
 
 // Where ties must be broken or points be rounded, no rule can be the same after a turn that brings

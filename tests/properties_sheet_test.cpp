@@ -20,6 +20,7 @@ namespace trocar::runtime {
 namespace {
 
 using test::canonical;
+using test::has_ties;
 using test::Motion;
 
 constexpr Lattice kLattice{8};
@@ -170,21 +171,6 @@ RC_GTEST_PROP(Cut, MovesWithSheetAndTool, ()) {
   RC_ASSERT(there->doubled_area_removed == here->doubled_area_removed);
   RC_ASSERT(canonical(there->mesh) == canonical(m(here->mesh)));
   RC_ASSERT(canonical(there->hole) == canonical(m(Pslg{here->hole}).rings));
-}
-
-// Four points on one circle leave a choice.
-bool has_ties(const SliceMesh& mesh) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
-  for (const Triangle& t : mesh.triangles) {
-    for (std::size_t i = 0; i < 3; ++i)
-      apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
-  }
-  return std::any_of(apex.begin(), apex.end(), [&](const auto& side) {
-    const auto beyond = apex.find({side.first.second, side.first.first});
-    return beyond != apex.end() &&
-           in_circle(mesh.vertices[side.first.first], mesh.vertices[side.first.second],
-                     mesh.vertices[side.second], mesh.vertices[beyond->second]) == 0;
-  });
 }
 
 // To the bit: the same hole, the same area and the same triangles, crossings and all.

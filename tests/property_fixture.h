@@ -12,6 +12,8 @@
 #include <array>
 #include <cstdint>
 #include <cstdlib>
+#include <map>
+#include <utility>
 #include <vector>
 
 #include "formats/slice_mesh.h"
@@ -89,6 +91,21 @@ inline std::vector<Corners> canonical(const SliceMesh& mesh) {
   }
   std::sort(out.begin(), out.end());
   return out;
+}
+
+/// Four points on one circle leave a choice of the Delaunay triangles.
+inline bool has_ties(const SliceMesh& mesh) {
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i)
+      apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
+  }
+  return std::any_of(apex.begin(), apex.end(), [&](const auto& side) {
+    const auto beyond = apex.find({side.first.second, side.first.first});
+    return beyond != apex.end() &&
+           in_circle(mesh.vertices[side.first.first], mesh.vertices[side.first.second],
+                     mesh.vertices[side.second], mesh.vertices[beyond->second]) == 0;
+  });
 }
 
 }  // namespace trocar::test

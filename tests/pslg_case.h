@@ -3,6 +3,7 @@
 // it is about. The format is described in tests/corpus/README.md.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -215,6 +216,22 @@ inline Result<PslgCase> parse_pslg_case(std::string_view text, const std::string
   }
   o.finish();
   if (errors.first) return *errors.first;
+  return out;
+}
+
+using Corners = std::array<LatticePoint, 3>;
+
+/// The triangles by their points, moved, in an order that only they decide.
+inline std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}) {
+  std::vector<Corners> out;
+  for (const Triangle& t : mesh.triangles) {
+    Corners c{};
+    for (std::size_t i = 0; i < 3; ++i)
+      c[i] = {mesh.vertices[t[i]].x + moved.x, mesh.vertices[t[i]].y + moved.y};
+    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
+    out.push_back(c);
+  }
+  std::sort(out.begin(), out.end());
   return out;
 }
 

@@ -21,6 +21,7 @@
 #include "tests/device_case.h"
 #include "tests/fuzz/harness.h"
 #include "tests/limits_by_name.h"
+#include "tests/set_device.h"
 #include "tests/sheet_fixture.h"
 
 namespace {
@@ -28,6 +29,7 @@ namespace {
 using namespace trocar;           // NOLINT(google-build-using-namespace): a program of one file
 using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
+using test::SetDevice;
 using Encoders = std::array<double, kEncoders>;
 
 constexpr int kMostLoopTicks = 40, kMostSteps = 20;
@@ -191,21 +193,6 @@ void check_packets(double number) {
 }
 
 // ---- the loop: the tool is in contact, and then readings, gap and response are anything ----
-
-/// The device at encoder angles that are set.
-class SetDevice final : public Device {
- public:
-  DeviceStatus read(DeviceState& state) noexcept override {
-    state = now;
-    return DeviceStatus::kOk;
-  }
-  DeviceStatus write(const DeviceCommand& command) noexcept override {
-    written = command;
-    return DeviceStatus::kOk;
-  }
-  DeviceState now;
-  DeviceCommand written;
-};
 
 struct SpoiltTick {
   int encoder = 0;

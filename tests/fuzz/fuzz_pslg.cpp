@@ -22,6 +22,7 @@ namespace {
 using namespace trocar;            // NOLINT(google-build-using-namespace): a program of one file
 using namespace trocar::pipeline;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
+using test::triangles_of;
 
 constexpr std::size_t kMostCorners = 3000;
 constexpr int kMostPixelsAcross = 64;
@@ -44,20 +45,6 @@ void expect_near_outline(const Refined& refined) {
                        std::sqrt(static_cast<double>(distance2(a, b)));
     if (!(off >= 0 && off < 3)) fail("a boundary vertex " + std::to_string(off) + " steps off");
   }
-}
-
-using Corners = std::array<LatticePoint, 3>;
-std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}) {
-  std::vector<Corners> out;
-  for (const Triangle& t : mesh.triangles) {
-    Corners c{};
-    for (std::size_t i = 0; i < 3; ++i)
-      c[i] = {mesh.vertices[t[i]].x + moved.x, mesh.vertices[t[i]].y + moved.y};
-    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-    out.push_back(c);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
 }
 
 // An asset of it, a slice for each height, comes back to the bit, or is refused.
