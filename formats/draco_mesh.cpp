@@ -5,9 +5,47 @@
 #include <draco/compression/expert_encode.h>
 #include <draco/mesh/mesh.h>
 
+#include <algorithm>
 #include <cmath>
+#include <string_view>
 
 namespace trocar {
+namespace {
+
+// What a few hostile bytes make Draco allocate (24 bytes a triangle) before it reads on is bounded.
+// Refined meshes have 0.2 to 0.4 triangles a byte; a perfect grid can have a hundred, a large one
+// more.
+constexpr std::uint64_t kMostTrianglesAByte = 64, kAlwaysAllowedTriangles = 1 << 22;
+
+// What stands before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags,
+// kind of traversal, vertices and faces. Draco allocates for these numbers whatever they are.
+Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
+                                std::uint64_t max_triangles) {
+  constexpr std::string_view kStart("DRACO\2\2\1\1\0\0", 11);
+  if (bytes.size() < kStart.size() + 1 ||
+      !std::equal(kStart.begin(), kStart.end(), bytes.begin(),
+                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; })) {
+    return refused("Draco: not an Edgebreaker mesh of bitstream 2.2");
+  }
+  std::size_t at = kStart.size() + 1;
+  const auto varint = [&bytes, &at] {
+    std::uint64_t value = 0;
+    for (int shift = 0; shift < 35 && at < bytes.size(); shift += 7) {
+      const std::uint8_t byte = bytes[at++];
+      value |= std::uint64_t{byte & 0x7fU} << shift;
+      if (byte < 0x80) break;
+    }
+    return value;
+  };
+  const std::uint64_t vertices = varint(), triangles = varint();
+  if (vertices > max_vertices || triangles > max_triangles)
+    return refused("Draco: more vertices or triangles than stated");
+  if (triangles > std::max(kAlwaysAllowedTriangles, kMostTrianglesAByte * bytes.size()))
+    return refused("Draco: more triangles than its bytes can hold");
+  return {};
+}
+
+}  // namespace
 
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid) {
   if (mesh.triangles.empty()) return bug("Draco: empty mesh");
@@ -61,6 +99,7 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
 
 Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattice& lattice,
                                std::uint64_t max_vertices, std::uint64_t max_triangles) {
+  if (auto ok = check_draco_counts(bytes, max_vertices, max_triangles); !ok) return ok.error();
   draco::DecoderBuffer buffer;
   buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   draco::Decoder decoder;

@@ -30,8 +30,10 @@ inline constexpr std::uint32_t kDracoPositionId = 0;
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid);
 
 /// Fails (refused, without a file's name) if the payload is not what encode_draco
-/// makes: corrupt, more than `max_vertices` or `max_triangles`, a coordinate off the lattice,
-/// an index out of range. Vertices and triangles come in Draco's order.
+/// makes: corrupt, more than `max_vertices` or `max_triangles`, more triangles than so few bytes
+/// ever hold (more than 4 million and 64 a byte), a coordinate off the lattice, an index out of
+/// range. Its counts are checked before Draco allocates for them. Vertices and triangles come in
+/// Draco's order.
 Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattice& lattice,
                                std::uint64_t max_vertices, std::uint64_t max_triangles);
 

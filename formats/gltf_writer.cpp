@@ -5,14 +5,12 @@
 #include <limits>
 #include <utility>
 
+#include "formats/json_text.h"
+
 namespace trocar {
 namespace {
 
 using nlohmann::json;
-
-std::string text_of(const json& j) {
-  return j.dump(-1, ' ', false, json::error_handler_t::replace);
-}
 
 std::size_t padded(std::size_t size) {
   return (size + 3) & ~std::size_t{3};
@@ -22,7 +20,7 @@ std::size_t padded(std::size_t size) {
 
 int GltfWriter::Array::add(const json& element) {
   if (count > 0) text += ',';
-  text += text_of(element);
+  text += json_text(element);
   ends.push_back(text.size());
   return count++;
 }
@@ -40,14 +38,14 @@ GltfWriter::View GltfWriter::add_view(const void* data, std::size_t size, int ta
 Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras) && {
   buffer_.resize(padded(buffer_.size()));
   File out;
-  std::vector<std::string> texts{text_of(top)};
+  std::vector<std::string> texts{json_text(top)};
   texts[0].pop_back();
   texts[0] += ",\"extras\":";
-  const std::string extras_text = text_of(extras);
+  const std::string extras_text = json_text(extras);
   out.extras = {texts[0].size(), extras_text.size()};
   texts[0] += extras_text;
   if (!buffer_.empty())
-    texts.push_back(",\"buffers\":[" + text_of({{"byteLength", buffer_.size()}}) + ']');
+    texts.push_back(",\"buffers\":[" + json_text({{"byteLength", buffer_.size()}}) + ']');
   for (const auto& [name, array] : {std::pair{"bufferViews", &views_},
                                     {"accessors", &accessors_},
                                     {"meshes", &meshes_},

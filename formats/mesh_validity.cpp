@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <numeric>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -54,31 +55,37 @@ Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) 
   return {};
 }
 
-// How often the other rings wind around the middle of ring r's first edge, which lies on none of
-// them since nothing crosses. In doubled coordinates, so that the middle is exact.
-int winding_around(const std::vector<Ring>& rings, const std::vector<Box>& boxes,
-                   const std::vector<int>& orientations, std::size_t r) {
-  const std::int64_t px = std::int64_t{rings[r][0].x} + rings[r][1].x;
-  const std::int64_t py = std::int64_t{rings[r][0].y} + rings[r][1].y;
-  int winding = 0;
-  for (std::size_t q = 0; q < rings.size(); ++q) {
-    const Box& box = boxes[q];
-    if (q == r || px < 2 * std::int64_t{box.low.x} || px > 2 * std::int64_t{box.high.x} ||
-        py < 2 * std::int64_t{box.low.y} || py > 2 * std::int64_t{box.high.y}) {
-      continue;
+// How often the other rings wind around the middle of each one's first edge, which lies on none of
+// them since nothing crosses. A sweep over x: each meets the rings above and below it only.
+std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vector<Box>& boxes,
+                                 const std::vector<int>& orientations) {
+  const auto middle_x = [&rings](std::size_t r) {
+    return std::int64_t{rings[r][0].x} + rings[r][1].x;
+  };
+  std::vector<std::size_t> by_middle(rings.size());
+  std::iota(by_middle.begin(), by_middle.end(), std::size_t{0});
+  std::vector<std::size_t> by_low = by_middle;
+  std::sort(by_middle.begin(), by_middle.end(),
+            [&middle_x](std::size_t r, std::size_t q) { return middle_x(r) < middle_x(q); });
+  std::sort(by_low.begin(), by_low.end(),
+            [&boxes](std::size_t r, std::size_t q) { return boxes[r].low.x < boxes[q].low.x; });
+
+  std::vector<int> windings(rings.size(), 0);
+  std::vector<std::size_t> active;
+  auto next = by_low.begin();
+  for (const std::size_t r : by_middle) {
+    const std::int64_t px = middle_x(r), py = std::int64_t{rings[r][0].y} + rings[r][1].y;
+    for (; next != by_low.end() && 2 * std::int64_t{boxes[*next].low.x} <= px; ++next)
+      active.push_back(*next);
+    std::erase_if(active,
+                  [&boxes, px](std::size_t q) { return 2 * std::int64_t{boxes[q].high.x} < px; });
+    for (const std::size_t q : active) {
+      if (q == r || py < 2 * std::int64_t{boxes[q].low.y} || py > 2 * std::int64_t{boxes[q].high.y})
+        continue;
+      if (is_inside_ring(px, py, rings[q])) windings[r] += orientations[q];
     }
-    bool inside = false;
-    for (std::size_t i = 0, n = rings[q].size(); i < n; ++i) {
-      LatticePoint a = rings[q][i], b = rings[q][i + 1 == n ? 0 : i + 1];
-      if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
-      if (a.y > b.y) std::swap(a, b);
-      const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
-                          Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
-      if (turn > 0) inside = !inside;
-    }
-    if (inside) winding += orientations[q];
   }
-  return winding;
+  return windings;
 }
 
 Result<void> check_nesting(const std::vector<Ring>& rings) {
@@ -95,9 +102,10 @@ Result<void> check_nesting(const std::vector<Ring>& rings) {
     if (area == 0) return refused("a ring without area " + place(ring[0]));
     orientations.push_back(area > 0 ? 1 : -1);
   }
+  const std::vector<int> windings = windings_around(rings, boxes, orientations);
   for (std::size_t r = 0; r < rings.size(); ++r) {
     const int wanted = orientations[r] > 0 ? 0 : 1;
-    if (winding_around(rings, boxes, orientations, r) != wanted) {
+    if (windings[r] != wanted) {
       return refused((wanted == 0 ? "an outer ring inside material " : "a hole outside material ") +
                      place(rings[r][0]));
     }
@@ -106,6 +114,19 @@ Result<void> check_nesting(const std::vector<Ring>& rings) {
 }
 
 }  // namespace
+
+bool is_inside_ring(std::int64_t px, std::int64_t py, const Ring& ring) {
+  bool inside = false;
+  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
+    LatticePoint a = ring[i], b = ring[i + 1 == n ? 0 : i + 1];
+    if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
+    if (a.y > b.y) std::swap(a, b);
+    const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
+                        Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
+    if (turn > 0) inside = !inside;
+  }
+  return inside;
+}
 
 Result<void> check_mesh(const SliceMesh& mesh) {
   const std::size_t n = mesh.vertices.size();

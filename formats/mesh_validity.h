@@ -2,6 +2,7 @@
 // The proofs of DESIGN's "One lattice" on a slice mesh, all in exact integers.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "formats/result.h"
@@ -27,9 +28,13 @@ Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 /// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
 /// at most kMaxCoordinate), that no two edges cross or coincide (touching in vertices is allowed),
 /// and that they nest: every outer ring lies in nothing or in a hole, every hole directly in an
-/// outer ring. Then every point of the plane is either material once or not at all. O(n log n)
-/// typically, O(rings^2) boxes.
+/// outer ring. Then every point of the plane is either material once or not at all. Sweeps over x:
+/// O(n (log n + k)), k = edges and rings above one another.
 Result<void> check_pslg(const Pslg& pslg);
+
+/// Is the point inside the simple ring, on which it does not lie? Exact. It is given in doubled
+/// coordinates, so that the middle of an edge is one too. O(n).
+bool is_inside_ring(std::int64_t doubled_x, std::int64_t doubled_y, const Ring& ring);
 
 /// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.
 bool is_constrained_delaunay(const SliceMesh& mesh);

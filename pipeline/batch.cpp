@@ -134,7 +134,6 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
 
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
                                const json& parameters) {
-  const auto start = std::chrono::steady_clock::now();
   if (auto ok = check_ranges(stack, options); !ok) return ok.error();
   const int first = options.slices ? options.slices->first : 0;
   const int last = options.slices ? options.slices->second : stack.size() - 1;
@@ -219,7 +218,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
                   {"json_bytes", sizes.json_bytes},
                   {"index_bytes", sizes.index_bytes}}},
                 {"assemble_ms", assemble_ms},
-                {"total_ms", ms_since(start)},
+                {"total_ms", ms_since(options.start)},
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};

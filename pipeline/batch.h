@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <functional>
 #include <optional>
 #include <utility>
@@ -19,6 +20,8 @@ struct BatchOptions {
   std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures
   std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
   const std::atomic<bool>* stop = nullptr;            ///< set from a signal handler: give up soon
+  /// Since when the report's total_ms counts: with it, opening the scan.
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 
 struct BatchResult {

@@ -30,6 +30,24 @@ struct Places {
   }
 };
 
+// What is not there is 1 and 0; what is there must be a number: else HU would be off by a thousand.
+std::optional<std::string> read_rescale(const Places& at, DicomFrame& h) {
+  DcmItem* item = at.find(DCM_PixelValueTransformationSequence, DCM_RescaleSlope);
+  const bool has_slope = item->tagExists(DCM_RescaleSlope);
+  const bool has_intercept = item->tagExists(DCM_RescaleIntercept);
+  h.has_rescale = has_slope && has_intercept;
+  if (has_slope && !dicom_numbers(item, DCM_RescaleSlope, &h.slope, 1))
+    return "its RescaleSlope is not a number";
+  if (has_intercept && !dicom_numbers(item, DCM_RescaleIntercept, &h.intercept, 1))
+    return "its RescaleIntercept is not a number";
+  if (h.slope == 0) return "a rescale slope of zero";
+  if (!(std::abs(h.slope) * 65536 + std::abs(h.intercept) < 1e9)) return "its rescale is absurd";
+  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence)) {
+    return "a modality look-up table instead of a rescale slope";
+  }
+  return {};
+}
+
 // Plane and rescale of one frame. Nothing, or what is missing.
 std::optional<std::string> read_geometry(const Places& at, DicomFrame& h) {
   double position[3], orientation[6], spacing[2];
@@ -59,15 +77,7 @@ std::optional<std::string> read_geometry(const Places& at, DicomFrame& h) {
   h.spacing_v_mm = spacing[0];  // between rows
   h.spacing_u_mm = spacing[1];  // between columns
 
-  DcmItem* rescale = at.find(DCM_PixelValueTransformationSequence, DCM_RescaleSlope);
-  const bool has_slope = dicom_numbers(rescale, DCM_RescaleSlope, &h.slope, 1);
-  if (!has_slope) h.slope = 1;
-  if (!dicom_numbers(rescale, DCM_RescaleIntercept, &h.intercept, 1)) h.intercept = 0;
-  if (h.slope == 0) return "a rescale slope of zero";
-  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence)) {
-    return "a modality look-up table instead of a rescale slope";
-  }
-  return {};
+  return read_rescale(at, h);
 }
 
 // Size and sample format, the same for all frames of a file. Nothing, or what is wrong.
@@ -112,12 +122,6 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
            " bytes of pixels, its header promises " + std::to_string(static_cast<long>(want));
   }
   return {};
-}
-
-bool has_dicom_preamble(const std::filesystem::path& file) {
-  char head[132] = {};
-  std::ifstream in(file, std::ios::binary);
-  return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
 }
 
 // All frames of a file that has pixels. Nothing, or what is wrong.
@@ -165,6 +169,12 @@ std::string DicomFrame::name() const {
   return frames == 1 ? file.string() : file.string() + " frame " + std::to_string(frame + 1);
 }
 
+bool has_dicom_preamble(const std::filesystem::path& file) {
+  char head[132] = {};
+  std::ifstream in(file, std::ios::binary);
+  return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
+}
+
 DicomFile read_dicom_headers(const std::filesystem::path& file) {
   set_up_dcmtk();
   DicomFile out;
@@ -193,6 +203,7 @@ DicomFile read_dicom_headers(const std::filesystem::path& file) {
     return out;
   }
   out.kind = DicomFile::Kind::kImages;
+  out.is_colour = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1;
   if (auto wrong = read_frames(format, out)) unusable(*wrong);
   return out;
 }

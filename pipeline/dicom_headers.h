@@ -18,6 +18,7 @@ struct DicomFrame {
   Eigen::Vector3d position, u, v;  ///< LPS mm; u, v unit vectors at right angles
   double spacing_u_mm = 0, spacing_v_mm = 0;
   double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
+  bool has_rescale = false;         ///< the file gives both
   int rows = 0, columns = 0;
   int bits_allocated = 16, bits_stored = 16, high_bit = 15;
   bool is_signed = false;
@@ -36,8 +37,12 @@ struct DicomFile {
   Kind kind = Kind::kNotImage;
   std::string series_uid;  ///< empty if missing
   std::string problem;     ///< one line, with the file's name
+  bool is_colour = false;  ///< a screen capture or the like: never a slice
   std::vector<DicomFrame> frames;
 };
+
+/// A DICOM file by its first 132 bytes, whatever its name.
+bool has_dicom_preamble(const std::filesystem::path& file);
 
 /// Never fails: what is wrong is in the result.
 DicomFile read_dicom_headers(const std::filesystem::path& file);

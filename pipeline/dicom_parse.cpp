@@ -17,38 +17,44 @@ namespace {
 // DCMTK parses nested sequences by recursion. The only part of ours inside that recursion is the
 // stream, so the stream watches the stack: real files nest a dozen levels, a kilobyte each.
 constexpr std::ptrdiff_t kMaxParserStack = 512 << 10;
+// Values are left in the file, but those of a deflated one go to memory, a thousand times its size.
+constexpr offile_off_t kMaxParsedBytes = offile_off_t{1} << 29;
 
 class GuardedStream final : public DcmInputFileStream {
  public:
   explicit GuardedStream(const OFFilename& file)
       : DcmInputFileStream(file), base_(static_cast<char*>(__builtin_frame_address(0))) {}
 
-  OFBool good() const override { return !too_deep() && DcmInputFileStream::good(); }
+  OFBool good() const override { return !is_over() && DcmInputFileStream::good(); }
   OFCondition status() const override {
-    if (!too_deep()) return DcmInputFileStream::status();
-    return makeOFCondition(OFM_dcmdata, 0x7ff, OF_error, "sequences nested too deep");
+    if (!is_over()) return DcmInputFileStream::status();
+    return makeOFCondition(OFM_dcmdata, 0x7ff, OF_error, over_);
   }
-  bool was_too_deep() const { return hit_; }
-  OFBool eos() override { return too_deep() || DcmInputFileStream::eos(); }
-  offile_off_t avail() override { return too_deep() ? 0 : DcmInputFileStream::avail(); }
+  bool was_over() const { return over_ != nullptr; }
+  OFBool eos() override { return is_over() || DcmInputFileStream::eos(); }
+  offile_off_t avail() override { return is_over() ? 0 : DcmInputFileStream::avail(); }
   offile_off_t read(void* to, offile_off_t bytes) override {
-    return too_deep() ? 0 : DcmInputFileStream::read(to, bytes);
+    if (is_over()) return 0;
+    const offile_off_t got = DcmInputFileStream::read(to, bytes);
+    parsed_ += got;
+    return got;
   }
   offile_off_t skip(offile_off_t bytes) override {
-    return too_deep() ? 0 : DcmInputFileStream::skip(bytes);
+    return is_over() ? 0 : DcmInputFileStream::skip(bytes);
   }
 
  private:
-  // Once too deep, always: the parser must not go on from a place it lost.
-  bool too_deep() const {
-    if (std::abs(base_ - static_cast<char*>(__builtin_frame_address(0))) > kMaxParserStack) {
-      hit_ = true;
-    }
-    return hit_;
+  // Once over a limit, always: the parser must not go on from a place it lost.
+  bool is_over() const {
+    if (std::abs(base_ - static_cast<char*>(__builtin_frame_address(0))) > kMaxParserStack)
+      over_ = "sequences nested too deep";
+    if (parsed_ > kMaxParsedBytes) over_ = "more than 512 MiB of values";
+    return over_ != nullptr;
   }
 
   char* base_;
-  mutable bool hit_ = false;
+  offile_off_t parsed_ = 0;
+  mutable const char* over_ = nullptr;
 };
 
 }  // namespace
@@ -69,7 +75,7 @@ OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format)
   format.transferInit();
   OFCondition done = format.read(stream, EXS_Unknown, EGL_noChange, 4096);
   format.transferEnd();
-  return stream.was_too_deep() ? stream.status() : done;
+  return stream.was_over() ? stream.status() : done;
 }  // NOLINT(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
 
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {

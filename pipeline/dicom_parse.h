@@ -15,8 +15,9 @@ namespace trocar::pipeline {
 void set_up_dcmtk();
 
 /// Loads `file`; values longer than some kilobytes stay in the file until asked for (but in a
-/// deflated file). What could be read is in `format` even if the result is bad. Bad (too deep)
-/// before sequences nested in sequences use up the stack, for which DCMTK itself has no limit.
+/// deflated file). What could be read is in `format` even if the result is bad. Bad before
+/// sequences nested in sequences use up the stack, or a deflated file's values (more than 512 MiB)
+/// the memory, for which DCMTK itself has no limit.
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
 
 /// The element's text, empty if there is none. `item` may be null in all three.

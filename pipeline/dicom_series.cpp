@@ -14,7 +14,10 @@ struct Series {
   std::vector<DicomFrame> slices;
   std::string problem;  // of its first unusable file
   std::size_t unusable = 0;
+  std::size_t broken = 0;  // of those: what should have been slices
   std::string first_file;  // any, for messages
+  // A damaged scan is still the folder's scan, not the small one beside it.
+  std::size_t images() const { return slices.size() + broken; }
 };
 
 std::string format_mm(double mm) {
@@ -56,6 +59,7 @@ std::map<std::string, Series> group(const std::vector<DicomFile>& files,
     if (series.first_file.empty()) series.first_file = name;
     if (file.kind == DicomFile::Kind::kUnusable) {
       if (series.unusable++ == 0) series.problem = file.problem;
+      if (!file.is_colour) ++series.broken;
       continue;
     }
     if (file.frames[0].sop_uid.empty() && sop_count++ == 0) without_sop = name;
@@ -123,7 +127,7 @@ Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& file
     }
   } else {
     for (auto it = series.begin(); it != series.end(); ++it) {
-      if (it->second.slices.size() > chosen->second.slices.size()) chosen = it;
+      if (it->second.images() > chosen->second.images()) chosen = it;
     }
     for (auto it = series.begin(); it != series.end(); ++it) {
       if (it == chosen) continue;
@@ -138,9 +142,19 @@ Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& file
   }
   Series& out = chosen->second;
   if (out.unusable > 0) {
-    return refused(out.problem + (out.unusable == 1 ? ""
-                                                    : " (and " + std::to_string(out.unusable - 1) +
-                                                          " more files like it)"));
+    return refused(out.problem +
+                   (out.unusable == 1
+                        ? ""
+                        : " (and " + std::to_string(out.unusable - 1) + " more files like it)") +
+                   (series.size() > 1 && wanted.empty() ? "; --series chooses another" : ""));
+  }
+  if (const auto without = std::count_if(out.slices.begin(), out.slices.end(),
+                                         [](const DicomFrame& h) { return !h.has_rescale; });
+      without > 0) {
+    warnings.push_back({"no_rescale", out.first_file,
+                        std::to_string(without) +
+                            " slices lack a rescale slope or intercept; 1 and 0 are taken, so "
+                            "that what is stored is HU"});
   }
   return std::move(out.slices);
 }

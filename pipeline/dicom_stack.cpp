@@ -2,7 +2,9 @@
 // A folder of DICOM files as a stack: headers first (dicom_headers), then which of them are the
 // scan and in which order (dicom_series), pixels when a slice is asked for (dicom_pixels).
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <mutex>
+#include <set>
 
 #include "pipeline/dicom_headers.h"
 #include "pipeline/dicom_pixels.h"
@@ -84,6 +86,11 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
         {"spacing_ignored", where,
          "--spacing is for input without a pixel size; the files' own is used"});
   }
+  std::set<std::filesystem::path> used;
+  for (const DicomFrame& h : stack->slices_)
+    used.insert(h.file);
+  std::copy_if(files.begin(), files.end(), std::back_inserter(stack->files),
+               [&used](const std::filesystem::path& file) { return used.count(file) > 0; });
   const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
   for (const DicomFrame& h : stack->slices_) {
     SlicePlane plane{h.spacing_u_mm, h.spacing_v_mm, Eigen::Affine3d::Identity(), 0};

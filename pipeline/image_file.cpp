@@ -38,25 +38,26 @@ cv::Mat decode_buffer(int height, int width, int type) {
   return kept;
 }
 
-// Grey levels 0..255 of 1, 3 or 4 channels, the latter in the order of `to_grey`. Some rows at a
-// time, which stay in the cache.
-Image to_image(const cv::Mat& pixels, int to_grey) {
+// Grey levels of 1, 3 or 4 channels, the latter in the order of `to_grey`. Some rows at a time,
+// which stay in the cache.
+Image to_image(const cv::Mat& pixels, int to_grey, Levels wanted) {
   constexpr int kRows = 32;
   thread_local cv::Mat grey, levels;
+  const bool deep = pixels.depth() == CV_16U && wanted == Levels::kTo255;
+  const double scale = deep ? 1.0 / 257.0 : 1.0;
   Image image{pixels.cols, pixels.rows, {}};
   image.values.reserve(pixels.total());
   for (int y = 0; y < pixels.rows; y += kRows) {
     const cv::Mat rows = pixels.rowRange(y, std::min(y + kRows, pixels.rows));
     if (pixels.channels() > 1) cv::cvtColor(rows, grey, to_grey);
-    (pixels.channels() > 1 ? grey : rows)
-        .convertTo(levels, CV_32F, pixels.depth() == CV_16U ? 1.0 / 257.0 : 1.0);
+    (pixels.channels() > 1 ? grey : rows).convertTo(levels, CV_32F, scale);
     const auto* first = levels.ptr<float>();
     image.values.insert(image.values.end(), first, first + levels.total());
   }
   return image;
 }
 
-Result<Image> read_png(const Bytes& bytes, const std::string& name) {
+Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wanted) {
   struct Free {
     void operator()(spng_ctx* c) const { spng_ctx_free(c); }
   };
@@ -93,7 +94,8 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name) {
   if (size != pixels.total() * pixels.elemSize())
     return bug(name + ": a PNG of another size than its header's");
   if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);
-  return to_image(pixels, pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
+  return to_image(pixels, pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY,
+                  wanted);
 }
 
 Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
@@ -121,7 +123,7 @@ Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
                     TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
     return broken();
   }
-  return to_image(pixels, cv::COLOR_BGR2GRAY);
+  return to_image(pixels, cv::COLOR_BGR2GRAY, Levels::kTo255);
 }
 
 struct TiffClose {
@@ -130,7 +132,7 @@ struct TiffClose {
 
 // 16 bits a channel, row by row; libtiff's own conversion would make 8 of them.
 Result<Image> read_deep_tiff(TIFF* tiff, int width, int height, int channels,
-                             const std::string& name) {
+                             const std::string& name, Levels wanted) {
   std::uint16_t planar = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
   if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
@@ -145,10 +147,10 @@ Result<Image> read_deep_tiff(TIFF* tiff, int width, int height, int channels,
     if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
       return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
   }
-  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY);
+  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted);
 }
 
-Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name) {
+Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name, Levels wanted) {
   const auto silent = [](TIFF*, void*, const char*, const char*, va_list) { return 1; };
   std::unique_ptr<TIFFOpenOptions, void (*)(TIFFOpenOptions*)> options(TIFFOpenOptionsAlloc(),
                                                                        TIFFOpenOptionsFree);
@@ -162,6 +164,11 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
       TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {
     return refused(name + ": broken TIFF");
   }
+  if (TIFFLastDirectory(tiff.get()) == 0) {
+    return refused(name +
+                   ": a TIFF of several pages; one image a file is read (tiffsplit or the "
+                   "like takes it apart)");
+  }
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
   std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
                 photometric = PHOTOMETRIC_MINISBLACK;
@@ -173,7 +180,7 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
     return refused(name + ": neither 8 nor 16 bits a channel");
   const int w = static_cast<int>(width), h = static_cast<int>(height);
   if (bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB)) {
-    return read_deep_tiff(tiff.get(), w, h, channels, name);
+    return read_deep_tiff(tiff.get(), w, h, channels, name, wanted);
   }
   const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
   if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
@@ -181,7 +188,7 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
                                 1) != 1) {
     return refused(name + ": broken TIFF");
   }
-  return to_image(pixels, cv::COLOR_RGBA2GRAY);
+  return to_image(pixels, cv::COLOR_RGBA2GRAY, Levels::kTo255);
 }
 
 // Width and height stand at fixed places behind the size of the header that tells their width.
@@ -203,12 +210,13 @@ Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
   if (!loaded || width != columns || height != rows) {
     return refused(name + ": broken BMP, or one of neither 8, 24 nor 32 bits a pixel");
   }
-  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY);
+  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY,
+                  Levels::kTo255);
 }
 
 }  // namespace
 
-Result<Image> read_image_file(const std::filesystem::path& file) {
+Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) {
   const std::string name = file.string();
   const auto read = read_file(file);
   if (!read) return refused(name + ": cannot be read");
@@ -219,9 +227,9 @@ Result<Image> read_image_file(const std::filesystem::path& file) {
   };
   try {
     using namespace std::string_view_literals;
-    if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name);
+    if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name, wanted);
     if (starts("\xff\xd8\xff"sv)) return read_jpeg(bytes, name);
-    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name);
+    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name, wanted);
     if (starts("BM"sv)) return read_bmp(file, bytes, name);
     return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
   } catch (const cv::Exception& e) {

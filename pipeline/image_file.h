@@ -9,12 +9,17 @@
 
 namespace trocar::pipeline {
 
+enum class Levels {
+  kTo255,   ///< 0..255; 16-bit ones keep their fractions
+  kStored,  ///< 16-bit ones as they are stored: labels
+};
+
 /// PNG (libspng), JPEG and BMP (libjpeg-turbo), TIFF (libtiff), told by their first bytes; 8 or 16
-/// bits a channel, grey or colour. Values are 0..255; 16-bit ones keep their fractions. The size
+/// bits a channel, grey or colour; a TIFF of several pages is refused. The size
 /// is checked before anything is decoded, and what a decoder only warns of (pixels that it made up)
 /// is an error. Errors (refused) name the file and the reason.
 /// (OpenCV's imread, with the same libraries behind it, prints what it meets to stderr, knows no
 /// limit of size short of 2^30 pixels, and tries further formats that nobody asked for.)
-Result<Image> read_image_file(const std::filesystem::path& file);
+Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted = Levels::kTo255);
 
 }  // namespace trocar::pipeline

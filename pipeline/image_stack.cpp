@@ -16,7 +16,7 @@ class ImageStack final : public SliceStack {
   std::string name(int slice) const override { return files_[slice].string(); }
   Result<Image> read(int slice) const override {
     if (slice == 0) return first_;
-    auto image = read_image_file(files_[slice]);
+    auto image = read_image_file(files_[slice], levels_);
     if (image && (image->width != width_ || image->height != height_)) {
       return refused(name(slice) + ": " + std::to_string(image->width) + " x " +
                      std::to_string(image->height) + " pixels, the first image has " +
@@ -28,6 +28,7 @@ class ImageStack final : public SliceStack {
   std::vector<std::filesystem::path> files_;
   std::vector<SlicePlane> planes_;
   int width_ = 0, height_ = 0;
+  Levels levels_ = Levels::kTo255;
   Image first_;  ///< read on opening
 };
 
@@ -38,9 +39,11 @@ Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::pat
   if (!options.spacing_mm) {
     return usage("images carry no pixel size: give --spacing X,Y,Z in mm");
   }
-  auto first = read_image_file(files[0]);
+  const Levels levels = options.as_labels ? Levels::kStored : Levels::kTo255;
+  auto first = read_image_file(files[0], levels);
   if (!first) return first.error();
   auto stack = std::make_unique<ImageStack>();
+  stack->levels_ = levels;
   stack->width_ = first->width;
   stack->height_ = first->height;
   stack->first_ = std::move(*first);

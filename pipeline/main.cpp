@@ -14,6 +14,7 @@
 
 #include "formats/asset.h"
 #include "formats/file_io.h"
+#include "formats/json_text.h"
 #include "formats/nearest_name.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
@@ -112,7 +113,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   return out;
 }
 
-json parameters_json(const BatchOptions& o) {
+json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   json out = {{"contour", o.mesh.contour == ContourKind::kPixel ? "pixel" : "subpixel"},
               {"tolerance_mm", o.mesh.simplification.tolerance_mm},
               {"min_angle_deg", o.mesh.refinement.min_angle_deg},
@@ -129,7 +130,33 @@ json parameters_json(const BatchOptions& o) {
   if (o.slices) out["slices"] = {o.slices->first, o.slices->second};
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
+  if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
+  if (!input.series_uid.empty()) out["series"] = input.series_uid;
+  if (input.axis != SliceAxis::kTransverse)
+    out["axis"] = input.axis == SliceAxis::kCoronal ? "coronal" : "sagittal";
   return out;
+}
+
+// Nothing that was read, or could be a scan, is written over: `-o *.png` makes a slice the output.
+Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
+  const std::pair<const char*, const fs::path*> outputs[] = {
+      {"-o", &a.output}, {"--report", &a.report}, {"--dump-stages", &a.dump_stages}};
+  for (const auto& [option, file] : outputs) {
+    if (file->empty()) continue;
+    const std::string said = std::string(option) + " " + file->string();
+    if (is_scan_file(*file)) return usage(said + ": would write over a scan");
+    std::error_code error;
+    for (const fs::path& input : read) {
+      if (fs::equivalent(*file, input, error)) return usage(said + ": is the input");
+    }
+    for (const auto& [other_option, other] : outputs) {
+      if (other != file && !other->empty() &&
+          fs::weakly_canonical(*other, error) == fs::weakly_canonical(*file, error)) {
+        return usage(said + ": is also the file of " + other_option);
+      }
+    }
+  }
+  return {};
 }
 
 std::atomic<bool> stop_requested = false;
@@ -174,8 +201,11 @@ int mesh(const Arguments& a) {
     }
     open.spacing_mm = {(*n)[0], (*n)[1], (*n)[2]};
   }
+  if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
+  open.as_labels = std::holds_alternative<Labels>(options->mesh.segmentation);
   const auto stack = open_stack(a.inputs, open);
   if (!stack) return fail(stack.error());
+  if (auto ok = check_outputs(a, (*stack)->files); !ok) return fail(ok.error());
   if ((*stack)->calibration() == Calibration::kGrey &&
       std::holds_alternative<Threshold>(options->mesh.segmentation) &&
       a.threshold_given->count() == 0) {
@@ -189,8 +219,10 @@ int mesh(const Arguments& a) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP})
     ::sigaction(signal, &action, nullptr);
 
-  auto result = mesh_stack(**stack, *options, parameters_json(*options));
+  auto result = mesh_stack(**stack, *options, parameters_json(*options, open));
   if (!result) return fail(result.error());
+  if (!a.dump_stages.empty() && result->stages.is_null())
+    return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
   if (auto ok = write_file_atomically(a.output, result->glb); !ok) return fail(ok.error());
   json& report = result->report;
   const auto digest = digest_file(a.output);
@@ -206,13 +238,11 @@ int mesh(const Arguments& a) {
                      {"width_px", (*stack)->width()},
                      {"height_px", (*stack)->height()}};
   if (!a.report.empty()) {
-    if (auto ok = write_file_atomically(a.report, report.dump(1) + "\n"); !ok)
+    if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok)
       return fail(ok.error());
   }
   if (!a.dump_stages.empty()) {
-    if (result->stages.is_null())
-      return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
-    if (auto ok = write_file_atomically(a.dump_stages, result->stages.dump() + "\n"); !ok)
+    if (auto ok = write_file_atomically(a.dump_stages, json_text(result->stages) + "\n"); !ok)
       return fail(ok.error());
   }
   if (!a.quiet) {
@@ -234,7 +264,7 @@ int verify(const fs::path& file, bool as_json) {
   if (as_json) {
     json out = {{"file", file.string()}, {"valid", static_cast<bool>(ok)}};
     if (!ok) out["reason"] = ok.error().message;
-    std::cout << out.dump(1) << '\n';
+    std::cout << json_text(out, 1) << '\n';
   }
   if (!ok) return fail(ok.error());
   if (!as_json) std::printf("%s: valid, %zu slices\n", file.c_str(), asset->slices.size());
@@ -247,7 +277,7 @@ int info(const fs::path& file, bool as_json) {
   std::error_code error;
   const json out = describe_asset(*asset, fs::file_size(file, error));
   if (as_json) {
-    std::cout << out.dump(1) << '\n';
+    std::cout << json_text(out, 1) << '\n';
     return 0;
   }
   std::printf(
@@ -255,7 +285,7 @@ int info(const fs::path& file, bool as_json) {
       " slice      z mm    rings  vertices  triangles   area mm2\n",
       file.c_str(), asset->generator.c_str(), asset->lattice.bits,
       out["triangles"].get<std::size_t>(), out["bytes"].get<std::size_t>(),
-      out["parameters"].dump().c_str());
+      json_text(out["parameters"]).c_str());
   for (const json& s : out["slices"]) {
     std::printf("  %5d %9.3f %8zu %9zu %10zu %10.2f\n", s["index"].get<int>(),
                 s["z_mm"].get<double>(), s["rings"].get<std::size_t>(),
@@ -285,7 +315,8 @@ int run(int argc, char** argv) {
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
   a.labels_given = app.add_option("--labels", a.labels, "the input is a label map: these labels")
-                       ->delimiter(',');
+                       ->delimiter(',')
+                       ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));
@@ -347,6 +378,9 @@ int run(int argc, char** argv) {
   if (*export_command) {
     const auto loaded = read_asset(asset);
     if (!loaded) return fail(loaded.error());
+    // What is not proved, others need not be able to read.
+    if (const auto proved = verify_asset(*loaded, asset.string()); !proved)
+      return fail(proved.error());
     const auto ok = export_asset(*loaded, folder);
     return ok ? 0 : fail(ok.error());
   }

@@ -100,6 +100,21 @@ Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
   return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
 }
 
+// What the file's unit of length is in mm; files that name none mean mm. 0: no such unit.
+double unit_mm(int xyz_units) {
+  switch (xyz_units) {
+    case NIFTI_UNITS_UNKNOWN:
+    case NIFTI_UNITS_MM:
+      return 1;
+    case NIFTI_UNITS_METER:
+      return 1000;
+    case NIFTI_UNITS_MICRON:
+      return 0.001;
+    default:
+      return 0;
+  }
+}
+
 }  // namespace
 
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
@@ -131,7 +146,10 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   out.bytes_per_voxel = bytes_of(m.datatype);
   out.swapped = swapped;
   out.data_start = m.iname_offset > 0 ? m.iname_offset : (size == 348 ? 352 : 544);
+  const double mm = unit_mm(m.xyz_units);
+  if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
   out.T_lps_voxel = voxel_to_lps(m, file, warnings);
+  out.T_lps_voxel.topRows<3>() *= mm;
   if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
     return refused(file + ": its affine is not finite, or absurd");
   if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {

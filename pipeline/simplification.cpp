@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <tuple>
+
+#include "formats/mesh_validity.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -164,20 +167,9 @@ struct Box {
 };
 
 // Is the ring q inside the simple ring r, which it does not cross? The middle of an edge of q lies
-// on no edge of r and speaks for all of q, even if all vertices of q touch r. In doubled
-// coordinates, so that it is exact.
+// on no edge of r and speaks for all of q, even if all vertices of q touch r.
 bool is_inside(const Ring& q, const Ring& r) {
-  const std::int64_t px = std::int64_t{q[0].x} + q[1].x, py = std::int64_t{q[0].y} + q[1].y;
-  bool in = false;
-  for (std::size_t i = 0, n = r.size(); i < n; ++i) {
-    LatticePoint a = r[i], b = r[i + 1 == n ? 0 : i + 1];
-    if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
-    if (a.y > b.y) std::swap(a, b);
-    const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
-                        Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
-    if (turn > 0) in = !in;
-  }
-  return in;
+  return is_inside_ring(std::int64_t{q[0].x} + q[1].x, std::int64_t{q[0].y} + q[1].y, r);
 }
 
 // A simplified ring may not jump over another, though nothing crosses: marks both.
@@ -189,12 +181,19 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
     now.push_back(s.ring());
     boxes.emplace_back(*s.contour);
   }
-  for (std::size_t r = 0; r < rings.size(); ++r) {
-    for (std::size_t q = 0; q < rings.size(); ++q) {
-      if (q == r || !boxes[r].meets(boxes[q])) continue;
-      if (is_inside(*rings[q].contour, *rings[r].contour) == is_inside(now[q], now[r])) continue;
-      std::fill(marks[r].begin(), marks[r].end(), char{1});
-      std::fill(marks[q].begin(), marks[q].end(), char{1});
+  const auto jumps = [&](std::size_t q, std::size_t r) {
+    return is_inside(*rings[q].contour, *rings[r].contour) != is_inside(now[q], now[r]);
+  };
+  // By x, so that of ten thousand specks only those above one another meet.
+  std::vector<std::size_t> order(rings.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&boxes](std::size_t r, std::size_t q) { return boxes[r].low.x < boxes[q].low.x; });
+  for (auto i = order.begin(); i != order.end(); ++i) {
+    for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[*i].high.x; ++j) {
+      if (!boxes[*i].meets(boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
+      std::fill(marks[*i].begin(), marks[*i].end(), char{1});
+      std::fill(marks[*j].begin(), marks[*j].end(), char{1});
       any = true;
     }
   }

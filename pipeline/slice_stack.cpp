@@ -7,6 +7,8 @@
 #include <cctype>
 #include <fstream>
 
+#include "pipeline/dicom_headers.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -62,6 +64,10 @@ std::string hex_digest(crypto_generichash_state& state) {
 
 }  // namespace
 
+bool is_scan_file(const fs::path& file) {
+  return is_image(file) || is_nifti(file) || has_dicom_preamble(file);
+}
+
 Result<std::string> digest_file(const fs::path& file) {
   if (sodium_init() < 0) return bug("libsodium does not initialise");
   crypto_generichash_state state;
@@ -99,10 +105,11 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
     if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
     if (fs::is_directory(status)) {
       if (inputs.size() > 1) return usage(input.string() + ": give one folder, or a list of files");
-      for (const fs::directory_entry& entry : fs::directory_iterator(input, error)) {
-        if (entry.is_regular_file(error) && entry.path().filename().string().front() != '.') {
-          files.push_back(entry.path());
-        }
+      fs::directory_iterator entry(input, error);
+      for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+        std::error_code nowhere;  // a link that leads nowhere is passed over, like a folder
+        if (entry->is_regular_file(nowhere) && entry->path().filename().string().front() != '.')
+          files.push_back(entry->path());
       }
       if (error) return refused(input.string() + ": " + error.message());
     } else if (!fs::is_regular_file(status)) {
@@ -130,13 +137,20 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   } else if (std::any_of(files.begin(), files.end(), is_image)) {
     // A folder may hold a README or the like beside the images; a list may not.
     if (inputs.size() == 1) {
-      std::erase_if(files, [](const fs::path& f) { return !is_image(f); });
+      const auto others = std::stable_partition(files.begin(), files.end(), is_image);
+      const auto dicom = std::find_if(others, files.end(), has_dicom_preamble);
+      if (dicom != files.end()) {
+        return usage(inputs[0].string() + ": holds images (" + files[0].filename().string() +
+                     ") as well as DICOM files (" + dicom->filename().string() +
+                     "); give those of one kind as a list");
+      }
+      files.erase(others, files.end());
     }
     stack = open_images(files, options);
   } else {
     stack = open_dicom(files, options);
   }
-  if (stack) (*stack)->files = std::move(files);
+  if (stack && (*stack)->files.empty()) (*stack)->files = std::move(files);
   return stack;
 }
 

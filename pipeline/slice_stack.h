@@ -31,7 +31,7 @@ struct Warning {
 
 enum class Calibration {
   kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
-  kGrey,        ///< image files: 8-bit levels, or 16-bit ones over 257 (0..255 either way)
+  kGrey,        ///< image files: 0..255 whatever their depth, or labels
 };
 
 /// Where a slice lies. Plane coordinates are (u, v) in mm: u along a row, v along a
@@ -55,8 +55,9 @@ class SliceStack {
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
 
-  std::vector<Warning> warnings;             ///< what was noticed on opening
-  std::vector<std::filesystem::path> files;  ///< all of the input, in order: see digest_input()
+  std::vector<Warning> warnings;  ///< what was noticed on opening
+  /// All that the slices come from, in order: see digest_input().
+  std::vector<std::filesystem::path> files;
 };
 
 /// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
@@ -68,13 +69,17 @@ struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< for input that has none
   std::string series_uid;                           ///< of a DICOM folder; empty: the largest
   SliceAxis axis = SliceAxis::kTransverse;          ///< of a volume; others keep their slices
+  bool as_labels = false;                           ///< levels of 16-bit images as they are stored
 };
 
 /// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
 /// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
-/// missing, an axis asked of what is not a volume.
+/// missing, an axis asked of what is not a volume, images and DICOM files in one folder.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
+
+/// By its name an image or a NIfTI, or by what is in it a DICOM file: nothing to write over.
+bool is_scan_file(const std::filesystem::path& file);
 
 // The readers behind open_stack().
 Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <random>
 
+#include "formats/draco_mesh.h"
 #include "formats/mesh_validity.h"
 
 namespace trocar {
@@ -163,6 +164,47 @@ TEST(Asset, ABinaryChunkThatEndsBehindTheFileIsRefused) {
     ASSERT_FALSE(out) << more;
     EXPECT_EQ(out.error().message, "longer: broken binary chunk");
   }
+}
+
+// Draco allocates for the numbers in its header; what they can be is known before it reads on.
+TEST(Asset, ADracoHeaderThatPromisesTooMuchIsRefused) {
+  const SliceMesh mesh = jittered_grid(13, 7, 97, {0, 0}, 5);
+  const DracoGrid grid{{8}, {0, 0}, 16};
+  const std::vector<std::uint8_t> good = *encode_draco(mesh, grid);
+  const std::uint64_t vertices = mesh.vertices.size(), triangles = mesh.triangles.size();
+  ASSERT_TRUE(decode_draco(good, grid.lattice, vertices, triangles));
+  EXPECT_FALSE(decode_draco(good, grid.lattice, vertices - 1, triangles));
+  EXPECT_FALSE(decode_draco(good, grid.lattice, vertices, triangles - 1));
+  for (std::size_t at = 0; at < 11; ++at) {
+    std::vector<std::uint8_t> bytes = good;
+    bytes[at] ^= 1;
+    EXPECT_FALSE(decode_draco(bytes, grid.lattice, vertices, triangles)) << at;
+  }
+  // 112 vertices and 182 triangles, a varint of one and one of two bytes, behind twelve others.
+  ASSERT_EQ(good[12], vertices);
+  ASSERT_EQ((good[13] & 0x7fU) | (good[14] << 7U), triangles);
+  for (const std::uint32_t many : {20'000'000U, 1'430'000'000U, 0xffffffffU}) {
+    std::vector<std::uint8_t> bytes(good.begin(), good.begin() + 13);
+    for (std::uint32_t left = many; left > 0; left >>= 7)
+      bytes.push_back(static_cast<std::uint8_t>(left > 0x7f ? (left & 0x7f) | 0x80 : left));
+    bytes.insert(bytes.end(), good.begin() + 15, good.end());
+    const auto out = decode_draco(bytes, grid.lattice, vertices, many);
+    ASSERT_FALSE(out);
+    EXPECT_EQ(out.error().message, "Draco: more triangles than its bytes can hold") << many;
+  }
+  for (std::size_t size = 0; size < 20; ++size)
+    EXPECT_FALSE(decode_draco({good.data(), size}, grid.lattice, vertices, triangles)) << size;
+}
+
+// The mesh that compresses best of all: Draco needs next to nothing for it.
+TEST(Asset, APerfectGridIsNotTakenForAPromise) {
+  const SliceMesh mesh = jittered_grid(500, 500, 1, {0, 0}, 5);  // no room to move anything in
+  const DracoGrid grid{{8}, {0, 0}, 16};
+  const std::vector<std::uint8_t> bytes = *encode_draco(mesh, grid);
+  EXPECT_GT(mesh.triangles.size(), 64 * bytes.size());
+  const auto out = decode_draco(bytes, grid.lattice, mesh.vertices.size(), mesh.triangles.size());
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_EQ(canonical(*out), canonical(mesh));
 }
 
 TEST(Asset, HostileBytesAreRefusedOrReadWhole) {

@@ -7,6 +7,7 @@ import pathlib
 import shutil
 import subprocess
 import sys
+import zlib
 
 try:
     import numpy as np
@@ -248,10 +249,10 @@ def multi_frame(case):
             check(out["slices"][0]["name"].endswith("frame 2"), f"{c.name}: {out['slices'][0]['name']}")
     c = case("enhanced_8_bit")
     c.save(make_enhanced(8, False, 8, per_frame_rescale=False), "all.dcm", ("dcmcrle",))
-    c.gives([stored(k, 8, False) for k in range(SLICES)])
+    c.gives([stored(k, 8, False) for k in range(SLICES)], warnings=["no_rescale"])
     c = case("enhanced_8_bit_native")  # frames of an odd number of bytes, not padded
     c.save(make_enhanced(8, False, 8, per_frame_rescale=False), "all.dcm")
-    c.gives([stored(k, 8, False) for k in range(SLICES)])
+    c.gives([stored(k, 8, False) for k in range(SLICES)], warnings=["no_rescale"])
     ds = make_enhanced()
     ds.PerFrameFunctionalGroupsSequence = Sequence(list(ds.PerFrameFunctionalGroupsSequence)[:3])
     c = case("enhanced_short_groups")
@@ -349,6 +350,12 @@ def identity(case, work):
         modify(c.save(make_slice(k, seed=3), f"other{k}"), "-m", "SeriesInstanceUID=1.2.3.4")
     out = c.gives(plain, warnings=["other_series"])
     check(out and "1.2.3.4" in out["warnings"][0]["sentence"], "two_series: the other is not named")
+    # The largest, even if it is broken; not the scout beside it.
+    c = series(case("broken_series"))
+    for k in range(SLICES):
+        modify(c.folder / f"{k}", "-ea", "PixelSpacing")
+    modify(c.save(make_slice(0, seed=3), "other"), "-m", "SeriesInstanceUID=1.2.3.4")
+    c.refuses("/0", "PixelSpacing", "--series")
     # What another series lacks does not matter to this one.
     c = series(case("colour_capture"))
     picture = work / "picture.bmp"
@@ -359,6 +366,16 @@ def identity(case, work):
     subprocess.run(["img2dcm", "-i", "BMP", picture, c.folder / "capture"], check=True)
     out = c.gives(plain, warnings=["other_series"])
     check(out and "colour" in out["warnings"][0]["sentence"], "colour_capture: " + str(out and out["warnings"]))
+    c = series(case("many_captures"))  # more than there are slices
+    for k in range(2 * SLICES):
+        subprocess.run(["img2dcm", "-i", "BMP", picture, c.folder / f"capture{k}"], check=True)
+        modify(c.folder / f"capture{k}", "-m", "SeriesInstanceUID=1.2.3.4")
+    c.gives(plain, warnings=["other_series"])
+    c = series(case("no_rescale"))
+    for k in range(SLICES):
+        modify(c.folder / f"{k}", "-ea", "RescaleIntercept")
+    out = c.gives(plain, warnings=["no_rescale"])
+    check(out and str(SLICES) in out["warnings"][0]["sentence"], "no_rescale: " + str(out and out["warnings"]))
     c = case("only_colour")
     subprocess.run(["img2dcm", "-i", "BMP", picture, c.folder / "capture"], check=True)
     c.refuses("capture", "colour")
@@ -430,11 +447,29 @@ def broken(case):
     c = series(case("slope_zero"))
     modify(c.folder / "2", "-m", "RescaleSlope=0")
     c.refuses("/2", "slope of zero")
+    # A rescale that is there but says nothing would put HU a thousand off.
+    for value in ("abc", "", "nan", "1e300"):
+        for keyword in ("RescaleSlope", "RescaleIntercept"):
+            c = series(case("rescale_" + (value or "empty") + keyword[7:]))
+            modify(c.folder / "2", "-m", f"{keyword}={value}")
+            c.refuses("/2", "absurd" if value == "1e300" else keyword)
     c = series(case("huge"))
     ds = make_slice(2)
     ds.Rows = ds.Columns = 65535
     c.save(ds, "2")
     c.refuses("/2", "65535 x 65535")
+    # A few hundred kilobytes that inflate to more than a scan ever has.
+    c = case("inflated")
+    f = c.save(make_slice(0), "0", LOSSLESS["deflated"])
+    body = f.read_bytes()
+    start = 132 + 12 + int.from_bytes(body[140:144], "little")
+    data = zlib.decompress(body[start:], -15)
+    zeros = bytes(1 << 24)
+    pack = zlib.compressobj(1, zlib.DEFLATED, -15)
+    packed = pack.compress(data + bytes.fromhex("f1ff1010") + b"OB\0\0" + (40 << 24).to_bytes(4, "little"))
+    packed += b"".join(pack.compress(zeros) for _ in range(40)) + pack.flush()
+    f.write_bytes(body[:start] + packed)
+    c.refuses("/0", "512 MiB")
     # Sequences within sequences, for ever: DCMTK recurses into them.
     c = case("nested")
     nest = bytes.fromhex("0800401153510000ffffffff" "feff00e0ffffffff")

@@ -145,6 +145,79 @@ TEST_F(Readers, BrokenInputIsRefusedByName) {
   EXPECT_NE(read.error().message.find("slice_00"), std::string::npos);
 }
 
+// Beside a folder's slices may lie what is none: a link that leads nowhere, a text, our own output.
+TEST_F(Readers, OnlyTheSlicesOfAFolderAreTheInput) {
+  const fs::path folder = folder_ / "beside";
+  fs::copy(folder_ / "scan" / "dicom", folder);
+  fs::create_symlink("nowhere", folder / "a_link");
+  fs::create_symlink("nowhere", folder / "z_link");
+  write("beside/out.glb", "glTF");
+  const auto stack = open_stack({folder}, {});
+  ASSERT_TRUE(stack) << stack.error().message;
+  ASSERT_EQ((*stack)->size(), 4);
+  std::string files;
+  for (const fs::path& file : (*stack)->files)
+    files += file.filename().string() + " ";
+  EXPECT_EQ(files, "CT_001.dcm CT_002.dcm CT_003.dcm CT_004.dcm ");
+  // A picture among them would decide how the folder is read.
+  fs::copy(folder_ / "scan" / "png" / "slice_001.png", folder / "preview.png");
+  OpenOptions options;
+  options.spacing_mm = {1, 1, 1};
+  expect_error(open_stack({folder}, options), ExitCode::kUsage, "preview.png");
+  expect_error(open_stack({folder}, options), ExitCode::kUsage, "CT_001.dcm");
+}
+
+TEST_F(Readers, VolumesInOtherUnitsAreInMm) {
+  auto bytes = *read_file(fs::path(TROCAR_CORPUS) / "nifti" / "one_i2.nii");
+  constexpr std::size_t kUnits = 123;  // xyzt_units
+  const auto with = [&](std::uint8_t code) {
+    bytes[kUnits] = static_cast<std::uint8_t>((bytes[kUnits] & ~7U) | code);
+    return open_stack({write("units.nii", {bytes.begin(), bytes.end()})}, {});
+  };
+  const auto in_mm = with(2);
+  ASSERT_TRUE(in_mm) << in_mm.error().message;
+  const SlicePlane& mm = (*in_mm)->plane((*in_mm)->size() - 1);
+  for (const auto& [code, scale] : {std::pair{0, 1.0}, {1, 1000.0}, {3, 0.001}}) {
+    const auto stack = with(static_cast<std::uint8_t>(code));
+    ASSERT_TRUE(stack) << stack.error().message;
+    const SlicePlane& got = (*stack)->plane((*stack)->size() - 1);
+    EXPECT_DOUBLE_EQ(got.spacing_u_mm, scale * mm.spacing_u_mm) << code;
+    EXPECT_DOUBLE_EQ(got.spacing_v_mm, scale * mm.spacing_v_mm) << code;
+    EXPECT_NEAR((got.T_lps_plane.translation() - scale * mm.T_lps_plane.translation()).norm(), 0,
+                1e-9 * scale)
+        << code;
+  }
+  expect_error(with(5), ExitCode::kRefused, "unit of length 5");
+}
+
+TEST_F(Readers, LabelsOf16BitsAreReadAsTheyAre) {
+  cv::Mat labels(2, 3, CV_16UC1);
+  for (int i = 0; i < 6; ++i)
+    labels.at<std::uint16_t>(i / 3, i % 3) =
+        std::array<std::uint16_t, 6>{0, 1, 22, 257, 4000, 65535}[static_cast<std::size_t>(i)];
+  for (const char* name : {"labels.png", "labels.tif"}) {
+    const fs::path file = folder_ / name;
+    ASSERT_TRUE(cv::imwrite(file.string(), labels));
+    OpenOptions options;
+    options.spacing_mm = {1, 1, 1};
+    options.as_labels = true;
+    EXPECT_EQ((*open_stack({file}, options))->read(0)->values,
+              (std::vector<float>{0, 1, 22, 257, 4000, 65535}))
+        << name;
+    options.as_labels = false;
+    EXPECT_FLOAT_EQ((*open_stack({file}, options))->read(0)->values[3], 1.0F) << name;
+  }
+}
+
+TEST_F(Readers, ATiffOfSeveralPagesIsRefused) {
+  const std::vector<cv::Mat> pages(3, cv::Mat(8, 8, CV_8UC1, cv::Scalar(90)));
+  const std::string file = (folder_ / "pages.tif").string();
+  ASSERT_TRUE(cv::imwritemulti(file, pages));
+  OpenOptions options;
+  options.spacing_mm = {1, 1, 1};
+  expect_error(open_stack({file}, options), ExitCode::kRefused, "several pages");
+}
+
 TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   const fs::path dicom = folder_ / "scan" / "dicom";
   // Names in the wrong order change nothing.

@@ -22,6 +22,8 @@ add_test(NAME e2e_scan COMMAND ${programs}/trocar-sample-ct ${e2e}/scan --quiet)
 set_tests_properties(e2e_scan PROPERTIES LABELS e2e TIMEOUT 600 FIXTURES_SETUP scan)
 trocar_script_test(nifti_orientation_test e2e nifti_orientation_test.py
   ${programs} ${e2e}/orientation)
+trocar_script_test(mesh_program_e2e e2e mesh_program_e2e_test.py
+  ${programs} ${e2e}/scan ${e2e}/mesh_program)
 trocar_script_test(dicom_variants_test e2e dicom_variants_test.py
   ${programs} ${CMAKE_BINARY_DIR}/e2e/dicom_variants)
 foreach(case sample l3 head)
@@ -45,6 +47,6 @@ trocar_script_test(recovery_e2e e2e recovery_e2e_test.py
   ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/recovery)
 trocar_script_test(fault_campaign e2e fault_campaign_test.py
   ${CMAKE_SOURCE_DIR} ${programs} ${e2e}/scan ${e2e}/fault_campaign --times 2)
-set_tests_properties(assets_e2e_sample experiments_e2e same_bytes_test
+set_tests_properties(assets_e2e_sample experiments_e2e same_bytes_test mesh_program_e2e
   device_link_e2e recovery_e2e fault_campaign
   PROPERTIES FIXTURES_REQUIRED scan)
