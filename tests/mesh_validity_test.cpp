@@ -4,6 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <random>
+
 namespace trocar {
 namespace {
 
@@ -95,6 +98,44 @@ TEST(CheckPslg, AcceptsNestingAndTouching) {
   EXPECT_TRUE(check_pslg({{{{0, 0}, {4, 0}, {4, 4}, {0, 4}}, {{4, 4}, {8, 4}, {8, 8}, {4, 8}}}}));
   EXPECT_TRUE(
       check_pslg({{{{0, 0}, {8, 0}, {8, 8}, {0, 8}}, {{0, 0}, {2, 4}, {4, 2}}}}));  // hole touching
+}
+
+// A box within `low` and `high`, and in each quarter of it, perhaps, others. Touching is allowed.
+void add_boxes(LatticePoint low, LatticePoint high, bool hole, std::mt19937_64& rng, Pslg& out) {
+  if (high.x - low.x < 8 || high.y - low.y < 8 || out.rings.size() > 300) return;
+  const auto inset = [&rng] { return static_cast<std::int32_t>(rng() % 3); };
+  low = {low.x + inset(), low.y + inset()};
+  high = {high.x - inset(), high.y - inset()};
+  Ring ring = {low, {high.x, low.y}, high, {low.x, high.y}};
+  if (hole) std::reverse(ring.begin(), ring.end());
+  std::rotate(ring.begin(), ring.begin() + static_cast<std::ptrdiff_t>(rng() % 4), ring.end());
+  out.rings.push_back(ring);
+  const LatticePoint middle{(low.x + high.x) / 2, (low.y + high.y) / 2};
+  // One step away from the box, so that no two edges coincide.
+  for (const auto& [a, b] : {std::pair{LatticePoint{low.x + 1, low.y + 1}, middle},
+                             {{middle.x + 1, low.y + 1}, {high.x - 1, middle.y}},
+                             {{low.x + 1, middle.y + 1}, {middle.x, high.y - 1}},
+                             {{middle.x + 1, middle.y + 1}, {high.x - 1, high.y - 1}}}) {
+    if (rng() % 4 != 0) add_boxes(a, b, !hole, rng, out);
+  }
+}
+
+TEST(CheckPslg, NestingIsFoundWhateverTheOrderOfTheRings) {
+  std::mt19937_64 rng(3);
+  std::size_t most = 0;
+  for (int i = 0; i < 200; ++i) {
+    Pslg boxes;
+    for (std::int32_t k = 0; k < 3; ++k)
+      add_boxes({300 * k, 40 * k}, {300 * k + 290, 40 * k + 250}, false, rng, boxes);
+    std::shuffle(boxes.rings.begin(), boxes.rings.end(), rng);
+    most = std::max(most, boxes.rings.size());
+    const auto ok = check_pslg(boxes);
+    ASSERT_TRUE(ok) << i << ' ' << ok.error().message;
+    Ring& turned = boxes.rings[rng() % boxes.rings.size()];
+    std::reverse(turned.begin(), turned.end());
+    EXPECT_FALSE(check_pslg(boxes)) << i;
+  }
+  EXPECT_GT(most, 100U);
 }
 
 TEST(BoundaryRings, SplitWhereTheBoundaryMeetsItself) {
