@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <random>
+#include <thread>
 
 #include "runtime/loop/haptic_loop.h"
 #include "runtime/loop/session.h"
@@ -433,6 +436,57 @@ TEST(Session, AStopEndsItWithTorquesAtZero) {
     device->step(1e-3);
     EXPECT_EQ(device->truth().tau_motor_Nm.norm(), 0);
   }
+}
+
+/// A simulated device; says when torques are on its motors.
+class WatchedDevice final : public Device {
+ public:
+  explicit WatchedDevice(SimulatedDevice& device) : device_(device) {}
+  DeviceStatus read(DeviceState& state) noexcept override { return device_.read(state); }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    const DeviceStatus status = device_.write(command);
+    is_loaded = largest(command) > 0;
+    return status;
+  }
+  std::atomic<bool> is_loaded{false};
+
+ private:
+  SimulatedDevice& device_;
+};
+
+TEST(Session, MotorsDoNotWaitForOtherThreadsAtItsEnd) {
+  const Scene scene = test::descent_scene({0.12}, 0.121, 0.1, 0.05);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto simulated = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(simulated);
+  WatchedDevice device(*simulated);
+  std::atomic<bool> stop{false}, loaded{false}, released{false};
+  SessionOptions options;
+  options.duration_s = 2;
+  options.stop = &stop;
+  options.limits.gap_max_s = 0;
+  // A display that is busy when the session ends, until torques are gone or it has had enough.
+  options.on_frame = [&](const RecordingRow&, const auto&) {
+    const auto start = std::chrono::steady_clock::now();
+    while (!released && std::chrono::steady_clock::now() - start < std::chrono::seconds(5)) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      released = stop && !device.is_loaded;
+    }
+  };
+  options.frame_rate_Hz = 1000;
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device,
+      [&](double dt_s) {
+        simulated->step(dt_s);
+        if (!device.is_loaded || simulated->truth().tau_motor_Nm.norm() < 0.5) return;
+        loaded = true;
+        stop = true;
+      },
+      options);
+  ASSERT_TRUE(report);
+  ASSERT_TRUE(loaded) << "the tool was never pressed into the sheet";
+  EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+  EXPECT_TRUE(released) << "torques stayed on while the display was waited for";
 }
 
 TEST(Session, AFaultEndsItAfterTheRamp) {

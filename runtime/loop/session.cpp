@@ -110,8 +110,8 @@ class Session {
     realtime.rate_Hz = options_.rate_Hz;
     realtime.cpu = options_.cpu;
     realtime.stop = options_.stop;
-    report_.realtime =
-        run_realtime(realtime, [this](const TickTiming& timing) { return tick(timing); });
+    report_.realtime = run_realtime(
+        realtime, [this](const TickTiming& timing) { return tick(timing); }, [this] { let_go(); });
     done.store(true);
     display.join();
     remesher_.stop();
@@ -131,11 +131,11 @@ class Session {
       if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
+    let_go();
     remesher_.stop();
   }
 
   SessionReport finish() {
-    device_.write(DeviceCommand{});
     const Safety& safety = state_.safety;
     if (black_box_ != nullptr) {
       if (save_pending_) black_box_->save(safety.fault, safety.fault_t_s);  // the end came first
@@ -171,6 +171,10 @@ class Session {
     inputs.recover = result_.at_rest && wants_recovery();
     return inputs;
   }
+
+  /// The first thing after the last tick: motors hold what was last written while the other
+  /// threads end.
+  void let_go() noexcept { device_.write(DeviceCommand{}); }
 
   bool wants_recovery() noexcept {
     if (options_.recovery == RecoveryPolicy::kAuto) return true;

@@ -119,7 +119,7 @@ Result<SimulatedDevice> make_simulated_device(
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
-/// Ends with torques at zero. Errors: the recording cannot be written, or the folder of the black
+/// Ends with torques at zero, which is written before anything else is ended. Errors: the recording cannot be written, or the folder of the black
 /// box (unwritable; a black box that fails later is said in the report); by `network`, a
 /// tissue or tool that no membrane fits (refused).
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
