@@ -39,7 +39,6 @@ struct LoopModel {
 /// The sheet in contact, its damping left aside.
 struct ElasticState {
   std::int32_t sheet = -1;
-  double penetration_m = 0;
   double stiffness_N_per_m = 0;
 };
 
@@ -60,6 +59,9 @@ struct LoopState {
   CouplingState coupling;
   ElasticState elastic;
   int no_data_ticks = 0;
+  /// The time in which T_device_plate came about since the last new pose; 0: a tick without data,
+  /// on the last one. Every rate is over this: what was missed is no blow, and silence no stop.
+  double moved_over_s = 0;
   bool has_state = false;  ///< `device` has been read
 };
 
