@@ -256,6 +256,34 @@ TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
   EXPECT_NEAR(last_N, 20, 1e-9);
 }
 
+TEST_F(Loop, MotionDuringAStopIsNoFrictionAfterIt) {
+  auto sheet = std::make_unique<Sheet>(*sheets_[0]);
+  sheet->tissue.shaft.dry_friction_N = 2;
+  sheet->tissue.shaft.viscous_friction_N_s_per_m = 30;
+  current_ = {sheet.get()};
+  let_it_jump(true);
+  go_to(0.112);
+  tick();
+  ASSERT_TRUE(result_.contact.gave_way);
+  go_to(0.1118);
+  tick();
+  ASSERT_GT(result_.contact.wrench_device.z(), 1) << "friction";
+  outside_ = Fault::kEmergencyStop;
+  tick();
+  outside_ = Fault::kNone;
+  for (int i = 0; !result_.at_rest && i < 100; ++i)
+    tick();
+  recover_ = true;
+  go_to(0.108);
+  for (int i = 0; state_.safety.state != SafetyState::kRunning && i < 1000; ++i)
+    tick();
+  ASSERT_EQ(state_.safety.state, SafetyState::kRunning);
+  EXPECT_EQ(result_.contact.wrench_device.z(), 0) << "3.8 mm, most of them before this tick";
+  go_to(0.1078);
+  tick();
+  EXPECT_GT(result_.contact.wrench_device.z(), 1) << "in its hole as before";
+}
+
 TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
   for (const DeviceStatus lost : {DeviceStatus::kLinkLost, DeviceStatus::kMotorFault}) {
     device_.restored = 0;

@@ -183,6 +183,13 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
   }
 }
 
+void forget_motion(ContactState& state) noexcept {
+  for (SheetTrack& track : state.tracks) {
+    track.has_last = false;
+    forget_motion(track.shaft);
+  }
+}
+
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,
                  const Pose& T_device_plate) noexcept {
   Wrench wrench;

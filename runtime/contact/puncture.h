@@ -119,6 +119,10 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
                     const SheetResponse& response, const Pose& T_device_plate, double moved_over_s,
                     ContactState& state, ContactOutput& output) noexcept;
 
+/// A tick without update_contact: the next one knows no rate and no friction from before. What was
+/// met, punctured and asked for stays.
+void forget_motion(ContactState& state) noexcept;
+
 /// A force that acts on the plate at a point, both in {B}, as a wrench about the plate's origin.
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,
                  const Pose& T_device_plate) noexcept;

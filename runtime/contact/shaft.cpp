@@ -8,14 +8,21 @@ namespace trocar::runtime {
 void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept {
   state.in_hole = true;
   state.hole_m = place.at_m.head<2>();
+  state.has_last = true;
   state.last_m = place.inserted_m;
+  state.spring_m = state.viscous_N = 0;
+}
+
+void forget_motion(ShaftState& state) noexcept {
+  state.has_last = false;
   state.spring_m = state.viscous_N = 0;
 }
 
 Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double moved_over_s,
                             ShaftState& state) noexcept {
   if (!state.in_hole) return Eigen::Vector3d::Zero();
-  const double moved_m = place.inserted_m - state.last_m;
+  const double moved_m = state.has_last ? place.inserted_m - state.last_m : 0;
+  state.has_last = true;
   state.last_m = place.inserted_m;
   state.spring_m = std::clamp(state.spring_m + moved_m, -tissue.presliding_m, tissue.presliding_m);
   if (moved_over_s > 0) {

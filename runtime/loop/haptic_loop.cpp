@@ -288,6 +288,7 @@ void forget_contact(LoopState& state) noexcept {
   state.passivity.given_max_J = given_max_J;
   state.coupling = {};
   state.elastic = {};
+  forget_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
   state.beside_Nm.setZero();
   state.compensation_share = 0;
