@@ -415,7 +415,9 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
   }
   if (responder) report.responder = responder->report();
   if (recorder) {
-    if (Result<void> written = recorder->finish(); !written) return written.error();
+    if (Result<void> written = recorder->finish(); !written) {
+      report.recording_error = written.error();
+    }
   }
   return report;
 }

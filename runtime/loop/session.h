@@ -94,6 +94,7 @@ struct SessionReport {
   double fault_t_s = 0;
   std::vector<FaultEvent> faults;  ///< all, the first kMaxListedFaults of them
   std::uint64_t faults_count = 0;
+  std::optional<Error> recording_error;  ///< there is no recording: it could not be written whole
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;
   double energy_given_max_J = 0;     ///< PassivityState::given_max_J
@@ -119,9 +120,10 @@ Result<SimulatedDevice> make_simulated_device(
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
-/// Ends with torques at zero, which is written before anything else is ended. Errors: the recording cannot be written, or the folder of the black
-/// box (unwritable; a black box that fails later is said in the report); by `network`, a
-/// tissue or tool that no membrane fits (refused).
+/// Ends with torques at zero, which is written before anything else is ended. Errors, before
+/// anything runs: the recording cannot be written, or the folder of the black box (unwritable; one
+/// that fails later is said in the report, which there is all the same); by `network`, a tissue or
+/// tool that no membrane fits (refused).
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
                                   Remesher& remesher, Device& device,
                                   const std::function<void(double dt_s)>& advance,
