@@ -293,6 +293,9 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
     return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
   });
   (*device)->close();
+  if (const std::optional<Error>& error = (*device)->restore_error()) {
+    std::fprintf(stderr, "trocar-run: the link did not come back: %s\n", error->message.c_str());
+  }
   of_link = describe(**device);
   return report;
 }
