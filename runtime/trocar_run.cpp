@@ -284,13 +284,17 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   link.key = *key;
   link.period_s = 1 / options.rate_Hz;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
+  // First what takes time: from the welcome on the drive waits for a first tick.
+  Result<SessionWorkers> workers = make_workers(loaded.scene, remesher, options);
+  if (!workers) return workers.error();
   auto device = UdpDevice::connect(link);
   if (!device) return device.error();
   const auto advance = [&](double) {
     if (link.clock == LinkClock::kLockStep) (*device)->wait_for_answer();
   };
   Result<SessionReport> report = watched(arguments, options, [&] {
-    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
+    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options,
+                       std::move(*workers));
   });
   (*device)->close();
   if (const std::optional<Error>& error = (*device)->restore_error()) {

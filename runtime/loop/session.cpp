@@ -376,33 +376,37 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
   return SimulatedDevice::make(description, trajectory, impedance, options);
 }
 
-Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
-                                  Remesher& remesher, Device& device,
-                                  const std::function<void(double dt_s)>& advance,
-                                  const SessionOptions& options) {
-  std::unique_ptr<Recorder> recorder;
+Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
+                                    const SessionOptions& options) {
+  SessionWorkers workers;
   if (options.record) {
     Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
     if (!writer) return writer.error();
-    recorder = std::make_unique<Recorder>(std::move(*writer));
+    workers.recorder = std::make_unique<Recorder>(std::move(*writer));
   }
-  std::unique_ptr<BlackBox> black_box;
   if (options.black_box) {
     auto made = BlackBox::make(*options.black_box, options.rate_Hz);
     if (!made) return made.error();
-    black_box = std::move(*made);
+    workers.black_box = std::move(*made);
   }
-  std::unique_ptr<Responder> responder;
   if (scene.force_law.kind == ForceLawKind::kNetwork) {
     std::vector<Tissue> tissues;
     for (std::size_t i = 0; i < remesher.size(); ++i)
       tissues.push_back(remesher.first_version(i).tissue);
     auto made = Responder::make(scene, tissues, remesher.first_version(0).transform.lattice);
     if (!made) return made.error();
-    responder = std::move(*made);
+    workers.responder = std::move(*made);
   }
+  return workers;
+}
+
+SessionReport run_session(const Scene& scene, const DeviceDescription& description,
+                          Remesher& remesher, Device& device,
+                          const std::function<void(double dt_s)>& advance,
+                          const SessionOptions& options, SessionWorkers workers) {
   auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           recorder.get(), responder.get(), black_box.get());
+                                           workers.recorder.get(), workers.responder.get(),
+                                           workers.black_box.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();
@@ -413,13 +417,22 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
   if (allocations_are_counted()) {
     report.allocations_in_loop = allocations_in_scopes() - allocations_before;
   }
-  if (responder) report.responder = responder->report();
-  if (recorder) {
-    if (Result<void> written = recorder->finish(); !written) {
+  if (workers.responder) report.responder = workers.responder->report();
+  if (workers.recorder) {
+    if (Result<void> written = workers.recorder->finish(); !written) {
       report.recording_error = written.error();
     }
   }
   return report;
+}
+
+Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
+                                  Remesher& remesher, Device& device,
+                                  const std::function<void(double dt_s)>& advance,
+                                  const SessionOptions& options) {
+  Result<SessionWorkers> workers = make_workers(scene, remesher, options);
+  if (!workers) return workers.error();
+  return run_session(scene, description, remesher, device, advance, options, std::move(*workers));
 }
 
 std::uint64_t tick_count(double duration_s, double rate_Hz) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -119,11 +120,28 @@ Result<SimulatedDevice> make_simulated_device(
     const Scene& scene, const DeviceDescription& description,
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
+/// What a session makes before its first tick, in a time that no drive would wait for.
+struct SessionWorkers {
+  std::unique_ptr<Recorder> recorder;    ///< if there is to be a recording
+  std::unique_ptr<BlackBox> black_box;   ///< if a folder is named
+  std::unique_ptr<Responder> responder;  ///< by `network`
+};
+
+/// Errors: the recording cannot be written, or the folder of the black box (unwritable; what fails
+/// later is said in the report); by `network`, a tissue or tool that no membrane fits (refused).
+Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
+                                    const SessionOptions& options);
+
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
-/// Ends with torques at zero, which is written before anything else is ended. Errors, before
-/// anything runs: the recording cannot be written, or the folder of the black box (unwritable; one
-/// that fails later is said in the report, which there is all the same); by `network`, a tissue or
-/// tool that no membrane fits (refused).
+/// Ends with torques at zero, which is written before anything else is ended. `workers`: as from
+/// make_workers for these arguments.
+SessionReport run_session(const Scene& scene, const DeviceDescription& description,
+                          Remesher& remesher, Device& device,
+                          const std::function<void(double dt_s)>& advance,
+                          const SessionOptions& options, SessionWorkers workers);
+
+/// The same, with workers made for it; their errors. For devices that can wait: a drive behind a
+/// link ends a session in which no tick comes.
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
                                   Remesher& remesher, Device& device,
                                   const std::function<void(double dt_s)>& advance,
