@@ -562,5 +562,27 @@ TEST(Session, TheRateOfARecordingIsThatOfItsTimes) {
   EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
 }
 
+TEST(Session, TheRateOfARecordingIsItsOwnToTheLastBit) {
+  for (const double rate_Hz : {209.3, 211.8, 212.3, 1000.0000001, 999.9999999, 333.33333333333331,
+                               100.0, 123.456789012345, 8000.0, 997.3}) {
+    for (const std::size_t size : {std::size_t{2}, std::size_t{3}, std::size_t{6280}}) {
+      std::vector<RecordingRow> rows(size);
+      for (std::size_t k = 0; k < size; ++k)
+        rows[k].t_s = static_cast<double>(k) / rate_Hz;
+      const Result<double> found = recorded_rate_Hz(rows, "r");
+      ASSERT_TRUE(found) << found.error().message;
+      EXPECT_EQ(size > 3 ? *found : rate_Hz, rate_Hz);
+      for (std::size_t k = 0; k < size; ++k)
+        ASSERT_EQ(static_cast<double>(k) / *found, rows[k].t_s) << rate_Hz << ", row " << k;
+    }
+  }
+  std::vector<RecordingRow> rows(1000);  // times with four digits are none of a rate's
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    rows[k].t_s = std::round(1e4 * static_cast<double>(k) / 209.3) / 1e4;
+  const Result<double> none = recorded_rate_Hz(rows, "r");
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().code, ExitCode::kRefused);
+}
+
 }  // namespace
 }  // namespace trocar::runtime

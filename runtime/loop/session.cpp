@@ -2,12 +2,16 @@
 #include "runtime/loop/session.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <deque>
+#include <limits>
 #include <numbers>
 #include <thread>
 #include <utility>
@@ -446,17 +450,34 @@ std::uint64_t tick_count(double duration_s, double rate_Hz) {
 Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
   if (rows.size() < 2) return refused(name + ": a single row has no rate");
   const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
-  const double nearest = std::round(exact);
-  const double rate_Hz = std::abs(exact - nearest) < 1e-6 * exact ? nearest : exact;
-  if (!(rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz)) {
+  if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside of what the loop runs at");
   }
-  for (std::size_t k = 0; k < rows.size(); ++k) {
-    if (std::abs(rows[k].t_s - static_cast<double>(k) / rate_Hz) > 1e-3 / rate_Hz) {
-      return refused(name + ": row " + std::to_string(k + 1) + " is not at its time");
-    }
+  // Rates are typed: the shortest decimal that gives every row's time is the one. `exact` itself is
+  // off by a rounding or two.
+  std::size_t most_rows = 0;  // that a rate was right for
+  const auto fits = [&](double rate_Hz) {
+    std::size_t k = 0;
+    while (k < rows.size() && rows[k].t_s == static_cast<double>(k) / rate_Hz)
+      ++k;
+    most_rows = std::max(most_rows, k);
+    return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
+  };
+  std::array<char, 32> text;
+  for (int digits = 1; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
+    std::snprintf(text.data(), text.size(), "%.*g", digits, exact);
+    const double rate_Hz = std::strtod(text.data(), nullptr);
+    if (fits(rate_Hz)) return rate_Hz;
   }
-  return rate_Hz;
+  double below = exact, above = exact;
+  for (int i = 0; i < 4; ++i) {
+    below = std::nextafter(below, 0);
+    above = std::nextafter(above, std::numeric_limits<double>::infinity());
+    if (fits(below)) return below;
+    if (fits(above)) return above;
+  }
+  return refused(name + ": row " + std::to_string(most_rows + 1) +
+                 " is not at its time: no rate gives those of all rows, to the last bit");
 }
 
 }  // namespace trocar::runtime

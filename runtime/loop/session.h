@@ -150,7 +150,8 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
 /// Ticks of a session: one at 0, then one every 1/rate until, not including, its end.
 std::uint64_t tick_count(double duration_s, double rate_Hz);
 
-/// The rate at which a recording was made; refused if its times are not k / rate.
+/// The rate at which a recording was made: its times are k / rate, bit for bit (of several such
+/// rates the shortest decimal); refused if there is none.
 Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name);
 
 }  // namespace trocar::runtime
