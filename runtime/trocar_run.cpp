@@ -391,17 +391,28 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
 }
 
 /// The first hole that could not be cut: those after it in its sheet fail on its account.
-std::optional<Error> failed_hole(const Remesher& remesher) {
-  for (const CutRecord& record : remesher.records()) {
-    if (record.error) return bug("a hole could not be cut: " + record.error->message);
-  }
-  return std::nullopt;
+std::optional<Error> failed_hole(const SessionReport& report, const Remesher& remesher) {
+  const auto& records = remesher.records();
+  const auto failed = std::find_if(records.begin(), records.end(), [](const CutRecord& record) {
+    return record.error.has_value();
+  });
+  if (failed == records.end()) return std::nullopt;
+  const CutRequest& request = failed->request;
+  const auto event = std::find_if(
+      report.punctures.begin(), report.punctures.end(), [&](const PunctureEvent& puncture) {
+        return puncture.sheet == request.sheet && puncture.cut == request.cut;
+      });
+  const auto sheet = static_cast<std::size_t>(request.sheet);
+  std::string what = "slice " + std::to_string(remesher.first_version(sheet).slice_index) +
+                     ": hole " + std::to_string(request.cut);
+  if (event != report.punctures.end()) what += " (at " + std::to_string(event->t_s) + " s)";
+  return Error{failed->error->code, what + " could not be cut: " + failed->error->message};
 }
 
 /// What is left of a session: files, a line for all that is wrong, an exit code. A fault's comes
 /// first, since whoever drives the device must know of it.
 int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
-  if (const std::optional<Error> hole = failed_hole(remesher)) errors.push_back(*hole);
+  if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
   const bool black_boxes_written = print_faults(report);
   int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
   for (const Error& error : errors) {
