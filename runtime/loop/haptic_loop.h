@@ -46,7 +46,10 @@ struct ElasticState {
 struct LoopState {
   std::uint64_t tick = 0;  ///< ticks done
   ContactState contact;
-  DeviceState device;                                ///< the last one read whose angles are finite
+  DeviceState device;  ///< the last one read whose angles are finite
+  /// The time in which T_device_plate came about since the last new pose; 0: a tick without data,
+  /// on the last one. Every rate is over this: what was missed is no blow, and silence no stop.
+  double moved_over_s = 0;
   Pose T_device_plate;                               ///< of the last good tick
   Jacobian G = Jacobian::Zero();                     ///< likewise
   MotorVector tau_motor_Nm = MotorVector::Zero();    ///< last written
@@ -59,9 +62,6 @@ struct LoopState {
   CouplingState coupling;
   ElasticState elastic;
   int no_data_ticks = 0;
-  /// The time in which T_device_plate came about since the last new pose; 0: a tick without data,
-  /// on the last one. Every rate is over this: what was missed is no blow, and silence no stop.
-  double moved_over_s = 0;
   bool has_state = false;  ///< `device` has been read
 };
 
