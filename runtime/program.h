@@ -20,13 +20,15 @@ namespace trocar::runtime {
 inline std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);  // it is set in a signal handler
 
-/// From now on they ask for an end instead of making one, and a closed pipe is an error of write().
+/// From now on they ask for an end instead of making one, and a closed pipe, or a file beyond the
+/// size that the user allows, is an error of write().
 inline void stop_on_signals() {
   struct sigaction action {};
   action.sa_handler = [](int) { stop_requested.store(true); };
   for (const int signal : {SIGINT, SIGTERM, SIGHUP})
     ::sigaction(signal, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 /// Says so, and gives the exit code.

@@ -284,15 +284,22 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   link.key = *key;
   link.period_s = 1 / options.rate_Hz;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
+  // First what takes time: from the welcome on the drive waits for a first tick.
+  Result<SessionWorkers> workers = make_workers(loaded.scene, remesher, options);
+  if (!workers) return workers.error();
   auto device = UdpDevice::connect(link);
   if (!device) return device.error();
   const auto advance = [&](double) {
     if (link.clock == LinkClock::kLockStep) (*device)->wait_for_answer();
   };
   Result<SessionReport> report = watched(arguments, options, [&] {
-    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options);
+    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options,
+                       std::move(*workers));
   });
   (*device)->close();
+  if (const std::optional<Error>& error = (*device)->restore_error()) {
+    std::fprintf(stderr, "trocar-run: the link did not come back: %s\n", error->message.c_str());
+  }
   of_link = describe(**device);
   return report;
 }
@@ -360,20 +367,62 @@ bool print_faults(const SessionReport& report) {
   return written;
 }
 
-Result<void> write_outputs(const Arguments& arguments, const Loaded& loaded,
-                           const SessionOptions& options, const SessionReport& report,
-                           const Remesher& remesher, const nlohmann::json& of_link) {
+/// Each output by itself, so that what can be written is; why others are not.
+std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loaded,
+                                 const SessionOptions& options, const SessionReport& report,
+                                 const Remesher& remesher, const nlohmann::json& of_link,
+                                 const FrameWriter& frames) {
+  std::vector<Error> errors;
+  const auto keep_error = [&](const Result<void>& done) {
+    if (!done) errors.push_back(done.error());
+  };
+  if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments.summary.empty()) {
     nlohmann::json summary = summarize(loaded.scene, options, report, remesher);
     if (is_remote(arguments)) summary["link"] = of_link;
-    const std::string text = summary.dump(2) + "\n";
-    if (Result<void> done = write_file_atomically(arguments.summary, text); !done) return done;
+    keep_error(write_file_atomically(arguments.summary, summary.dump(2) + "\n"));
   }
   if (!arguments.meshes.empty()) {
     const std::string text = describe_sheets(loaded.scene, remesher).dump() + "\n";
-    if (Result<void> done = write_file_atomically(arguments.meshes, text); !done) return done;
+    keep_error(write_file_atomically(arguments.meshes, text));
   }
-  return {};
+  if (!arguments.frames.empty()) keep_error(frames.finish());
+  return errors;
+}
+
+/// The first hole that could not be cut: those after it in its sheet fail on its account.
+std::optional<Error> failed_hole(const SessionReport& report, const Remesher& remesher) {
+  const auto& records = remesher.records();
+  const auto failed = std::find_if(records.begin(), records.end(), [](const CutRecord& record) {
+    return record.error.has_value();
+  });
+  if (failed == records.end()) return std::nullopt;
+  const CutRequest& request = failed->request;
+  const auto event = std::find_if(
+      report.punctures.begin(), report.punctures.end(), [&](const PunctureEvent& puncture) {
+        return puncture.sheet == request.sheet && puncture.cut == request.cut;
+      });
+  const auto sheet = static_cast<std::size_t>(request.sheet);
+  std::string what = "slice " + std::to_string(remesher.first_version(sheet).slice_index) +
+                     ": hole " + std::to_string(request.cut);
+  if (event != report.punctures.end()) what += " (at " + std::to_string(event->t_s) + " s)";
+  return Error{failed->error->code, what + " could not be cut: " + failed->error->message};
+}
+
+/// What is left of a session: files, a line for all that is wrong, an exit code. A fault's comes
+/// first, since whoever drives the device must know of it.
+int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
+  if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
+  const bool black_boxes_written = print_faults(report);
+  int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
+  for (const Error& error : errors) {
+    const int of_error = fail(error);
+    if (code == 0) code = of_error;
+  }
+  if (report.fault == Fault::kNone) return code;
+  std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
+               to_word(report.fault));
+  return static_cast<int>(ExitCode::kDeviceFault);
 }
 
 int session(const Arguments& arguments) {
@@ -428,24 +477,9 @@ int session(const Arguments& arguments) {
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
     }
   }
-  if (const Result<void> written =
-          write_outputs(arguments, *loaded, options, *report, remesher, of_link);
-      !written) {
-    return fail(written.error());
-  }
-  if (!arguments.frames.empty()) {
-    if (const Result<void> written = frames.finish(); !written) return fail(written.error());
-  }
-  for (const CutRecord& record : remesher.records()) {
-    if (record.error) return fail(bug("a hole could not be cut: " + record.error->message));
-  }
-  const bool black_boxes_written = print_faults(*report);
-  if (report->fault != Fault::kNone) {
-    std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report->fault_t_s,
-                 to_word(report->fault));
-    return static_cast<int>(ExitCode::kDeviceFault);
-  }
-  return black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
+  return conclude(*report,
+                  write_outputs(arguments, *loaded, options, *report, remesher, of_link, frames),
+                  remesher);
 }
 
 int main_without_exceptions(int count, char** words) {

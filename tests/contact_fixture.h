@@ -65,7 +65,7 @@ class ContactTest : public testing::Test {
 
   ContactOutput tick(const Pose& pose) {
     ContactOutput output;
-    update_contact(model_, sheets_, response_, pose, state_, output);
+    update_contact(model_, sheets_, response_, pose, model_.dt_s, state_, output);
     return output;
   }
   /// Makes all sheets of it.

@@ -196,5 +196,48 @@ TEST(CutAllocations, NorDoesTheRemesher) {
   EXPECT_TRUE(check_sheet_mesh(remesher.last_version(0).mesh));
 }
 
+TEST(Remeshing, ASheetGetsMoreSlotsBeforeItRunsOutOfThem) {
+  Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
+  scene.tool.radius_m = 0.0004;
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  const Tool tool = make_tool(scene.tool);
+  const std::size_t slots = remesher.last_version(0).mesh.triangles.size();
+  std::int64_t removed = 0;
+  std::uint32_t cut = 0;
+  for (int i = 0; i < 26; ++i) {
+    for (int j = 0; j < 26; ++j) {
+      Pose pose;
+      pose.p_m = {-0.0187 + 0.0015 * i, -0.0186 + 0.0015 * j, 0.1};
+      const Sheet* sheet = remesher.current(0);
+      remesher.request({0, ++cut, outline_on_lattice(tool, pose, sheet->transform, sheet->z_m)});
+      remesher.serve();
+      const CutRecord& record = remesher.records().back();
+      ASSERT_FALSE(record.error) << cut << ": " << record.error->message;
+      ASSERT_EQ(record.cut.outcome, CutOutcome::kCut);
+      removed += record.cut.doubled_area_removed;
+      ASSERT_EQ(remesher.current(0)->cuts, cut - 1) << "what is read is not written to";
+      ASSERT_TRUE(remesher.publish_next());
+      ASSERT_EQ(remesher.current(0)->cuts, cut);
+    }
+  }
+  const SheetMesh last = remesher.last_version(0).mesh;
+  EXPECT_GT(last.triangles.size(), slots) << "the test is to need more";
+  EXPECT_TRUE(check_sheet_mesh(last));
+  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.first_version(0).mesh)),
+            doubled_area(to_slice_mesh(last)) + removed);
+  // The other replica, which had to follow: one more cut is made in it.
+  Pose away;
+  away.p_m = {0.5, 0.5, 0.1};
+  const Sheet* sheet = remesher.current(0);
+  remesher.request({0, ++cut, outline_on_lattice(tool, away, sheet->transform, sheet->z_m)});
+  remesher.serve();
+  EXPECT_TRUE(same(remesher.last_version(0).mesh, last));
+  std::size_t in_grid = 0;
+  remesher.last_version(0).grid.for_each(
+      {{INT32_MIN / 2, INT32_MIN / 2}, {INT32_MAX / 2, INT32_MAX / 2}},
+      [&](std::uint32_t) { ++in_grid; });
+  EXPECT_EQ(in_grid, last.triangles_in_use());
+}
+
 }  // namespace
 }  // namespace trocar::runtime

@@ -8,7 +8,8 @@
  3. Injected faults end a session by their names, with exit code 5 and a whole recording.
  4. A host of another implementation (device_link.py) is served; replays, takeovers and other keys
     are not; the watchdog acts.
- 5. Exit codes, messages, a clean end by Ctrl-C.
+ 5. A session is asked for when the host has done its preparation, however long that takes.
+ 6. Exit codes, messages, a clean end by Ctrl-C.
 """
 import csv
 import json
@@ -131,6 +132,25 @@ def experiments(source, programs, asset, work):
             break
         else:
             print(f"{name} in real time: this machine stalls, left out")
+
+
+def slow_preparation(source, programs, asset, work):
+    """A host that prepares longer than a drive keeps a session in which nothing comes (1 s)."""
+    scene = json.loads((source / "runtime" / "scenes" / "three_slices.json").read_text())
+    slices = [21, 19, 17, 15, 13]
+    scene["force_law"] = {"kind": "network", "solver": "auto", "reach_m": 0.005, "error_bound": 0.01}
+    scene["tool"] = {"sides": 24, "radius_m": 0.003}
+    scene["slices"] = [{"index": index, "z_m": 0.19 - 0.02 * i, "tissue": str(index)} for i, index in enumerate(slices)]
+    scene["tissues"] = [{"name": str(index), "stiffness_N_per_m": 4000 + index, "threshold_N": 35} for index in slices]
+    file, record = work / "slow.json", work / "slow.csv"
+    file.write_text(json.dumps(scene))
+    begun = time.monotonic()
+    run(programs / "trocar-run", file, "--asset", asset, "--clock", "virtual", "--duration", "0.01", "--quiet")
+    print(f"slow preparation: {time.monotonic() - begun:.2f} s")
+    with Simulator(programs, work, file) as simulator:
+        code, said = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
+    rows = list(csv.DictReader(record.open()))
+    check(any(row["device_read"] == "ok" for row in rows), f"after a long preparation no data came: {code} {said}")
 
 
 def faults(source, programs, asset, work):
@@ -291,6 +311,7 @@ def main():
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     contract(source, programs, asset, work)
     other_implementation(source, programs, work)
+    slow_preparation(source, programs, asset, work)
     faults(source, programs, asset, work)
     experiments(source, programs, asset, work)
     for line in failures:

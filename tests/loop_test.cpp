@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <random>
+#include <thread>
 
 #include "runtime/loop/haptic_loop.h"
 #include "runtime/loop/session.h"
@@ -128,10 +131,9 @@ TEST_F(Loop, Singularity) {
 
 TEST_F(Loop, TorqueNotFinite) {
   auto broken = std::make_unique<Sheet>(*current_[0]);
-  broken->tissue.damping_N_s_per_m = 1e300;
+  broken->tissue.damping_N_s_per_m = INFINITY;
   broken->tissue.threshold_N = INFINITY;
   current_ = {broken.get()};
-  model_.contact.dt_s = 1e-300;
   go_to(0.1158);
   expect_fault(Fault::kTorqueNotFinite);
 }
@@ -252,6 +254,34 @@ TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
     last_N = result_.row.wrench_delivered[2];
   }
   EXPECT_NEAR(last_N, 20, 1e-9);
+}
+
+TEST_F(Loop, MotionDuringAStopIsNoFrictionAfterIt) {
+  auto sheet = std::make_unique<Sheet>(*sheets_[0]);
+  sheet->tissue.shaft.dry_friction_N = 2;
+  sheet->tissue.shaft.viscous_friction_N_s_per_m = 30;
+  current_ = {sheet.get()};
+  let_it_jump(true);
+  go_to(0.112);
+  tick();
+  ASSERT_TRUE(result_.contact.gave_way);
+  go_to(0.1118);
+  tick();
+  ASSERT_GT(result_.contact.wrench_device.z(), 1) << "friction";
+  outside_ = Fault::kEmergencyStop;
+  tick();
+  outside_ = Fault::kNone;
+  for (int i = 0; !result_.at_rest && i < 100; ++i)
+    tick();
+  recover_ = true;
+  go_to(0.108);
+  for (int i = 0; state_.safety.state != SafetyState::kRunning && i < 1000; ++i)
+    tick();
+  ASSERT_EQ(state_.safety.state, SafetyState::kRunning);
+  EXPECT_EQ(result_.contact.wrench_device.z(), 0) << "3.8 mm, most of them before this tick";
+  go_to(0.1078);
+  tick();
+  EXPECT_GT(result_.contact.wrench_device.z(), 1) << "in its hole as before";
 }
 
 TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
@@ -435,6 +465,57 @@ TEST(Session, AStopEndsItWithTorquesAtZero) {
   }
 }
 
+/// A simulated device; says when torques are on its motors.
+class WatchedDevice final : public Device {
+ public:
+  explicit WatchedDevice(SimulatedDevice& device) : device_(device) {}
+  DeviceStatus read(DeviceState& state) noexcept override { return device_.read(state); }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    const DeviceStatus status = device_.write(command);
+    is_loaded = largest(command) > 0;
+    return status;
+  }
+  std::atomic<bool> is_loaded{false};
+
+ private:
+  SimulatedDevice& device_;
+};
+
+TEST(Session, MotorsDoNotWaitForOtherThreadsAtItsEnd) {
+  const Scene scene = test::descent_scene({0.12}, 0.121, 0.1, 0.05);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto simulated = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(simulated);
+  WatchedDevice device(*simulated);
+  std::atomic<bool> stop{false}, loaded{false}, released{false};
+  SessionOptions options;
+  options.duration_s = 2;
+  options.stop = &stop;
+  options.limits.gap_max_s = 0;
+  // A display that is busy when the session ends, until torques are gone or it has had enough.
+  options.on_frame = [&](const RecordingRow&, const auto&) {
+    const auto start = std::chrono::steady_clock::now();
+    while (!released && std::chrono::steady_clock::now() - start < std::chrono::seconds(5)) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      released = stop && !device.is_loaded;
+    }
+  };
+  options.frame_rate_Hz = 1000;
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device,
+      [&](double dt_s) {
+        simulated->step(dt_s);
+        if (!device.is_loaded || simulated->truth().tau_motor_Nm.norm() < 0.5) return;
+        loaded = true;
+        stop = true;
+      },
+      options);
+  ASSERT_TRUE(report);
+  ASSERT_TRUE(loaded) << "the tool was never pressed into the sheet";
+  EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+  EXPECT_TRUE(released) << "torques stayed on while the display was waited for";
+}
+
 TEST(Session, AFaultEndsItAfterTheRamp) {
   const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
@@ -479,6 +560,28 @@ TEST(Session, TheRateOfARecordingIsThatOfItsTimes) {
   rows[500].t_s += 1e-4;
   EXPECT_FALSE(recorded_rate_Hz(rows, "r"));
   EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
+}
+
+TEST(Session, TheRateOfARecordingIsItsOwnToTheLastBit) {
+  for (const double rate_Hz : {209.3, 211.8, 212.3, 1000.0000001, 999.9999999, 333.33333333333331,
+                               100.0, 123.456789012345, 8000.0, 997.3}) {
+    for (const std::size_t size : {std::size_t{2}, std::size_t{3}, std::size_t{6280}}) {
+      std::vector<RecordingRow> rows(size);
+      for (std::size_t k = 0; k < size; ++k)
+        rows[k].t_s = static_cast<double>(k) / rate_Hz;
+      const Result<double> found = recorded_rate_Hz(rows, "r");
+      ASSERT_TRUE(found) << found.error().message;
+      EXPECT_EQ(size > 3 ? *found : rate_Hz, rate_Hz);
+      for (std::size_t k = 0; k < size; ++k)
+        ASSERT_EQ(static_cast<double>(k) / *found, rows[k].t_s) << rate_Hz << ", row " << k;
+    }
+  }
+  std::vector<RecordingRow> rows(1000);  // times with four digits are none of a rate's
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    rows[k].t_s = std::round(1e4 * static_cast<double>(k) / 209.3) / 1e4;
+  const Result<double> none = recorded_rate_Hz(rows, "r");
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().code, ExitCode::kRefused);
 }
 
 }  // namespace

@@ -22,6 +22,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
+TEST(NetworkSession, EqualTissuesAreCalibratedOnce) {
+  Scene scene = test::descent_scene({0.12}, 0.125, 0.125, 1);
+  scene.force_law.kind = ForceLawKind::kNetwork;
+  std::vector<Tissue> tissues(7);
+  tissues[2].stiffness_N_per_m = tissues[5].stiffness_N_per_m = 3000;
+  tissues[3].threshold_N = tissues[6].damping_N_s_per_m = 1;  // of no account for a membrane
+  const auto responder = Responder::make(scene, tissues, Lattice{});
+  ASSERT_TRUE(responder) << responder.error().message;
+  EXPECT_EQ((*responder)->report().calibrations, 2U);
+}
+
 /// A press to 4 mm and back at each place of a 40 mm sheet at 0.12 m, x to the right.
 Scene presses(const std::vector<double>& x_m, double depth_m) {
   Scene scene = test::descent_scene({0.12}, 0.125, 0.125, 1);

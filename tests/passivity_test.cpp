@@ -76,6 +76,32 @@ TEST(Passivity, TheBalanceIsTheWorkDoneWhateverTheMotion) {
   }
 }
 
+TEST(Passivity, ADamperActsOnThroughTicksWithoutANewPoseAndMeasuresAllOfTheirTime) {
+  PassivityOptions options;
+  PassivityInput input;
+  const auto damping = [&](int ticks) {  // of a step that took so many, pushed along
+    PassivityState state;
+    input.T_device_plate = Pose{};
+    input.wrench_device << 0, 0, 10, 0, 0, 0;
+    input.stored_J = 0.01;
+    note_delivered(keep_passive(options, 0.35, 1e-3, input, state), state);
+    state.balance_J = -1;
+    input.T_device_plate.p_m.z() = 1e-4 * ticks;
+    const Wrench wrench = keep_passive(options, 0.35, ticks * 1e-3, input, state);
+    note_delivered(wrench, state);
+    const double at_that_speed_N = state.damping_N_s_per_m * 0.1;
+    EXPECT_GT(at_that_speed_N, 0);
+    EXPECT_NEAR(10 - wrench[2], at_that_speed_N, 1e-9) << ticks;
+    const PassivityState before = state;
+    EXPECT_EQ(keep_passive(options, 0.35, 0, input, state), wrench) << "nothing is known of a stop";
+    EXPECT_EQ(state.damping_N_s_per_m, before.damping_N_s_per_m);
+    EXPECT_EQ(state.balance_J, before.balance_J);
+    return state.damping_N_s_per_m;
+  };
+  for (const int ticks : {1, 2, 10})
+    EXPECT_LE(damping(ticks), damping_max(options, 0.35, ticks * 1e-3)) << ticks;
+}
+
 TEST(Passivity, NothingIsChangedWhileTheEnvironmentOnlyTakes) {
   for (const double dt_s : {2e-3, 1e-3, 1.25e-4}) {
     MassOnWall wall;

@@ -3,6 +3,7 @@
 reach and comes back. Exit codes, the black box, recovery by itself, by SIGUSR1 and not at all, and the replay."""
 import json
 import pathlib
+import resource
 import shutil
 import signal
 import subprocess
@@ -19,6 +20,12 @@ def scene_of(source, asset):
     scene.update(asset=str(asset), duration_s=4.8)
     scene["hand"] = {"trajectory": [{"t_s": t, "tip_m": [0, 0, z]} for t, z in zip(at, tip)]}
     return scene
+
+
+def limited(*command):
+    """The finished process, which could write no file of more than 5 kB."""
+    return subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, 5_000)))
 
 
 def boxes(folder):
@@ -79,6 +86,19 @@ def main():
     check(summary["ticks"] == 2400 and len(boxes(signalled)) == 1, summary["ticks"])
     check("scheduling" in summary["realtime"] and isinstance(summary["realtime"]["kernel_is_realtime"], bool), summary["realtime"])
     check(sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram is not whole")
+
+    # A disk that is full at the end: what fits is written, and the fault is said and counts before all else.
+    full = work / "full"
+    full.mkdir()
+    for asked, code in ((scene, 5), (source / "runtime" / "scenes" / "one_slice.json", 4)):
+        done = limited(trocar_run, asked, "--asset", asset, "--clock", "virtual", "--record", full / "r.csv",
+                       "--meshes", full / "m.json", "--summary", full / "s.json", "--quiet")
+        check(done.returncode == code, f"a full disk: {done.returncode}, not {code}: {done.stderr!r}")
+        check("r.csv: File too large" in done.stderr and "m.json: File too large" in done.stderr, f"a full disk: {done.stderr!r}")
+        check(("joint_limit" in done.stderr.rpartition("trocar-run: ")[2]) == (code == 5), f"a full disk: {done.stderr!r}")
+        check(sorted(file.name for file in full.iterdir()) == ["s.json"], f"a full disk: {sorted(full.iterdir())}")
+        faults = json.loads((full / "s.json").read_text())["faults"]
+        check([fault["fault"] for fault in faults] == ["joint_limit"] * (code == 5), f"a full disk: {faults}")
 
     run(trocar_run, scene, "--recover", "perhaps", expect=2)
     run(trocar_run, scene, "--passivity", "1", expect=2)

@@ -74,6 +74,8 @@ class Peer {
   std::atomic<bool> mute{false};
   /// Nothing is heard while it is set; states are sent.
   std::atomic<bool> deaf{false};
+  /// Datagrams that came.
+  std::atomic<int> heard{0};
   /// Called with each state before it is sent, to send more; once `sends_more` is set.
   std::function<void(const Drive::Answer&, UdpSocket&, const Endpoint&)> also;
   std::atomic<bool> sends_more{false};
@@ -96,6 +98,7 @@ class Peer {
       Endpoint from;
       Drive::Answer answer;
       while (socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
+        ++heard;
         if (deaf) continue;
         bool from_host = false;
         drive.receive(std::span(buffer).first(std::min<std::size_t>(bytes, 512)), now_ns(), answer,
@@ -294,6 +297,36 @@ TEST(UdpDevice, ADriveThatWasStartedAgainIsFoundAgain) {
   EXPECT_LT(state.t_s, 1) << "a world of its own";
   ASSERT_EQ(device->write({}), DeviceStatus::kOk);
   EXPECT_EQ(next(*device, state), DeviceStatus::kOk);
+}
+
+TEST(UdpDevice, ADriveThatComesBackWithAnotherClockIsAskedWithPausesAndNamed) {
+  auto peer = std::make_unique<Peer>(LinkClock::kReal);
+  const auto device = connected(to(*peer));
+  ASSERT_TRUE(device);
+  const Endpoint at = peer->endpoint;
+  const LinkKey key = peer->key;
+  peer.reset();
+  DeviceState state;
+  DeviceStatus status = DeviceStatus::kOk;
+  for (int ms = 0; ms < 5000 && status != DeviceStatus::kLinkLost; ++ms) {
+    device->write({});
+    status = device->read(state);
+    sleep_ms(1);
+  }
+  ASSERT_EQ(status, DeviceStatus::kLinkLost);
+  Peer other(LinkClock::kLockStep, "", 1, at, key);
+  const auto before = Clock::now();
+  device->restore();
+  for (int ms = 0; ms < 5000 && other.heard < 6; ++ms)
+    sleep_ms(1);
+  sleep_ms(200);
+  device->close();
+  const int heard = other.heard;
+  const double asked_s = std::chrono::duration<double>(Clock::now() - before).count();
+  EXPECT_GE(heard, 6) << "it is asked again and again";
+  EXPECT_LE(heard, 2 * (asked_s / 0.05 + 2)) << "a farewell and a hello each time";
+  ASSERT_TRUE(device->restore_error());
+  EXPECT_NE(device->restore_error()->message.find("--clock virtual"), std::string::npos);
 }
 
 TEST(UdpDevice, InLockStepTimeWaitsForADriveThatIsStartedAgain) {

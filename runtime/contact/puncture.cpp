@@ -100,8 +100,8 @@ void look_ahead(const ContactModel& model, std::span<const Sheet* const> sheets,
 }  // namespace
 
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
-                    const SheetResponse& response, const Pose& T_device_plate, ContactState& state,
-                    ContactOutput& output) noexcept {
+                    const SheetResponse& response, const Pose& T_device_plate, double moved_over_s,
+                    ContactState& state, ContactOutput& output) noexcept {
   output = ContactOutput{};
   output.tip_device_m = T_device_plate * model.tool.tip_plate_m;
   output.not_upright = !is_upright(model.tool, T_device_plate);
@@ -119,7 +119,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     Place place;
     place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
     const Eigen::Vector3d hole_force_N =
-        shaft_force(sheet.tissue.shaft, place.shaft, model.dt_s, track.shaft);
+        shaft_force(sheet.tissue.shaft, place.shaft, moved_over_s, track.shaft);
     output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
 
     const bool begins = track.state != SheetState::kContact;
@@ -143,15 +143,18 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     }
 
     // The force, and whether the sheet stands it.
-    const double rate_m_per_s =
-        track.has_last ? (penetration_m - track.last_penetration_m) / model.dt_s : 0;
+    if (!track.has_last) {
+      track.rate_m_per_s = 0;
+    } else if (moved_over_s > 0) {
+      track.rate_m_per_s = (penetration_m - track.last_penetration_m) / moved_over_s;
+    }
     track.last_penetration_m = penetration_m;
     track.has_last = true;
     const SheetResponse answer =
         respond(model, sheet, static_cast<std::int32_t>(i), place, response, begins, track);
-    const double force_N =
-        std::max(0.0, answer.stiffness_N_per_m * penetration_m +
-                          place.overlap.fraction * sheet.tissue.damping_N_s_per_m * rate_m_per_s);
+    const double force_N = std::max(
+        0.0, answer.stiffness_N_per_m * penetration_m +
+                 place.overlap.fraction * sheet.tissue.damping_N_s_per_m * track.rate_m_per_s);
     borne = true;
     output.active_sheet = static_cast<std::int32_t>(i);
     output.penetration_m = penetration_m;
@@ -177,6 +180,13 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
   }
   if (model.law == ForceLawKind::kNetwork) {
     look_ahead(model, sheets, T_device_plate, state, output);
+  }
+}
+
+void forget_motion(ContactState& state) noexcept {
+  for (SheetTrack& track : state.tracks) {
+    track.has_last = false;
+    forget_motion(track.shaft);
   }
 }
 

@@ -6,10 +6,12 @@
 //  1. A sheet is met when the tip passes from above to below it with material under the tool;
 //     with none it is passed beside, without force, until the tip is above it again.
 //  2. In contact F = k dx + overlap b dx', at least 0, with dx = z_sheet - z_tip, dx' its backward
-//     difference and overlap the share of the tool's outline that has material. By `hooke`
-//     k = overlap K, and the force acts in the middle of the overlapped area; by `network` k
-//     and the point are the sheet's response, found off this thread for a place of the tool
-//     next to this one. A new response is blended in over kBlend_s; without any, `hooke` holds.
+//     difference over the time since the last new pose (where there is none it stays as it was: a
+//     device's silence is no stop, and what comes after it no blow) and overlap the share of the
+//     tool's outline that has material. By `hooke` k = overlap K, and the force acts in the middle
+//     of the overlapped area; by `network` k and the point are the sheet's response, found off this
+//     thread for a place of the tool next to this one. A new response is blended in over kBlend_s;
+//     without any, `hooke` holds.
 //  3. If F would exceed the threshold, the sheet gives way in this very tick: the force is
 //     zero, and a hole of the tool's outline is asked for. No later tick feels that sheet, but
 //     for what its hole does to the shaft (shaft.h), until the tip has been above it.
@@ -62,8 +64,9 @@ struct SheetTrack {
   bool was_above = false;         ///< the tip has been above the sheet
   double last_penetration_m = 0;  ///< of the tick before; meaningful in kContact
   bool has_last = false;
-  SheetResponse blended;  ///< law 2, `network`; meaningful in kContact
-  ShaftState shaft;       ///< in_hole only in kPunctured
+  double rate_m_per_s = 0;  ///< dx' of law 2, in the tick before; meaningful in kContact
+  SheetResponse blended;    ///< law 2, `network`; meaningful in kContact
+  ShaftState shaft;         ///< in_hole only in kPunctured
   std::uint32_t cuts_requested = 0;
   int pending_count = 0;
   std::array<LatticeOutline, kMaxPendingHoles> pending;  ///< asked for, mesh not there yet
@@ -108,11 +111,17 @@ struct ContactOutput {
 
 /// One tick. `sheets` are the meshes in use, the topmost first, at most kMaxSceneSlices; a
 /// sheet's `cuts` never decreases from tick to tick. `response`: the latest there is (`network`).
+/// `moved_over_s`: the time in which the plate came here from its pose in the tick before; 0: there
+/// is no new pose, this is the same one.
 /// No allocation; at most one overlap for each sheet that the tip is below and that is not
 /// punctured, shielded or passed beside.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
-                    const SheetResponse& response, const Pose& T_device_plate, ContactState& state,
-                    ContactOutput& output) noexcept;
+                    const SheetResponse& response, const Pose& T_device_plate, double moved_over_s,
+                    ContactState& state, ContactOutput& output) noexcept;
+
+/// A tick without update_contact: the next one knows no rate and no friction from before. What was
+/// met, punctured and asked for stays.
+void forget_motion(ContactState& state) noexcept;
 
 /// A force that acts on the plate at a point, both in {B}, as a wrench about the plate's origin.
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,

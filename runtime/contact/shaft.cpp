@@ -8,18 +8,28 @@ namespace trocar::runtime {
 void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept {
   state.in_hole = true;
   state.hole_m = place.at_m.head<2>();
+  state.has_last = true;
   state.last_m = place.inserted_m;
-  state.spring_m = 0;
+  state.spring_m = state.viscous_N = 0;
 }
 
-Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double dt_s,
+void forget_motion(ShaftState& state) noexcept {
+  state.has_last = false;
+  state.spring_m = state.viscous_N = 0;
+}
+
+Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double moved_over_s,
                             ShaftState& state) noexcept {
   if (!state.in_hole) return Eigen::Vector3d::Zero();
-  const double moved_m = place.inserted_m - state.last_m;
+  const double moved_m = state.has_last ? place.inserted_m - state.last_m : 0;
+  state.has_last = true;
   state.last_m = place.inserted_m;
   state.spring_m = std::clamp(state.spring_m + moved_m, -tissue.presliding_m, tissue.presliding_m);
-  const double along_N = tissue.dry_friction_N * state.spring_m / tissue.presliding_m +
-                         tissue.viscous_friction_N_s_per_m * moved_m / dt_s;
+  if (moved_over_s > 0) {
+    state.viscous_N = tissue.viscous_friction_N_s_per_m * moved_m / moved_over_s;
+  }
+  const double along_N =
+      tissue.dry_friction_N * state.spring_m / tissue.presliding_m + state.viscous_N;
   Eigen::Vector3d force_N = along_N * place.axis;
   force_N.head<2>() -= tissue.rim_stiffness_N_per_m * (place.at_m.head<2>() - state.hole_m);
   return force_N;

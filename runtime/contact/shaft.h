@@ -21,8 +21,10 @@ namespace trocar::runtime {
 struct ShaftState {
   bool in_hole = false;
   Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet when it gave way
-  double last_m = 0;                                 ///< inserted length in the last tick
-  double spring_m = 0;                               ///< within +-presliding_m
+  bool has_last = false;
+  double last_m = 0;     ///< inserted length in the last tick
+  double spring_m = 0;   ///< within +-presliding_m
+  double viscous_N = 0;  ///< along the axis, in the last tick
 };
 
 /// Where the axis meets the sheet's plane in {B}, its direction (unit, up the shaft), and how much
@@ -35,8 +37,13 @@ struct ShaftPlace {
 
 void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
 
+/// Ticks are missed from here on, in which forces are not rendered: the shaft stays in its hole,
+/// and friction begins anew from where the shaft is next met.
+void forget_motion(ShaftState& state) noexcept;
+
 /// The force on the tool at `place.at_m`, in {B}. Zero, and nothing is kept, unless in_hole.
-Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double dt_s,
+/// `moved_over_s`: as in update_contact.
+Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double moved_over_s,
                             ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

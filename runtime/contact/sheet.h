@@ -34,8 +34,8 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
                                                                const Asset& asset,
                                                                const std::string& name);
 
-/// Free slots that a placed sheet has for what its cuts add: a hole of six corners takes about six
-/// vertices and twelve triangles.
+/// Free slots that a placed sheet has for what its cuts add, and gets again when they run short: a
+/// hole of six corners takes about six vertices and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
 
 /// The sheet with another mesh, which must be valid, and one more cut.

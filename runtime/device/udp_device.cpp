@@ -58,11 +58,26 @@ void UdpDevice::restore() noexcept {
 void UdpDevice::restore_when_asked() {
   while (!closing_.load()) {
     if (restoring_.load(std::memory_order_acquire)) {
-      if (shake_hands(false)) restoring_.store(false, std::memory_order_release);
+      if (shake_hands_again()) {
+        restoring_.store(false, std::memory_order_release);
+      } else {
+        // It may have failed at once.
+        std::this_thread::sleep_for(std::chrono::duration<double>(kRepeatHello_s));
+      }
     } else {
       std::this_thread::sleep_for(kLookForRequests);
     }
   }
+}
+
+bool UdpDevice::shake_hands_again() {
+  const Result<void> done = shake_hands(false);
+  if (done) {
+    restore_error_.reset();
+  } else if (!closing_.load()) {  // an attempt that is broken off says nothing
+    restore_error_ = done.error();
+  }
+  return static_cast<bool>(done);
 }
 
 Result<void> UdpDevice::shake_hands(bool fresh) {
@@ -223,7 +238,7 @@ DeviceStatus UdpDevice::write(const DeviceCommand& command) noexcept {
 
 bool UdpDevice::wait_for_answer() noexcept {
   if (restoring_.load(std::memory_order_acquire)) {
-    given_up_ = !shake_hands(false);
+    given_up_ = !shake_hands_again();
     restoring_.store(false, std::memory_order_release);
     return !given_up_;
   }

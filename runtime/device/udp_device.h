@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include "formats/device_protocol.h"
@@ -58,11 +59,15 @@ class UdpDevice final : public Device {
 
   /// A new session with the same drive, or one that was started at its place, joining the
   /// simulated world as it is: tried until it is there (lock-step: for connect_timeout_s, then
-  /// never again). Torques are zero; read() and write() say kLinkLost meanwhile. Acts only if
-  /// the last read() has found the link lost or a motor's fault, which a drive keeps for a session.
+  /// never again; what answers but cannot be had, such as a drive that goes by another clock, is
+  /// asked again after a pause). Torques are zero; read() and write() say kLinkLost meanwhile.
+  /// Acts only if the last read() has found the link lost or a motor's fault, which a drive keeps
+  /// for a session.
   void restore() noexcept override;
 
-  // While nothing is being restored.
+  // While nothing is being restored, or after close().
+  /// Why the last attempt to restore the session failed; none: it did not, or there was none.
+  const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
   /// States that were sent in this device's sessions and never accepted: lost, or overtaken. From
   /// the first torques on: before them a loop may take its time.
@@ -74,6 +79,8 @@ class UdpDevice final : public Device {
   UdpDevice(const UdpDeviceOptions& options, UdpSocket socket)
       : options_(options), socket_(std::move(socket)) {}
   Result<void> shake_hands(bool fresh);
+  /// As part of restore(): the same, its error kept.
+  bool shake_hands_again();
   void restore_when_asked();
   DeviceStatus status_of_newest() const noexcept;
   /// Takes what is there, at most kMostDatagrams. False: the other end is closed.
@@ -101,6 +108,7 @@ class UdpDevice final : public Device {
   bool answers_come_ = true;  ///< lock-step
   bool is_away_ = false;      ///< the last read() has found it so
   bool given_up_ = false;     ///< lock-step: no drive came back
+  std::optional<Error> restore_error_;
   /// All else is the restoring thread's while it is set, and the haptic thread's while it is not.
   std::atomic<bool> restoring_{false};
   std::atomic<bool> closing_{false};

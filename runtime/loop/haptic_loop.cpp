@@ -108,15 +108,16 @@ Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& stat
 /// All that can be judged without a torque being wanted, in every state alike.
 Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
                    TickResult& result) noexcept {
-  const double dt_s = 1 / model.rate_Hz;
   if (const Fault f = check_encoders(model, state, read); f != Fault::kNone) return f;
   if (const Fault f = find_pose(model, read, state, result.row.pose_residual_m);
       f != Fault::kNone) {
     return f;
   }
-  const Fault speed = check_speed(model.limits, state.T_device_plate,
-                                  dt_s * (1 + state.no_data_ticks), state.limits);
-  if (speed != Fault::kNone) return speed;
+  if (state.moved_over_s > 0) {
+    const Fault speed =
+        check_speed(model.limits, state.T_device_plate, state.moved_over_s, state.limits);
+    if (speed != Fault::kNone) return speed;
+  }
   if (const Fault f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone) {
     return f;
   }
@@ -149,19 +150,16 @@ double elastic_stiffness(const LoopModel& model, const TickInputs& inputs,
     return 0;
   }
   const Tissue& tissue = inputs.sheets[contact.active_sheet]->tissue;
-  const bool continues = last.sheet == contact.active_sheet;
-  const double rate_m_per_s =
-      continues ? (contact.penetration_m - last.penetration_m) * model.rate_Hz : 0;
+  const SheetTrack& track = state.contact.tracks[contact.active_sheet];
+  if (last.sheet != contact.active_sheet) last = {contact.active_sheet, 0};
   // By `hooke` the overlap scales spring and damper alike.
-  const double depth_m =
-      contact.penetration_m + tissue.damping_N_s_per_m / tissue.stiffness_N_per_m * rate_m_per_s;
+  const double depth_m = contact.penetration_m +
+                         tissue.damping_N_s_per_m / tissue.stiffness_N_per_m * track.rate_m_per_s;
   if (model.contact.law == ForceLawKind::kNetwork) {
-    last.stiffness_N_per_m = state.contact.tracks[contact.active_sheet].blended.stiffness_N_per_m;
+    last.stiffness_N_per_m = track.blended.stiffness_N_per_m;
   } else if (contact.force_N > 0 && depth_m > 0) {
     last.stiffness_N_per_m = contact.force_N / depth_m;
   }
-  last.sheet = contact.active_sheet;
-  last.penetration_m = contact.penetration_m;
   return last.stiffness_N_per_m;
 }
 
@@ -173,7 +171,6 @@ bool is_finite(const SheetResponse& response) noexcept {
 /// What the hand is to feel: contact by way of the coupling, the share that safety allows, passive.
 Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
                     TickResult& result, Wrench& wanted) noexcept {
-  const double dt_s = 1 / model.rate_Hz;
   const double share = state.safety.authority;
   // It would be blended into all that follows, and be felt as nothing.
   if (model.contact.law == ForceLawKind::kNetwork && !is_finite(inputs.response)) {
@@ -181,11 +178,11 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   }
   const bool couples = model.coupling.on;
   const Pose T_device_tool =
-      couples ? move_proxy(model.coupling, dt_s, state.T_device_plate, state.coupling)
+      couples ? move_proxy(model.coupling, state.moved_over_s, state.T_device_plate, state.coupling)
               : state.T_device_plate;
   ContactOutput& contact = result.contact;
-  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool, state.contact,
-                 contact);
+  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool, state.moved_over_s,
+                 state.contact, contact);
   if (contact.not_upright) return Fault::kToolTilt;
   if (contact.backlog) return Fault::kRemeshBacklog;
 
@@ -195,7 +192,7 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   input.stored_J = 0.5 * stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
   if (couples) {
     input.wrench_device =
-        felt_wrench(model.coupling, dt_s, contact.wrench_device, stiffness_N_per_m, state.coupling);
+        felt_wrench(model.coupling, contact.wrench_device, stiffness_N_per_m, state.coupling);
     input.stored_J +=
         0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }
@@ -203,7 +200,8 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   input.wrench_device *= share;
   input.stored_J *= share;
   input.planned_release = contact.gave_way;
-  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, dt_s, input, state.passivity);
+  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, state.moved_over_s, input,
+                        state.passivity);
   return Fault::kNone;
 }
 
@@ -290,6 +288,7 @@ void forget_contact(LoopState& state) noexcept {
   state.passivity.given_max_J = given_max_J;
   state.coupling = {};
   state.elastic = {};
+  forget_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
   state.beside_Nm.setZero();
   state.compensation_share = 0;
@@ -315,6 +314,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   bool fresh = false;
   Fault fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
+  state.moved_over_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
   row.outside_fault = outside_fault(model.limits, inputs);
   if (fault == Fault::kNone) fault = row.outside_fault;
   row.recovery_asked = inputs.recover ? 1 : 0;

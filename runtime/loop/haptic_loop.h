@@ -39,7 +39,6 @@ struct LoopModel {
 /// The sheet in contact, its damping left aside.
 struct ElasticState {
   std::int32_t sheet = -1;
-  double penetration_m = 0;
   double stiffness_N_per_m = 0;
 };
 
@@ -47,7 +46,10 @@ struct ElasticState {
 struct LoopState {
   std::uint64_t tick = 0;  ///< ticks done
   ContactState contact;
-  DeviceState device;                                ///< the last one read whose angles are finite
+  DeviceState device;  ///< the last one read whose angles are finite
+  /// The time in which T_device_plate came about since the last new pose; 0: a tick without data,
+  /// on the last one. Every rate is over this: what was missed is no blow, and silence no stop.
+  double moved_over_s = 0;
   Pose T_device_plate;                               ///< of the last good tick
   Jacobian G = Jacobian::Zero();                     ///< likewise
   MotorVector tau_motor_Nm = MotorVector::Zero();    ///< last written

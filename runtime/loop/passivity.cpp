@@ -2,6 +2,7 @@
 #include "runtime/loop/passivity.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -18,7 +19,7 @@ double damping_max(const PassivityOptions& options, double plate_mass_kg, double
   return std::min(options.damping_max_N_s_per_m, options.damping_share * plate_mass_kg / dt_s);
 }
 
-Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double dt_s,
+Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double moved_over_s,
                     const PassivityInput& input, PassivityState& state) noexcept {
   const Twist step = state.has_last ? displacement(state.T_device_plate, input.T_device_plate)
                                     : Twist(Twist::Zero());
@@ -33,7 +34,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.T_device_plate = input.T_device_plate;
   state.environment = input.wrench_device;
   state.stored_J = input.stored_J;
-  state.damping_N_s_per_m = 0;
+  const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
   if (input.stored_J == 0) state.given_max_J = std::max(state.given_max_J, -state.balance_J);
   if (input.wrench_device.isZero(0)) {
     state.balance_J = 0;  // nothing is met: the book is closed
@@ -41,14 +42,18 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   }
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
+  if (!(moved_over_s > 0)) {
+    state.damping_N_s_per_m = acting_N_s_per_m;
+    return input.wrench_device - acting_N_s_per_m * state.against;
+  }
   const double owed_J = -options.reserve_J - state.balance_J;
   if (!options.on || !gives || !(owed_J > 0)) return input.wrench_device;
-  Wrench against;  // the wrench of a damper of 1 N s/m
-  against << step.head<3>() / dt_s, options.length_m * options.length_m * step.tail<3>() / dt_s;
-  const double most = damping_max(options, plate_mass_kg, dt_s);
-  const double taken_J = against.dot(step);  // in a tick like the last, by 1 N s/m
+  state.against << step.head<3>() / moved_over_s,
+      options.length_m * options.length_m * step.tail<3>() / moved_over_s;
+  const double most = damping_max(options, plate_mass_kg, moved_over_s);
+  const double taken_J = state.against.dot(step);  // in a tick like the last, by 1 N s/m
   state.damping_N_s_per_m = owed_J < most * taken_J ? owed_J / taken_J : most;
-  return input.wrench_device - state.damping_N_s_per_m * against;
+  return input.wrench_device - state.damping_N_s_per_m * state.against;
 }
 
 }  // namespace trocar::runtime

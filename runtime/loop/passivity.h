@@ -51,16 +51,19 @@ struct PassivityState {
   Wrench environment = Wrench::Zero();  ///< likewise: without damping
   Wrench delivered = Wrench::Zero();    ///< held since then
   double stored_J = 0;
-  double balance_J = 0;          ///< since the environment was met
-  double damping_N_s_per_m = 0;  ///< of this tick
-  double given_max_J = 0;        ///< the largest that was ever given and not taken back
+  double balance_J = 0;             ///< since the environment was met
+  double damping_N_s_per_m = 0;     ///< of this tick
+  Wrench against = Wrench::Zero();  ///< of a damper of 1 N s/m, at the last motion
+  double given_max_J = 0;           ///< the largest that was ever given and not taken back
 };
 
 /// The bound of law 3.
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
 /// The wrench to be rendered in the place of `input.wrench_device`. Call note_delivered() after.
-Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double dt_s,
+/// `moved_over_s`: the time since the last new pose; 0: there is none in this tick, and a damper
+/// that acts goes on as it was.
+Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double moved_over_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 
 /// What the motors now hold until the next tick: the balance is about that.

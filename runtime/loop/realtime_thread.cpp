@@ -121,7 +121,7 @@ void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
 }
 
 void run(const RealtimeOptions& options, const std::function<bool(const TickTiming&)>& tick,
-         RealtimeReport& report) {
+         const std::function<void()>& at_end, RealtimeReport& report) {
   ask_for_realtime(options, report);
   touch_stack();
   const double period_ns = 1e9 / options.rate_Hz;
@@ -150,6 +150,7 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
       ++timing.missed_in_row;
     report.missed_in_row_max = std::max(report.missed_in_row_max, timing.missed_in_row);
   }
+  if (at_end) at_end();
   report.page_faults = thread_page_faults() - faults_before;
   if (report.memory_locked) ::munlockall();
 }
@@ -157,9 +158,10 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
 }  // namespace
 
 RealtimeReport run_realtime(const RealtimeOptions& options,
-                            const std::function<bool(const TickTiming&)>& tick) {
+                            const std::function<bool(const TickTiming&)>& tick,
+                            const std::function<void()>& at_end) {
   RealtimeReport report;
-  std::thread thread([&] { run(options, tick, report); });
+  std::thread thread([&] { run(options, tick, at_end, report); });
   thread.join();
   return report;
 }

@@ -42,8 +42,10 @@ struct TickTiming {
                           ///< that takes three periods misses three deadlines
 };
 
-/// Calls `tick` until it returns false or `stop` is set. Returns when the thread has ended.
+/// Calls `tick` until it returns false or `stop` is set, then at once, on the same thread,
+/// `at_end`, if there is one. Returns when the thread has ended.
 RealtimeReport run_realtime(const RealtimeOptions& options,
-                            const std::function<bool(const TickTiming&)>& tick);
+                            const std::function<bool(const TickTiming&)>& tick,
+                            const std::function<void()>& at_end = {});
 
 }  // namespace trocar::runtime

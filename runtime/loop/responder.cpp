@@ -79,7 +79,18 @@ Result<std::unique_ptr<Responder>> Responder::make(const Scene& scene,
   T_device_plate.p_m = -tool.tip_plate_m;
   const Ring outline = to_ring(outline_on_lattice(tool, T_device_plate, transform, 0));
   const Grading grading = options_of(scene.force_law).region.grading;
-  for (const Tissue& tissue : tissue_of_sheet) {
+  for (std::size_t i = 0; i < tissue_of_sheet.size(); ++i) {
+    const Tissue& tissue = tissue_of_sheet[i];
+    // All else that a membrane depends on is the scene's.
+    const auto before = std::find_if(
+        tissue_of_sheet.begin(), tissue_of_sheet.end(),
+        [&](const Tissue& other) { return other.stiffness_N_per_m == tissue.stiffness_N_per_m; });
+    const auto of_before = static_cast<std::size_t>(before - tissue_of_sheet.begin());
+    if (of_before < i) {
+      responder->membrane_.push_back(responder->membrane_[of_before]);
+      continue;
+    }
+    ++responder->report_.calibrations;
     const auto found =
         calibrate(tissue.stiffness_N_per_m, scene.force_law.reach_m, outline, lattice, grading);
     if (!found) return found.error();

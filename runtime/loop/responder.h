@@ -38,7 +38,8 @@ struct SheetShape {
 
 struct ResponderReport {
   std::uint64_t answers = 0, failures = 0;
-  Histogram prepare;  ///< wall time of an answer
+  std::uint32_t calibrations = 0;  ///< by make(): one for each stiffness among the sheets
+  Histogram prepare;               ///< wall time of an answer
   std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
   double force_bound_max = 0, displacement_bound_max = 0;  ///< RingBounds of all answers
   std::uint32_t negative_springs_max = 0;
@@ -46,8 +47,9 @@ struct ResponderReport {
 
 class Responder {
  public:
-  /// For the tissues of sheets as from place_slices, on the asset's lattice. Some ms for each other
-  /// tissue. Refused: a tool or tissue for which no membrane can be found.
+  /// For the tissues of sheets as from place_slices, on the asset's lattice. Some ms (a tool of
+  /// many corners: some hundred) for each stiffness among them. Refused: a tool or tissue for which
+  /// no membrane can be found.
   static Result<std::unique_ptr<Responder>> make(const Scene& scene,
                                                  const std::vector<Tissue>& tissue_of_sheet,
                                                  const Lattice& lattice);

@@ -2,12 +2,16 @@
 #include "runtime/loop/session.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <deque>
+#include <limits>
 #include <numbers>
 #include <thread>
 #include <utility>
@@ -110,8 +114,8 @@ class Session {
     realtime.rate_Hz = options_.rate_Hz;
     realtime.cpu = options_.cpu;
     realtime.stop = options_.stop;
-    report_.realtime =
-        run_realtime(realtime, [this](const TickTiming& timing) { return tick(timing); });
+    report_.realtime = run_realtime(
+        realtime, [this](const TickTiming& timing) { return tick(timing); }, [this] { let_go(); });
     done.store(true);
     display.join();
     remesher_.stop();
@@ -131,11 +135,11 @@ class Session {
       if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
+    let_go();
     remesher_.stop();
   }
 
   SessionReport finish() {
-    device_.write(DeviceCommand{});
     const Safety& safety = state_.safety;
     if (black_box_ != nullptr) {
       if (save_pending_) black_box_->save(safety.fault, safety.fault_t_s);  // the end came first
@@ -171,6 +175,10 @@ class Session {
     inputs.recover = result_.at_rest && wants_recovery();
     return inputs;
   }
+
+  /// The first thing after the last tick: motors hold what was last written while the other
+  /// threads end.
+  void let_go() noexcept { device_.write(DeviceCommand{}); }
 
   bool wants_recovery() noexcept {
     if (options_.recovery == RecoveryPolicy::kAuto) return true;
@@ -372,33 +380,37 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
   return SimulatedDevice::make(description, trajectory, impedance, options);
 }
 
-Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
-                                  Remesher& remesher, Device& device,
-                                  const std::function<void(double dt_s)>& advance,
-                                  const SessionOptions& options) {
-  std::unique_ptr<Recorder> recorder;
+Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
+                                    const SessionOptions& options) {
+  SessionWorkers workers;
   if (options.record) {
     Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
     if (!writer) return writer.error();
-    recorder = std::make_unique<Recorder>(std::move(*writer));
+    workers.recorder = std::make_unique<Recorder>(std::move(*writer));
   }
-  std::unique_ptr<BlackBox> black_box;
   if (options.black_box) {
     auto made = BlackBox::make(*options.black_box, options.rate_Hz);
     if (!made) return made.error();
-    black_box = std::move(*made);
+    workers.black_box = std::move(*made);
   }
-  std::unique_ptr<Responder> responder;
   if (scene.force_law.kind == ForceLawKind::kNetwork) {
     std::vector<Tissue> tissues;
     for (std::size_t i = 0; i < remesher.size(); ++i)
       tissues.push_back(remesher.first_version(i).tissue);
     auto made = Responder::make(scene, tissues, remesher.first_version(0).transform.lattice);
     if (!made) return made.error();
-    responder = std::move(*made);
+    workers.responder = std::move(*made);
   }
+  return workers;
+}
+
+SessionReport run_session(const Scene& scene, const DeviceDescription& description,
+                          Remesher& remesher, Device& device,
+                          const std::function<void(double dt_s)>& advance,
+                          const SessionOptions& options, SessionWorkers workers) {
   auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           recorder.get(), responder.get(), black_box.get());
+                                           workers.recorder.get(), workers.responder.get(),
+                                           workers.black_box.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();
@@ -409,11 +421,22 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
   if (allocations_are_counted()) {
     report.allocations_in_loop = allocations_in_scopes() - allocations_before;
   }
-  if (responder) report.responder = responder->report();
-  if (recorder) {
-    if (Result<void> written = recorder->finish(); !written) return written.error();
+  if (workers.responder) report.responder = workers.responder->report();
+  if (workers.recorder) {
+    if (Result<void> written = workers.recorder->finish(); !written) {
+      report.recording_error = written.error();
+    }
   }
   return report;
+}
+
+Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
+                                  Remesher& remesher, Device& device,
+                                  const std::function<void(double dt_s)>& advance,
+                                  const SessionOptions& options) {
+  Result<SessionWorkers> workers = make_workers(scene, remesher, options);
+  if (!workers) return workers.error();
+  return run_session(scene, description, remesher, device, advance, options, std::move(*workers));
 }
 
 std::uint64_t tick_count(double duration_s, double rate_Hz) {
@@ -427,17 +450,34 @@ std::uint64_t tick_count(double duration_s, double rate_Hz) {
 Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
   if (rows.size() < 2) return refused(name + ": a single row has no rate");
   const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
-  const double nearest = std::round(exact);
-  const double rate_Hz = std::abs(exact - nearest) < 1e-6 * exact ? nearest : exact;
-  if (!(rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz)) {
+  if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside of what the loop runs at");
   }
-  for (std::size_t k = 0; k < rows.size(); ++k) {
-    if (std::abs(rows[k].t_s - static_cast<double>(k) / rate_Hz) > 1e-3 / rate_Hz) {
-      return refused(name + ": row " + std::to_string(k + 1) + " is not at its time");
-    }
+  // Rates are typed: the shortest decimal that gives every row's time is the one. `exact` itself is
+  // off by a rounding or two.
+  std::size_t most_rows = 0;  // that a rate was right for
+  const auto fits = [&](double rate_Hz) {
+    std::size_t k = 0;
+    while (k < rows.size() && rows[k].t_s == static_cast<double>(k) / rate_Hz)
+      ++k;
+    most_rows = std::max(most_rows, k);
+    return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
+  };
+  std::array<char, 32> text;
+  for (int digits = 1; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
+    std::snprintf(text.data(), text.size(), "%.*g", digits, exact);
+    const double rate_Hz = std::strtod(text.data(), nullptr);
+    if (fits(rate_Hz)) return rate_Hz;
   }
-  return rate_Hz;
+  double below = exact, above = exact;
+  for (int i = 0; i < 4; ++i) {
+    below = std::nextafter(below, 0);
+    above = std::nextafter(above, std::numeric_limits<double>::infinity());
+    if (fits(below)) return below;
+    if (fits(above)) return above;
+  }
+  return refused(name + ": row " + std::to_string(most_rows + 1) +
+                 " is not at its time: no rate gives those of all rows, to the last bit");
 }
 
 }  // namespace trocar::runtime

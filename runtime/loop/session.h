@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -94,6 +95,7 @@ struct SessionReport {
   double fault_t_s = 0;
   std::vector<FaultEvent> faults;  ///< all, the first kMaxListedFaults of them
   std::uint64_t faults_count = 0;
+  std::optional<Error> recording_error;  ///< there is no recording: it could not be written whole
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;
   double energy_given_max_J = 0;     ///< PassivityState::given_max_J
@@ -118,10 +120,28 @@ Result<SimulatedDevice> make_simulated_device(
     const Scene& scene, const DeviceDescription& description,
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
 
+/// What a session makes before its first tick, in a time that no drive would wait for.
+struct SessionWorkers {
+  std::unique_ptr<Recorder> recorder;    ///< if there is to be a recording
+  std::unique_ptr<BlackBox> black_box;   ///< if a folder is named
+  std::unique_ptr<Responder> responder;  ///< by `network`
+};
+
+/// Errors: the recording cannot be written, or the folder of the black box (unwritable; what fails
+/// later is said in the report); by `network`, a tissue or tool that no membrane fits (refused).
+Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
+                                    const SessionOptions& options);
+
 /// Runs. `advance(dt_s)` is called after each tick, on the same thread: a simulated device's step.
-/// Ends with torques at zero. Errors: the recording cannot be written, or the folder of the black
-/// box (unwritable; a black box that fails later is said in the report); by `network`, a
-/// tissue or tool that no membrane fits (refused).
+/// Ends with torques at zero, which is written before anything else is ended. `workers`: as from
+/// make_workers for these arguments.
+SessionReport run_session(const Scene& scene, const DeviceDescription& description,
+                          Remesher& remesher, Device& device,
+                          const std::function<void(double dt_s)>& advance,
+                          const SessionOptions& options, SessionWorkers workers);
+
+/// The same, with workers made for it; their errors. For devices that can wait: a drive behind a
+/// link ends a session in which no tick comes.
 Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
                                   Remesher& remesher, Device& device,
                                   const std::function<void(double dt_s)>& advance,
@@ -130,7 +150,8 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
 /// Ticks of a session: one at 0, then one every 1/rate until, not including, its end.
 std::uint64_t tick_count(double duration_s, double rate_Hz);
 
-/// The rate at which a recording was made; refused if its times are not k / rate.
+/// The rate at which a recording was made: its times are k / rate, bit for bit (of several such
+/// rates the shortest decimal); refused if there is none.
 Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name);
 
 }  // namespace trocar::runtime

@@ -3,19 +3,25 @@
 
 namespace trocar::runtime {
 
-Pose move_proxy(const CouplingOptions& options, double dt_s, const Pose& T_device_plate,
+Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept {
+  Pose proxy = T_device_plate;
+  if (!(moved_over_s > 0)) {
+    proxy.p_m += state.offset_m;
+    return proxy;
+  }
   const Eigen::Vector3d moved_m = state.has_last
                                       ? Eigen::Vector3d(T_device_plate.p_m - state.device_m)
                                       : Eigen::Vector3d(Eigen::Vector3d::Zero());
   state.has_last = true;
+  state.damper_N_per_m = options.damping_N_s_per_m / moved_over_s;
   state.device_m = T_device_plate.p_m;
   state.last_offset_m = state.offset_m;
   const double force_N = state.force_N.norm();
   if (force_N > 0) {
     // Along the environment's force it yields with its stiffness, across it not at all.
     const Eigen::Vector3d n = state.force_N / force_N;
-    const double d = options.damping_N_s_per_m / dt_s;
+    const double d = state.damper_N_per_m;
     const double k = state.stiffness_N_per_m;
     const Eigen::Vector3d across =
         d / (options.stiffness_N_per_m + d) * (state.offset_m - n.dot(state.offset_m) * n);
@@ -25,12 +31,11 @@ Pose move_proxy(const CouplingOptions& options, double dt_s, const Pose& T_devic
   } else {
     state.offset_m.setZero();
   }
-  Pose proxy = T_device_plate;
   proxy.p_m += state.offset_m;
   return proxy;
 }
 
-Wrench felt_wrench(const CouplingOptions& options, double dt_s, const Wrench& environment,
+Wrench felt_wrench(const CouplingOptions& options, const Wrench& environment,
                    double stiffness_N_per_m, CouplingState& state) noexcept {
   state.force_N = environment.head<3>();
   state.stiffness_N_per_m = stiffness_N_per_m;
@@ -40,9 +45,8 @@ Wrench felt_wrench(const CouplingOptions& options, double dt_s, const Wrench& en
     return environment;
   }
   const Eigen::Vector3d n = state.force_N / force_N;
-  Eigen::Vector3d felt_N =
-      options.stiffness_N_per_m * state.offset_m +
-      options.damping_N_s_per_m / dt_s * (state.offset_m - state.last_offset_m);
+  Eigen::Vector3d felt_N = options.stiffness_N_per_m * state.offset_m +
+                           state.damper_N_per_m * (state.offset_m - state.last_offset_m);
   const double pull_N = n.dot(felt_N);
   if (pull_N < 0) felt_N -= pull_N * n;  // the damper does not hold the tool back
   Wrench felt = environment;

@@ -31,15 +31,17 @@ struct CouplingState {
   Eigen::Vector3d last_offset_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d force_N = Eigen::Vector3d::Zero();  ///< of the environment on the proxy
   double stiffness_N_per_m = 0;                       ///< of the environment, along that force
+  double damper_N_per_m = 0;                          ///< damping over the last move's time
 };
 
-/// The proxy in the place of the plate at a tick's start.
-Pose move_proxy(const CouplingOptions& options, double dt_s, const Pose& T_device_plate,
+/// The proxy in the place of the plate at a tick's start. `moved_over_s`: as in update_contact;
+/// without a new pose the proxy stays too, and spring and damper act on as they did.
+Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept;
 
 /// The wrench on the plate, given that of the environment on the proxy and the stiffness with
 /// which it answers. The moment is the environment's.
-Wrench felt_wrench(const CouplingOptions& options, double dt_s, const Wrench& environment,
+Wrench felt_wrench(const CouplingOptions& options, const Wrench& environment,
                    double stiffness_N_per_m, CouplingState& state) noexcept;
 
 }  // namespace trocar::runtime

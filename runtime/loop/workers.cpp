@@ -28,23 +28,21 @@ Remesher::Lane::Lane(const Sheet& sheet)
 Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
                    const RemesherOptions& options)
     : options_(options) {
-  CutCapacity capacity;
-  std::size_t vertices = 0, triangles = 0;
   for (const auto& sheet : sheets) {
-    const CutCapacity own = capacity_for(sheet->mesh);
-    capacity.triangles = std::max(capacity.triangles, own.triangles);
-    capacity.points = std::max(capacity.points, own.points);
-    capacity.edges = std::max(capacity.edges, own.edges);
-    vertices = std::max(vertices, sheet->mesh.vertices.size());
-    triangles = std::max(triangles, sheet->mesh.triangles.size());
+    vertex_slots_ = std::max(vertex_slots_, sheet->mesh.vertices.size());
+    triangle_slots_ = std::max(triangle_slots_, sheet->mesh.triangles.size());
     lanes_.push_back(std::make_unique<Lane>(*sheet));
   }
-  work_ = std::make_unique<CutWorkspace>(capacity);
-  refinement_ = std::make_unique<LocalRefinementWorkspace>(vertices, triangles);
+  make_workspaces();
   ready_.reserve(lanes_.size());
   records_.reserve(kMaxRecords);
   hole_points_.reserve(kMaxHolePoints);
   ring_end_.reserve(kMaxHolePoints / 3);
+}
+
+void Remesher::make_workspaces() {
+  work_ = std::make_unique<CutWorkspace>(capacity_for(vertex_slots_, triangle_slots_));
+  refinement_ = std::make_unique<LocalRefinementWorkspace>(vertex_slots_, triangle_slots_);
 }
 
 Remesher::~Remesher() {
@@ -59,11 +57,16 @@ const Sheet* Remesher::current(std::size_t sheet) noexcept {
   return latest;
 }
 
-void Remesher::catch_up(Lane& lane) noexcept {
+void Remesher::catch_up(Lane& lane) {
   if (!lane.older_is_behind || lane.unpublished) return;
   const Sheet& newer = lane.replica[lane.newer];
   if (lane.seen_cuts.load(std::memory_order_acquire) < newer.cuts && !nobody_reads_) return;
   Sheet& older = lane.replica[1 - lane.newer];
+  if (older.mesh.triangles.size() < newer.mesh.triangles.size()) {
+    older.mesh.add_slots(newer.mesh.vertices.size() - older.mesh.vertices.size(),
+                         newer.mesh.triangles.size() - older.mesh.triangles.size());
+    older.grid.add_slots(older.mesh);
+  }
   lane.edit.copy_to(newer.mesh, older.mesh);
   older.grid.update(lane.edit, older.mesh);
   older.cuts = newer.cuts;
@@ -104,6 +107,33 @@ std::vector<Ring> Remesher::hole(const CutRecord& record) const {
   return rings;
 }
 
+void Remesher::make_room(Lane& lane, Sheet& unread) {
+  unread.mesh.add_slots(kSpareVertices, kSpareTriangles);
+  unread.grid.add_slots(unread.mesh);
+  lane.edit = SheetEdit(unread.mesh);
+  if (unread.mesh.triangles.size() <= triangle_slots_ &&
+      unread.mesh.vertices.size() <= vertex_slots_)
+    return;
+  vertex_slots_ = std::max(vertex_slots_, unread.mesh.vertices.size());
+  triangle_slots_ = std::max(triangle_slots_, unread.mesh.triangles.size());
+  make_workspaces();
+}
+
+CutReport Remesher::cut_with_room(Lane& lane, Sheet& unread, const LatticeOutline& outline) {
+  if (unread.mesh.free_vertices.size() < kLeastFreeVertices ||
+      unread.mesh.free_triangles.size() < kLeastFreeTriangles)
+    make_room(lane, unread);
+  CutReport report;
+  for (int attempt = 0; attempt < kMostAttempts; ++attempt) {
+    if (attempt > 0) make_room(lane, unread);
+    report = cut_in_place(unread.mesh, unread.grid,
+                          std::span(outline.points.data(), static_cast<std::size_t>(outline.size)),
+                          *work_, lane.edit);
+    if (report.outcome != CutOutcome::kCapacity) break;
+  }
+  return report;
+}
+
 // The older replica is as the newer one, and nobody reads it.
 void Remesher::serve_one(const CutRequest& request) {
   const auto start = std::chrono::steady_clock::now();
@@ -117,9 +147,7 @@ void Remesher::serve_one(const CutRequest& request) {
   if (request.cut != cuts + 1) {
     record.error = bug("a cut before this one failed");
   } else {
-    const std::span outline(request.outline.points.data(),
-                            static_cast<std::size_t>(request.outline.size));
-    record.cut = cut_in_place(next.mesh, next.grid, outline, *work_, lane.edit);
+    record.cut = cut_with_room(lane, next, request.outline);
     if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNothingMet) {
       if (record.cut.outcome == CutOutcome::kCut) improve(lane, next, record);
       next.grid.update(lane.edit, next.mesh);
@@ -130,6 +158,8 @@ void Remesher::serve_one(const CutRequest& request) {
       lane.older_is_behind = true;
       lane.unpublished = true;
       ready_.push_back(index);
+    } else if (record.cut.outcome == CutOutcome::kCapacity) {
+      record.error = refused("cut: it takes more than there is room for");
     } else {
       record.error = bug("cut: " + std::string(to_word(record.cut.outcome)) +
                          (record.cut.bug != nullptr ? std::string(": ") + record.cut.bug : ""));

@@ -28,9 +28,9 @@ namespace trocar::runtime {
 /// What became of one request, in the order of the requests.
 struct CutRecord {
   CutRequest request;
-  std::optional<Error>
-      error;      ///< the cut failed; the sheet keeps its mesh, the hole counts as open
-  CutReport cut;  ///< obtuse_boundary_sides: after the quality pass
+  std::optional<Error> error;  ///< the cut failed; the sheet keeps its mesh, the hole counts as
+                               ///< open. Refused: there was no room for it; else a bug
+  CutReport cut;               ///< obtuse_boundary_sides: after the quality pass
   std::int64_t doubled_area_before = 0;     ///< steps^2
   std::uint32_t quality_vertices = 0;       ///< added by the quality pass
   std::uint32_t hole_vertices = 0;          ///< of the rings around what went
@@ -47,7 +47,8 @@ struct RemesherOptions {
 /// cut is made in the other, and they change places by one atomic store. When the haptic thread has
 /// let the older one go, the edit is made there too. Nothing is copied as a whole and nothing
 /// allocated after the constructor (but for the words of an error), and all takes a time that
-/// depends on the hole alone.
+/// depends on the hole alone; but where free slots run short, after some hundred holes, or do not
+/// suffice, a sheet gets more, each replica while nobody reads it.
 ///
 /// Requests are served in their order. One for a sheet whose older replica is still in use waits,
 /// and all behind it: in real time for a tick at the most.
@@ -112,7 +113,14 @@ class Remesher {
     std::atomic<std::uint32_t> seen_cuts{0};  ///< of the version the haptic thread took last
   };
 
-  void catch_up(Lane& lane) noexcept;
+  /// So many free slots are left for the quality pass and the next cut, or more are added.
+  static constexpr std::size_t kLeastFreeVertices = 1024, kLeastFreeTriangles = 2048;
+  static constexpr int kMostAttempts = 3;  ///< at a cut for which there is no room
+
+  void catch_up(Lane& lane);
+  void make_workspaces();
+  void make_room(Lane& lane, Sheet& unread);
+  CutReport cut_with_room(Lane& lane, Sheet& unread, const LatticeOutline& outline);
   void serve_one(const CutRequest& request);
   void improve(Lane& lane, Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
@@ -120,6 +128,7 @@ class Remesher {
   SpscQueue<CutRequest, 64> requests_;
   RemesherOptions options_;
   std::vector<std::unique_ptr<Lane>> lanes_;
+  std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< that the workspaces are for
   std::unique_ptr<CutWorkspace> work_;
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
   std::optional<CutRequest> waiting_;  ///< taken off the queue

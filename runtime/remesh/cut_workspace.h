@@ -21,8 +21,11 @@ struct CutCapacity {
 };
 
 /// Enough for any tool over the sheet, as large as it may be, with thousands of bends.
+inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
+  return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
+}
 inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
-  return {mesh.triangles.size(), mesh.vertices.size() + 2048, mesh.triangles.size() + 8192};
+  return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
 /// One for each thread that cuts; it serves sheets of any size that its capacities allow for. What

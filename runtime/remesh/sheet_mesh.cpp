@@ -25,6 +25,19 @@ std::vector<std::uint32_t> free_stack(std::size_t first, std::size_t size) {
 
 }  // namespace
 
+void SheetMesh::add_slots(std::size_t more_vertices, std::size_t more_triangles) {
+  const auto lay_under = [](std::vector<std::uint32_t>& stack,
+                            const std::vector<std::uint32_t>& slots) {
+    stack.insert(stack.begin(), slots.begin(), slots.end());
+  };
+  lay_under(free_vertices, free_stack(vertices.size(), vertices.size() + more_vertices));
+  lay_under(free_triangles, free_stack(triangles.size(), triangles.size() + more_triangles));
+  vertices.resize(vertices.size() + more_vertices);
+  triangles.resize(triangles.size() + more_triangles, kFreeSlot);
+  across.resize(triangles.size(), {kNone, kNone, kNone});
+  reserve_stacks();
+}
+
 Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_vertices,
                                   std::size_t spare_triangles) {
   SheetMesh out;

@@ -31,8 +31,8 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     the same two vertices in the other direction; kNone on the sheet's boundary.
 ///  3. A vertex in use belongs to a triangle, and its triangles form one fan (a pinch is two
 ///     vertices at one point); `free_vertices` names every other slot exactly once.
-///  4. The three first arrays never change their size; the two stacks have room for every slot, in
-///     a copy too.
+///  4. Nothing but add_slots() changes the size of the three first arrays; the two stacks have room
+///     for every slot, in a copy too.
 struct SheetMesh {
   std::vector<LatticePoint> vertices;
   std::vector<Triangle> triangles;
@@ -62,6 +62,9 @@ struct SheetMesh {
     free_triangles.resize(triangles.size());
     free_triangles.resize(triangles_free);
   }
+  /// So many free slots more, to be handed out after those there are: equal meshes stay equal.
+  /// O(n), and allocates; nobody else may read the mesh meanwhile.
+  void add_slots(std::size_t more_vertices, std::size_t more_triangles);
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }

@@ -27,7 +27,7 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
 /// Laws (tests/triangle_grid_test.cpp holds them against a look at every triangle):
 ///  1. for_each() calls for every triangle in use whose box meets the box asked for, once, and for
 ///     no other; in an order that depends on the mesh at the start and on the edits since alone.
-///  2. Only the constructor allocates.
+///  2. Only the constructor and add_slots() allocate.
 class TriangleGrid {
  public:
   TriangleGrid() = default;
@@ -36,6 +36,9 @@ class TriangleGrid {
 
   /// Follows an edit: to be called once, with the edited mesh. Time proportional to the edit.
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
+
+  /// Follows SheetMesh::add_slots().
+  void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }
 
   /// Calls visit(triangle slot), law 1. No allocation.
   template <typename Visit>

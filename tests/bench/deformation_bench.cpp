@@ -139,7 +139,7 @@ void TickContactForceAndSolve(benchmark::State& state) {
   double depth_m = -1e-3;  // from above
   const auto meet = [&] {
     T_device_plate.p_m = {300 * s.lattice.step_m(), 500 * s.lattice.step_m(), sheet.z_m - depth_m};
-    update_contact(model, sheets, {}, T_device_plate, contact, output);
+    update_contact(model, sheets, {}, T_device_plate, model.dt_s, contact, output);
   };
   meet();
   depth_m = 1e-3;
