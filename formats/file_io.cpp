@@ -117,6 +117,28 @@ Result<void> check_writable(const std::filesystem::path& file) {
   return {};
 }
 
+Result<void> check_outputs(std::span<const OutputFile> outputs,
+                           std::span<const std::filesystem::path> inputs) {
+  std::error_code ignored;
+  for (const OutputFile& output : outputs) {
+    if (output.file.empty()) continue;
+    if (auto ok = check_writable(output.file); !ok) return ok;
+    const std::string said = output.option + " " + output.file.string();
+    for (const std::filesystem::path& input : inputs) {
+      if (std::filesystem::equivalent(output.file, input, ignored))
+        return usage(said + ": would write over the input " + input.string());
+    }
+    for (const OutputFile& other : outputs) {
+      if (&other != &output && !other.file.empty() &&
+          std::filesystem::weakly_canonical(other.file, ignored) ==
+              std::filesystem::weakly_canonical(output.file, ignored)) {
+        return usage(said + ": is also the file of " + other.option);
+      }
+    }
+  }
+  return {};
+}
+
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes) {
   if (auto ok = check_writable(file); !ok) return ok;

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -52,6 +53,16 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file)
 /// Could `file` be written, as far as one can tell beforehand? Better known before the work than
 /// after it. An empty path counts as no output wanted.
 Result<void> check_writable(const std::filesystem::path& file);
+
+/// A file that is to be written, and the option that says so. An empty path: none is wanted.
+struct OutputFile {
+  std::string option;
+  std::filesystem::path file;
+};
+
+/// check_writable() of each; (usage) an output that is also an input, or another output.
+Result<void> check_outputs(std::span<const OutputFile> outputs,
+                           std::span<const std::filesystem::path> inputs);
 
 /// Writes beside the target, syncs, renames over it. On failure (unwritable) the target
 /// is as it was and nothing is left behind.

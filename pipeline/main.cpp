@@ -139,24 +139,13 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
 
 // Nothing that was read, or could be a scan, is written over: `-o *.png` makes a slice the output.
 Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
-  const std::pair<const char*, const fs::path*> outputs[] = {
-      {"-o", &a.output}, {"--report", &a.report}, {"--dump-stages", &a.dump_stages}};
-  for (const auto& [option, file] : outputs) {
-    if (file->empty()) continue;
-    const std::string said = std::string(option) + " " + file->string();
-    if (is_scan_file(*file)) return usage(said + ": would write over a scan");
-    std::error_code error;
-    for (const fs::path& input : read) {
-      if (fs::equivalent(*file, input, error)) return usage(said + ": is the input");
-    }
-    for (const auto& [other_option, other] : outputs) {
-      if (other != file && !other->empty() &&
-          fs::weakly_canonical(*other, error) == fs::weakly_canonical(*file, error)) {
-        return usage(said + ": is also the file of " + other_option);
-      }
-    }
+  const OutputFile outputs[] = {
+      {"-o", a.output}, {"--report", a.report}, {"--dump-stages", a.dump_stages}};
+  for (const OutputFile& output : outputs) {
+    if (!output.file.empty() && is_scan_file(output.file))
+      return usage(output.option + " " + output.file.string() + ": would write over a scan");
   }
-  return {};
+  return trocar::check_outputs(outputs, read);
 }
 
 std::atomic<bool> stop_requested = false;
@@ -182,9 +171,7 @@ std::function<void(int, int)> progress_bar() {
 int mesh(const Arguments& a) {
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
-  for (const fs::path& file : {a.output, a.report, a.dump_stages}) {
-    if (auto ok = check_writable(file); !ok) return fail(ok.error());
-  }
+  if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
   auto options = batch_options(a);
   if (!options) return fail(options.error());
   OpenOptions open;
@@ -201,7 +188,6 @@ int mesh(const Arguments& a) {
     }
     open.spacing_mm = {(*n)[0], (*n)[1], (*n)[2]};
   }
-  if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
   open.as_labels = std::holds_alternative<Labels>(options->mesh.segmentation);
   const auto stack = open_stack(a.inputs, open);
   if (!stack) return fail(stack.error());

@@ -14,6 +14,7 @@
 
 #include "formats/device_description.h"
 #include "formats/file_io.h"
+#include "formats/json_text.h"
 #include "formats/scene.h"
 #include "runtime/device/drive.h"
 #include "runtime/device/drive_record.h"
@@ -293,9 +294,10 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
 }
 
 int serve(const Arguments& arguments) {
-  for (const std::string& file : {arguments.summary, arguments.record}) {
-    if (const auto writable = check_writable(file); !writable) return fail(writable.error());
-  }
+  const OutputFile outputs[] = {{"--summary", arguments.summary}, {"--record", arguments.record}};
+  const std::filesystem::path inputs[] = {arguments.scene, arguments.description,
+                                          arguments.key_file};
+  if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
   DriveOptions options;
   options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
   options.period_s = 1 / arguments.rate_Hz;
@@ -335,7 +337,7 @@ int serve(const Arguments& arguments) {
   }
   if (const auto done = write_record(arguments.record, report); !done) return fail(done.error());
   if (!arguments.summary.empty()) {
-    const std::string text = summarize(arguments, server.drive(), realtime).dump(2) + "\n";
+    const std::string text = json_text(summarize(arguments, server.drive(), realtime), 2) + "\n";
     if (const auto done = write_file_atomically(arguments.summary, text); !done) {
       return fail(done.error());
     }

@@ -18,6 +18,7 @@
 
 #include "formats/asset.h"
 #include "formats/file_io.h"
+#include "formats/json_text.h"
 #include "formats/scene.h"
 #include "runtime/device/link_key.h"
 #include "runtime/device/udp_device.h"
@@ -380,10 +381,10 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
   if (!arguments.summary.empty()) {
     nlohmann::json summary = summarize(loaded.scene, options, report, remesher);
     if (is_remote(arguments)) summary["link"] = of_link;
-    keep_error(write_file_atomically(arguments.summary, summary.dump(2) + "\n"));
+    keep_error(write_file_atomically(arguments.summary, json_text(summary, 2) + "\n"));
   }
   if (!arguments.meshes.empty()) {
-    const std::string text = describe_sheets(loaded.scene, remesher).dump() + "\n";
+    const std::string text = json_text(describe_sheets(loaded.scene, remesher)) + "\n";
     keep_error(write_file_atomically(arguments.meshes, text));
   }
   if (!arguments.frames.empty()) keep_error(frames.finish());
@@ -426,14 +427,16 @@ int conclude(const SessionReport& report, std::vector<Error> errors, const Remes
 }
 
 int session(const Arguments& arguments) {
-  for (const std::string& file :
-       {arguments.record, arguments.summary, arguments.meshes, arguments.frames}) {
-    if (const Result<void> writable = check_writable(file); !writable) {
-      return fail(writable.error());
-    }
-  }
   Result<Loaded> loaded = load(arguments);
   if (!loaded) return fail(loaded.error());
+  const OutputFile outputs[] = {{"--record", arguments.record},
+                                {"--summary", arguments.summary},
+                                {"--meshes", arguments.meshes},
+                                {"--frames", arguments.frames}};
+  const std::filesystem::path inputs[] = {arguments.scene, loaded->scene.asset,
+                                          loaded->scene.device.value_or(""),
+                                          arguments.replay, arguments.key_file};
+  if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
 
   SessionOptions options;
   options.clock = arguments.clock == "real" ? Clock::kReal : Clock::kVirtual;

@@ -126,6 +126,13 @@ def main():
     one_line(run(trocar_run, broken, "--asset", asset, "--check", expect=3), "broken.json", "no_such_key")
     one_line(run(trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet",
                  "--record", work / "no" / "such" / "folder.csv", expect=4), "folder.csv")
+    # No output takes the place of an input, or of another output.
+    broken.write_text(json.dumps(scene))
+    kept = {file: file.read_bytes() for file in (asset, broken, record)}
+    for words in (("--summary", broken), ("--record", asset), ("--replay", record, "--record", record),
+                  ("--record", work / "both", "--summary", work / "." / "both")):
+        one_line(run(trocar_run, broken, "--asset", asset, "--clock", "virtual", *words, expect=2), str(words[-1]))
+    check(all(file.read_bytes() == kept[file] for file in kept), "an input was written over")
     run(trocar_run, scene_file, "--no-such-option", expect=2)
     run(trocar_run, expect=2)
     run(trocar_run, scene_file, "--asset", asset, "--rate", "-5", expect=2)
