@@ -434,8 +434,8 @@ int session(const Arguments& arguments) {
                                 {"--meshes", arguments.meshes},
                                 {"--frames", arguments.frames}};
   const std::filesystem::path inputs[] = {arguments.scene, loaded->scene.asset,
-                                          loaded->scene.device.value_or(""),
-                                          arguments.replay, arguments.key_file};
+                                          loaded->scene.device.value_or(""), arguments.replay,
+                                          arguments.key_file};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
 
   SessionOptions options;
