@@ -14,6 +14,13 @@ def check(condition, message):
         failures.append(message)
 
 
+def outcome():
+    """Says what did not hold, and gives the exit code."""
+    for failure in failures:
+        print("FAILED", failure)
+    return 1 if failures else 0
+
+
 def run(*command, expect=0):
     """The finished process; ends the test if its exit code is not the expected one."""
     done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE,

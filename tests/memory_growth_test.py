@@ -8,7 +8,7 @@ import shutil
 import struct
 import sys
 
-from e2e import check, failures, run
+from e2e import check, outcome, run
 
 
 def pngs(scan, folder, count):
@@ -64,9 +64,7 @@ def main():
             print(f"{kind}, {jobs} thread(s): {peaks[0]:.1f} MB for 100 slices, {peaks[1]:.1f} MB for 1,000: {ratio:.2f}")
             check(ratio <= 1.5, f"{kind}, {jobs} thread(s): {ratio:.2f} times the memory")
     shutil.rmtree(work)
-    for failure in failures:
-        print("FAILED", failure)
-    return 1 if failures else 0
+    return outcome()
 
 
 if __name__ == "__main__":

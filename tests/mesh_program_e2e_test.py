@@ -7,7 +7,7 @@ import pathlib
 import shutil
 import sys
 
-from e2e import check, failures, run
+from e2e import check, outcome, run
 
 
 def main():
@@ -85,9 +85,7 @@ def main():
     check(not (work / "export").exists(), "something of a broken asset was exported")
 
     shutil.rmtree(work)
-    for failure in failures:
-        print("FAILED", failure)
-    return 1 if failures else 0
+    return outcome()
 
 
 if __name__ == "__main__":

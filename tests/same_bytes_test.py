@@ -12,7 +12,7 @@ import pathlib
 import shutil
 import sys
 
-from e2e import check, failures, run
+from e2e import check, outcome, run
 
 
 def scans(sample):
@@ -48,9 +48,7 @@ def main():
         print(f"{name}: {len(makers)} runs, {next(iter(digests))[:16]}")
     print("compared with the programs of", other or "no other build")
     shutil.rmtree(work)
-    for failure in failures:
-        print("FAILED", failure)
-    return 1 if failures else 0
+    return outcome()
 
 
 if __name__ == "__main__":
