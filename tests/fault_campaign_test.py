@@ -211,6 +211,9 @@ def judge_files(row, recording, told, folder, duration_s):
     if told["ticks"] != expected or len(recording.lines) - 1 != expected:
         row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {told['ticks']} ticks of {expected}")
     for event in told["faults"]:
+        if event["torques_zero_t_s"] is None:
+            row.fail(f"{folder.name}: the session ended before the torques of {event['fault']} at {event['t_s']} s were zero")
+            continue
         rest = round(event["torques_zero_t_s"] * RATE_HZ) + 1
         first = max(0, rest - round(BLACK_BOX_S * RATE_HZ))
         box = pathlib.Path(event["black_box"]).read_text().splitlines()
