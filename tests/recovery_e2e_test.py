@@ -57,6 +57,24 @@ def main():
     check(recording == box.read_bytes(), "the black box of a session of less than 4 s is not its recording")
     check(len(recording.splitlines()) == summary["ticks"] + 1, "rows are missing")
 
+    # A session that ends with its fault, or on the way to zero: its black box goes up to its last row.
+    tick_s = 1 / summary["rate_Hz"]
+    for ticks in range(1, 8):
+        cut = work / f"cut_{ticks}"
+        cut.mkdir()
+        run(trocar_run, scene, "--clock", "virtual", "--duration", round(fault["t_s"] + ticks * tick_s, 9), "--record", cut / "r.csv",
+            "--summary", cut / "s.json", "--quiet", expect=5)
+        event, = json.loads((cut / "s.json").read_text())["faults"]
+        rows = (cut / "r.csv").read_bytes().splitlines()
+        check(event["fault"] == "joint_limit" and event["t_s"] == fault["t_s"], f"{ticks} ticks: {event}")
+        zero = None if fault["torques_zero_t_s"] > fault["t_s"] + (ticks - 0.5) * tick_s else fault["torques_zero_t_s"]
+        check(event["torques_zero_t_s"] == zero, f"{ticks} ticks: {event}, zero at {zero}")
+        whole = min(round(fault["t_s"] / tick_s) + ticks, summary["ticks"]) + 1  # nobody asks for recovery: it ends at rest
+        check(len(rows) == whole, f"{ticks} ticks: {len(rows)} rows, not {whole}")
+        last = len(rows) if zero is None else round(zero / tick_s) + 2
+        box, = boxes(cut)
+        check(str(box) == event["black_box"] and box.read_bytes().splitlines() == rows[:last], f"{ticks} ticks: {box} ends otherwise")
+
     # By itself: the session goes on, and the tool goes through the slice as ever.
     auto = work / "auto"
     auto.mkdir()
