@@ -43,3 +43,18 @@ configure_and_build() {
   if (($# > 0)); then targets=(--target "$@"); fi
   cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
 }
+
+# prepare_tests: what the tests need beside the tree: three.js, and a real scan, without which the
+# end-to-end tests skip its part.
+prepare_tests() {
+  mkdir -p "$build"
+  local three=$root/tests/three
+  if ! cmp -s "$three/package-lock.json" "$three/node_modules/.trocar-lock"; then
+    quietly "$build/npm.log" npm --prefix "$three" ci --no-audit --no-fund ||
+      die 1 "three.js could not be installed by npm"
+    cp "$three/package-lock.json" "$three/node_modules/.trocar-lock"
+  fi
+  export TROCAR_REQUIRE_THREE=1
+  export TROCAR_HEAD_CT=${TROCAR_HEAD_CT:-$build/head.nii.gz}
+  [[ -f $TROCAR_HEAD_CT ]] || "$root/scripts/head-ct" "$TROCAR_HEAD_CT" || say "going on without the head CT"
+}
