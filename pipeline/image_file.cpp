@@ -38,9 +38,34 @@ cv::Mat decode_buffer(int height, int width, int type) {
   return kept;
 }
 
+bool has_colours(const cv::Mat& pixels) {
+  cv::Mat first, other;
+  cv::extractChannel(pixels, first, 0);
+  for (int c = 1; c < 3; ++c) {
+    cv::extractChannel(pixels, other, c);
+    if (cv::norm(first, other, cv::NORM_INF) != 0) return true;
+  }
+  return false;
+}
+
+// One sample a byte of those packed from the high bits on, each row from a byte's start.
+cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
+  cv::Mat samples(packed.rows, width, CV_8UC1);
+  for (int y = 0; y < packed.rows; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const int bit = x * bits;
+      samples.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(
+          packed.at<std::uint8_t>(y, bit / 8) >> (8 - bits - bit % 8) & ((1 << bits) - 1));
+    }
+  }
+  return samples;
+}
+
 // Grey levels of 1, 3 or 4 channels, the latter in the order of `to_grey`. Some rows at a time,
 // which stay in the cache.
-Image to_image(const cv::Mat& pixels, int to_grey, Levels wanted) {
+Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const std::string& name) {
+  if (wanted == Levels::kStored && pixels.channels() > 1 && has_colours(pixels))
+    return refused(name + ": colours hold no labels; a palette's indices or grey levels would");
   constexpr int kRows = 32;
   thread_local cv::Mat grey, levels;
   const bool deep = pixels.depth() == CV_16U && wanted == Levels::kTo255;
@@ -73,8 +98,15 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
   if (auto ok = check_size(header.width, header.height, name); !ok) return ok.error();
   // Where one of OpenCV's types has the file's own, it is taken as it is (in the host's byte
   // order); what is transparent makes no difference.
-  int format = SPNG_FMT_PNG, type = CV_8UC3;
-  if (header.color_type == SPNG_COLOR_TYPE_GRAYSCALE) {
+  const int width = static_cast<int>(header.width), height = static_cast<int>(header.height);
+  int format = SPNG_FMT_PNG, type = CV_8UC3, columns = width;
+  const bool one_sample = header.color_type == SPNG_COLOR_TYPE_INDEXED ||
+                          header.color_type == SPNG_COLOR_TYPE_GRAYSCALE;
+  const bool packed = wanted == Levels::kStored && one_sample && header.bit_depth < 8;
+  if (packed) columns = (width * header.bit_depth + 7) / 8;
+  if (packed || (wanted == Levels::kStored && one_sample && header.bit_depth == 8)) {
+    type = CV_8UC1;
+  } else if (header.color_type == SPNG_COLOR_TYPE_GRAYSCALE) {
     if (header.bit_depth < 8) format = SPNG_FMT_G8;
     type = header.bit_depth == 16 ? CV_16UC1 : CV_8UC1;
   } else if (header.color_type == SPNG_COLOR_TYPE_TRUECOLOR) {
@@ -89,13 +121,12 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
   }
   std::size_t size = 0;
   if (int e = spng_decoded_image_size(png.get(), format, &size); e != 0) return broken(e);
-  const cv::Mat pixels =
-      decode_buffer(static_cast<int>(header.height), static_cast<int>(header.width), type);
+  const cv::Mat pixels = decode_buffer(height, columns, type);
   if (size != pixels.total() * pixels.elemSize())
     return bug(name + ": a PNG of another size than its header's");
   if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);
-  return to_image(pixels, pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY,
-                  wanted);
+  return to_image(packed ? unpacked(pixels, width, header.bit_depth) : pixels,
+                  pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }
 
 Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
@@ -123,31 +154,34 @@ Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
                     TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
     return broken();
   }
-  return to_image(pixels, cv::COLOR_BGR2GRAY, Levels::kTo255);
+  return to_image(pixels, cv::COLOR_BGR2GRAY, Levels::kTo255, name);
 }
 
 struct TiffClose {
   void operator()(TIFF* tiff) const { TIFFClose(tiff); }
 };
 
-// 16 bits a channel, row by row; libtiff's own conversion would make 8 of them.
-Result<Image> read_deep_tiff(TIFF* tiff, int width, int height, int channels,
+// Row by row what is stored: 16 bits a channel, of which libtiff's own conversion would make 8, or
+// labels of 1 or 8 bits.
+Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int channels,
                              const std::string& name, Levels wanted) {
   std::uint16_t planar = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
   if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
       (channels != 1 && channels != 3 && channels != 4)) {
-    return refused(name + ": a 16-bit TIFF in tiles, planes or " + std::to_string(channels) +
-                   " channels");
+    return refused(name + ": a TIFF of " + std::to_string(bits) + " bits in tiles, planes or " +
+                   std::to_string(channels) + " channels");
   }
-  cv::Mat pixels = decode_buffer(height, width, CV_MAKETYPE(CV_16U, channels));
+  cv::Mat pixels = decode_buffer(height, bits == 1 ? (width + 7) / 8 : width,
+                                 CV_MAKETYPE(bits == 16 ? CV_16U : CV_8U, channels));
   if (TIFFScanlineSize64(tiff) != pixels.step[0])
     return refused(name + ": broken TIFF (rows of another length)");
   for (int y = 0; y < height; ++y) {
     if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
       return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
   }
-  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted);
+  return to_image(bits == 1 ? unpacked(pixels, width, 1) : pixels,
+                  channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }
 
 Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name, Levels wanted) {
@@ -179,21 +213,24 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   if ((bits != 1 && bits != 8 && bits != 16) || sample != SAMPLEFORMAT_UINT)
     return refused(name + ": neither 8 nor 16 bits a channel");
   const int w = static_cast<int>(width), h = static_cast<int>(height);
-  if (bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB)) {
-    return read_deep_tiff(tiff.get(), w, h, channels, name, wanted);
-  }
+  const bool deep =
+      bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB);
+  const bool labels =
+      wanted == Levels::kStored && channels == 1 &&
+      (photometric == PHOTOMETRIC_PALETTE || (bits == 1 && photometric == PHOTOMETRIC_MINISBLACK));
+  if (deep || labels) return read_tiff_rows(tiff.get(), w, h, bits, channels, name, wanted);
   const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
   if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
                                 reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,
                                 1) != 1) {
     return refused(name + ": broken TIFF");
   }
-  return to_image(pixels, cv::COLOR_RGBA2GRAY, Levels::kTo255);
+  return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
 }
 
 // Width and height stand at fixed places behind the size of the header that tells their width.
 Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
-                       const std::string& name) {
+                       const std::string& name, Levels wanted) {
   if (bytes.size() < 30) return refused(name + ": broken BMP");
   const auto i32 = [&bytes](std::size_t at) {
     std::int32_t value;
@@ -210,8 +247,7 @@ Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
   if (!loaded || width != columns || height != rows) {
     return refused(name + ": broken BMP, or one of neither 8, 24 nor 32 bits a pixel");
   }
-  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY,
-                  Levels::kTo255);
+  return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY, wanted, name);
 }
 
 }  // namespace
@@ -228,9 +264,13 @@ Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) 
   try {
     using namespace std::string_view_literals;
     if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name, wanted);
-    if (starts("\xff\xd8\xff"sv)) return read_jpeg(bytes, name);
+    if (starts("\xff\xd8\xff"sv)) {
+      if (wanted == Levels::kStored)
+        return refused(name + ": a JPEG holds no labels, its levels are not exact");
+      return read_jpeg(bytes, name);
+    }
     if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name, wanted);
-    if (starts("BM"sv)) return read_bmp(file, bytes, name);
+    if (starts("BM"sv)) return read_bmp(file, bytes, name, wanted);
     return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
   } catch (const cv::Exception& e) {
     return refused(name + ": " + e.err);

@@ -2,6 +2,7 @@
 // The three readers against what the sample's writers put in, and against broken input.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -37,8 +38,8 @@ class Readers : public testing::Test {
   }
   static void TearDownTestSuite() { fs::remove_all(folder_); }
 
-  static void expect_error(const Result<std::unique_ptr<SliceStack>>& result, ExitCode code,
-                           const std::string& text) {
+  template <class T>
+  static void expect_error(const Result<T>& result, ExitCode code, const std::string& text) {
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().code, code) << result.error().message;
     EXPECT_NE(result.error().message.find(text), std::string::npos) << result.error().message;
@@ -207,6 +208,43 @@ TEST_F(Readers, LabelsOf16BitsAreReadAsTheyAre) {
     options.as_labels = false;
     EXPECT_FLOAT_EQ((*open_stack({file}, options))->read(0)->values[3], 1.0F) << name;
   }
+}
+
+// The palette's indices stand in the BMP as bytes, from the lowest row on, rows of whole words.
+TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadAsTheyAre) {
+  const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";
+  const auto bmp = *read_file(corpus / "palette.bmp");
+  constexpr int kWidth = 19, kHeight = 14, kRow = 20, kPixels = 1078;
+  ASSERT_EQ(bmp.size(), kPixels + kRow * kHeight);
+  std::vector<float> indices, bits;
+  for (int y = kHeight - 1; y >= 0; --y)
+    for (int x = 0; x < kWidth; ++x)
+      indices.push_back(bmp[static_cast<std::size_t>(kPixels + y * kRow + x)]);
+  const cv::Mat black_or_white = cv::imread((corpus / "bits.png").string(), cv::IMREAD_GRAYSCALE);
+  ASSERT_EQ(black_or_white.total(), indices.size());
+  for (int i = 0; i < kWidth * kHeight; ++i)
+    bits.push_back(black_or_white.at<std::uint8_t>(i / kWidth, i % kWidth) > 0 ? 1.0F : 0.0F);
+  ASSERT_EQ(*std::max_element(bits.begin(), bits.end()), 1);
+  ASSERT_GT(*std::max_element(indices.begin(), indices.end()), 2);
+  const auto as_labels = [&](const fs::path& file) {
+    return read_image_file(file, Levels::kStored);
+  };
+  for (const char* kind :
+       {".png", "_raw.tif", "_packbits.tif", "_tiff_lzw.tif", "_tiff_deflate.tif"}) {
+    for (const auto& [name, want] : {std::pair{"palette", &indices}, {"bits", &bits}}) {
+      const auto got = as_labels(corpus / (std::string(name) + kind));
+      ASSERT_TRUE(got) << got.error().message;
+      EXPECT_EQ(got->values, *want) << name << kind;
+    }
+    EXPECT_EQ(as_labels(corpus / (std::string("grey") + kind))->values,
+              read_image_file(corpus / (std::string("grey") + kind))->values);
+    for (const char* name : {"colour", "alpha"})
+      expect_error(as_labels(corpus / (std::string(name) + kind)), ExitCode::kRefused, "colours");
+  }
+  EXPECT_EQ(as_labels(corpus / "palette_interlaced.png")->values, indices);
+  expect_error(as_labels(corpus / "palette.bmp"), ExitCode::kRefused, "colours");
+  expect_error(as_labels(corpus / "grey.jpg"), ExitCode::kRefused, "JPEG");
+  EXPECT_EQ(as_labels(corpus / "grey.bmp")->values, read_image_file(corpus / "grey.bmp")->values);
 }
 
 TEST_F(Readers, ATiffOfSeveralPagesIsRefused) {

@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import zlib
 
 import nibabel
 import numpy as np
@@ -52,6 +53,20 @@ def write_nifti(folder):
     nibabel.save(nibabel.Nifti1Image(volume.astype("i2"), None), folder / "no_orientation.nii")
 
 
+def write_interlaced(image, file):
+    """A palette's image of 4 bits in the seven passes of Adam7, which Pillow cannot write."""
+    indices, palette = np.asarray(image), bytes(image.getpalette()[:48])
+    rows = b""
+    for x0, y0, dx, dy in ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)):
+        for row in indices[y0::dy, x0::dx]:
+            even = np.append(row, [0] * (len(row) % 2)).astype("u1")
+            rows += b"\0" + bytes(even[0::2] << 4 | even[1::2])
+    head = struct.pack(">IIBBBBB", indices.shape[1], indices.shape[0], 4, 3, 0, 0, 1)
+    chunks = ((b"IHDR", head), (b"PLTE", palette), (b"IDAT", zlib.compress(rows, 9)), (b"IEND", b""))
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks))
+
+
 def write_images(folder):
     y, x = np.mgrid[0:14, 0:19]
     grey = ((np.sin(x / 3) * np.cos(y / 4) + 1) * 127).astype("u1")
@@ -66,6 +81,7 @@ def write_images(folder):
                 image.save(folder / f"{name}_{compression}.tif", compression=compression)
         if name not in ("deep", "grey_alpha"):
             image.save(folder / f"{name}.bmp")
+    write_interlaced(images["palette"], folder / "palette_interlaced.png")
     for name in ("grey", "colour"):
         images[name].save(folder / f"{name}.jpg")
         images[name].save(folder / f"{name}_progressive.jpg", progressive=True)
