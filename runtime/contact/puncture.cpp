@@ -152,15 +152,18 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     track.has_last = true;
     const SheetResponse answer =
         respond(model, sheet, static_cast<std::int32_t>(i), place, response, begins, track);
+    const double damping_N_s_per_m = place.overlap.fraction * sheet.tissue.damping_N_s_per_m;
     const double force_N = std::max(
-        0.0, answer.stiffness_N_per_m * penetration_m +
-                 place.overlap.fraction * sheet.tissue.damping_N_s_per_m * track.rate_m_per_s);
+        0.0, answer.stiffness_N_per_m * penetration_m + damping_N_s_per_m * track.rate_m_per_s);
     borne = true;
     output.active_sheet = static_cast<std::int32_t>(i);
     output.penetration_m = penetration_m;
     if (force_N <= sheet.tissue.threshold_N) {
       output.phase = ContactPhase::kContact;
       output.force_N = force_N;
+      output.stiffness_N_per_m = answer.stiffness_N_per_m;
+      output.damping_N_s_per_m = damping_N_s_per_m;
+      output.rate_m_per_s = track.rate_m_per_s;
       Eigen::Vector3d point_m = place.shaft.at_m;
       point_m.head<2>() += Eigen::Vector2d(answer.offset_m.data());
       output.wrench_device += wrench_at({0, 0, force_N}, point_m, T_device_plate);

@@ -97,7 +97,10 @@ struct ContactOutput {
   double force_N = 0;  ///< of the sheet in contact, along +z of {B}
   /// Of that and of the shaft in its holes, on the plate, about its origin, in {B}.
   Wrench wrench_device = Wrench::Zero();
-  double penetration_m = 0;        ///< of the active sheet, while in contact or giving way
+  double penetration_m = 0;  ///< of the active sheet, while in contact or giving way
+  /// Of law 2, of the sheet in contact; else 0. What damps is also where there is no force.
+  double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
+  double rate_m_per_s = 0;         ///< dx'
   std::int32_t active_sheet = -1;  ///< in contact or giving way; else the lowest one above the tip
   ContactPhase phase = ContactPhase::kFree;
   bool gave_way = false;      ///< law 3 happened: `cut` is to be sent to the remesher

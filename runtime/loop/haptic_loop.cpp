@@ -141,28 +141,6 @@ void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
   std::copy(wrench.data(), wrench.data() + 6, out.begin());
 }
 
-/// The stiffness with which the sheet that bears the tool answers, its damping left aside.
-double elastic_stiffness(const LoopModel& model, const TickInputs& inputs,
-                         const ContactOutput& contact, LoopState& state) noexcept {
-  ElasticState& last = state.elastic;
-  if (contact.phase != ContactPhase::kContact || !(contact.penetration_m > 0)) {
-    last = {};
-    return 0;
-  }
-  const Tissue& tissue = inputs.sheets[contact.active_sheet]->tissue;
-  const SheetTrack& track = state.contact.tracks[contact.active_sheet];
-  if (last.sheet != contact.active_sheet) last = {contact.active_sheet, 0};
-  // By `hooke` the overlap scales spring and damper alike.
-  const double depth_m = contact.penetration_m +
-                         tissue.damping_N_s_per_m / tissue.stiffness_N_per_m * track.rate_m_per_s;
-  if (model.contact.law == ForceLawKind::kNetwork) {
-    last.stiffness_N_per_m = track.blended.stiffness_N_per_m;
-  } else if (contact.force_N > 0 && depth_m > 0) {
-    last.stiffness_N_per_m = contact.force_N / depth_m;
-  }
-  return last.stiffness_N_per_m;
-}
-
 bool is_finite(const SheetResponse& response) noexcept {
   return std::isfinite(response.stiffness_N_per_m) && std::isfinite(response.offset_m[0]) &&
          std::isfinite(response.offset_m[1]);
@@ -188,11 +166,11 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
 
   PassivityInput input;
   input.wrench_device = contact.wrench_device;
-  const double stiffness_N_per_m = elastic_stiffness(model, inputs, contact, state);
-  input.stored_J = 0.5 * stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
+  input.stored_J = 0.5 * contact.stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
   if (couples) {
-    input.wrench_device =
-        felt_wrench(model.coupling, contact.wrench_device, stiffness_N_per_m, state.coupling);
+    const ProxyEnvironment environment{contact.wrench_device, contact.stiffness_N_per_m,
+                                       contact.damping_N_s_per_m, contact.rate_m_per_s};
+    input.wrench_device = felt_wrench(model.coupling, environment, state.coupling);
     input.stored_J +=
         0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }
@@ -287,7 +265,6 @@ void forget_contact(LoopState& state) noexcept {
   state.passivity = {};
   state.passivity.given_max_J = given_max_J;
   state.coupling = {};
-  state.elastic = {};
   forget_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
   state.beside_Nm.setZero();

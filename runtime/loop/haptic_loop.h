@@ -36,12 +36,6 @@ struct LoopModel {
   double rate_Hz = 1000;
 };
 
-/// The sheet in contact, its damping left aside.
-struct ElasticState {
-  std::int32_t sheet = -1;
-  double stiffness_N_per_m = 0;
-};
-
 /// The haptic thread's memory between ticks.
 struct LoopState {
   std::uint64_t tick = 0;  ///< ticks done
@@ -60,7 +54,6 @@ struct LoopState {
   LimitState limits;
   PassivityState passivity;
   CouplingState coupling;
-  ElasticState elastic;
   int no_data_ticks = 0;
   bool has_state = false;  ///< `device` has been read
 };

@@ -39,18 +39,19 @@ json time_or_null(double t_s) {
 
 json describe_faults(const SessionReport& report) {
   json list = json::array();
-  for (std::size_t i = 0; i < report.faults.size(); ++i) {
-    const FaultEvent& event = report.faults[i];
+  for (const FaultEvent& event : report.faults) {
     json fault = {{"fault", to_word(event.fault)},
                   {"t_s", event.t_s},
                   {"torques_zero_t_s", time_or_null(event.rest_t_s)},
                   {"recovered_t_s", time_or_null(event.recovered_t_s)},
                   {"black_box", nullptr}};
-    if (i < report.black_boxes.size()) {
-      const BlackBoxFile& box = report.black_boxes[i];
-      fault["black_box"] = box.file.string();
-      fault["black_box_rows"] = box.rows;
-      if (box.error) fault["black_box_error"] = box.error->message;
+    const auto box =  // one may be lost
+        std::find_if(report.black_boxes.begin(), report.black_boxes.end(),
+                     [&event](const BlackBoxFile& b) { return b.t_s == event.t_s; });
+    if (box != report.black_boxes.end()) {
+      fault["black_box"] = box->file.string();
+      fault["black_box_rows"] = box->rows;
+      if (box->error) fault["black_box_error"] = box->error->message;
     }
     list.push_back(std::move(fault));
   }

@@ -5,11 +5,13 @@
 // are what the hand feels. However stiff a sheet, the device renders at most the spring.
 //
 // The proxy has no mass and the plate's orientation; it moves each tick to where coupling and
-// environment balance, the environment taken as linear from where the proxy last was.
+// environment balance, the environment taken as a spring and a damper from where the proxy last
+// was.
 //
 // Laws (tests/virtual_coupling_test.cpp):
 //  1. Where nothing acts on the proxy it is the tool, and no force is felt.
-//  2. At rest in a sheet of stiffness k the force felt is that of k and the coupling in series.
+//  2. At rest in a sheet of stiffness k the force felt is that of k and the coupling in series; a
+//     damper in the sheet adds its own share in motion, and nothing else.
 //  3. A release of the environment is a release of the coupling, in the same tick.
 #pragma once
 
@@ -23,15 +25,21 @@ struct CouplingOptions {
   double damping_N_s_per_m = 5;
 };
 
+/// What the proxy meets: along the force, stiffness times depth and damping times rate.
+struct ProxyEnvironment {
+  Wrench wrench_device = Wrench::Zero();
+  double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
+  double rate_m_per_s = 0;  ///< of the depth
+};
+
 /// Between ticks.
 struct CouplingState {
   bool has_last = false;
   Eigen::Vector3d device_m = Eigen::Vector3d::Zero();  ///< the plate's origin, last tick
   Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();  ///< proxy less device
   Eigen::Vector3d last_offset_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d force_N = Eigen::Vector3d::Zero();  ///< of the environment on the proxy
-  double stiffness_N_per_m = 0;                       ///< of the environment, along that force
-  double damper_N_per_m = 0;                          ///< damping over the last move's time
+  ProxyEnvironment environment;
+  double damper_N_per_m = 0;  ///< damping over the last move's time
 };
 
 /// The proxy in the place of the plate at a tick's start. `moved_over_s`: as in update_contact;
@@ -39,9 +47,8 @@ struct CouplingState {
 Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept;
 
-/// The wrench on the plate, given that of the environment on the proxy and the stiffness with
-/// which it answers. The moment is the environment's.
-Wrench felt_wrench(const CouplingOptions& options, const Wrench& environment,
-                   double stiffness_N_per_m, CouplingState& state) noexcept;
+/// The wrench on the plate, given what the proxy meets. The moment is the environment's.
+Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
+                   CouplingState& state) noexcept;
 
 }  // namespace trocar::runtime

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What moved between two reports."""
+import re
 
 NOISE_OF_TIMES = 0.10  # relative; times that moved less are not shown
+NOISE_OF_HEAP = 0.005  # of bytes on the heap, which know the lengths of paths
 NOISE_OF_REST = 1e-6
+OF = " of "
 
 
 def figures(value, path=()):
-    """Every number by its path; rows of lists go by their id."""
+    """Every number by its path; rows of lists go by their id, plain lists also by their length: a grid is held against its like."""
     if isinstance(value, dict):
         for key, part in value.items():
             yield from figures(part, (*path, key))
     elif isinstance(value, list):
         for k, part in enumerate(value):
-            yield from figures(part, (*path, str(part.get("id", k)) if isinstance(part, dict) else str(k)))
+            yield from figures(part, (*path, str(part.get("id", k)) if isinstance(part, dict) else f"{k}{OF}{len(value)}"))
     elif isinstance(value, (int, float)):
         yield "/".join(path), float(value)
 
@@ -22,6 +25,21 @@ def is_time(path):
     return not {"ms", "us", "s", "ratio", "Hz"}.isdisjoint(path.rsplit("/", 1)[-1].split("_"))
 
 
+def only(paths):
+    """Lists as one: a grid of other points is one figure that is gone, and one that is new."""
+    return sorted({re.sub(rf"/\d+{OF}\d+.*", " (a list)", path) for path in paths})
+
+
+def noise(path):
+    """The least relative change that is shown; None: how often was measured, which says nothing."""
+    words = set(path.rsplit("/", 1)[-1].split("_"))
+    if "samples" in words:
+        return None
+    if is_time(path):
+        return NOISE_OF_TIMES
+    return NOISE_OF_REST if {"peak", "kept"}.isdisjoint(words) else NOISE_OF_HEAP
+
+
 def moved(old, new):
     """(rows, paths only in old, paths only in new); a row: path, old, new, new / old. Largest ratio first."""
     before, after = dict(figures(old["sections"])), dict(figures(new["sections"]))
@@ -29,11 +47,12 @@ def moved(old, new):
     for path in before.keys() & after.keys():
         a, b = before[path], after[path]
         change = abs(b - a) / max(abs(a), abs(b), 1e-300)
-        if change > (NOISE_OF_TIMES if is_time(path) else NOISE_OF_REST):
+        least = noise(path)
+        if least is not None and change > least:
             rows.append((change, path, a, b))
     rows.sort(key=lambda row: (-row[0], row[1]))
     return ([(path, a, b, b / a if a else None) for _, path, a, b in rows],
-            sorted(before.keys() - after.keys()), sorted(after.keys() - before.keys()))
+            only(before.keys() - after.keys()), only(after.keys() - before.keys()))
 
 
 def show(name, old, new, page):
