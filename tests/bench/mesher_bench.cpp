@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// mesher_bench [--list] SCAN... [Google Benchmark's options]: our triangulation and refinement
-// against CGAL's on the same outlines, in the same run, on one thread. Ends with a table of ratios;
-// --list names every triangle below 30 degrees and the input angle that it sits at. Fails if one
-// sits at none below 60 degrees, or if an edge has negative stiffness.
+// mesher_bench [--list] [--out=ROWS.json] [NAME=]SCAN... [Google Benchmark's options]: our
+// triangulation and refinement against CGAL's on the same outlines, in the same run, on one thread.
+// Ends with a table of ratios, also as JSON for scripts/report; --list names every triangle below
+// 30 degrees and the input angle that it sits at. Fails if one sits at none below 60 degrees, or if
+// an edge has negative stiffness.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 #include <string>
@@ -157,6 +160,62 @@ Counts count_ours(const Case& c, bool list) {
   return out;
 }
 
+struct Row {
+  double ours_ms = 0, cgal_ms = 0;
+  Counts ours;
+  CgalCounts cgal;
+
+  double speedup() const { return cgal_ms / ours_ms; }
+  double share() const {
+    return static_cast<double>(ours.triangles) / static_cast<double>(cgal.triangles);
+  }
+  bool is_sound() const {
+    return ours.below == ours.at_small_angle && ours.is_refined && ours.negative_edges == 0;
+  }
+};
+
+Row measure(const Case& c, const Medians& medians, bool list) {
+  Row row{medians.ms("ours/" + c.name()), medians.ms("cgal/" + c.name()), count_ours(c, list), {}};
+  for (const auto& input : c.outlines->for_cgal) {
+    const CgalCounts one = cgal_mesh(input, kMinAngle_deg, c.area_steps2(), true);
+    row.cgal.triangles += one.triangles;
+    row.cgal.below_angle += one.below_angle;
+  }
+  return row;
+}
+
+nlohmann::json describe(const Case& c, const Row& row) {
+  return {{"id", c.name()},
+          {"min_angle_deg", kMinAngle_deg},
+          {"slices", c.outlines->simple.size()},
+          {"triangles", row.ours.triangles},
+          {"triangles_below_min_angle", row.ours.below},
+          {"triangles_below_min_angle_at_small_input_angle", row.ours.at_small_angle},
+          {"refine_ms", row.ours_ms},
+          {"cgal_triangles", row.cgal.triangles},
+          {"cgal_triangles_below_min_angle", row.cgal.below_angle},
+          {"cgal_refine_ms", row.cgal_ms},
+          {"cgal_over_ours_ratio", row.speedup()},
+          {"triangles_over_cgal", row.share()}};
+}
+
+nlohmann::json describe(const Outlines& o, const Medians& medians) {
+  std::size_t vertices = 0;
+  for (const auto& pslg : o.simple) {
+    for (const auto& ring : pslg.rings)
+      vertices += ring.size();
+  }
+  const double ours_ms = medians.ms("cdt_ours/" + o.name),
+               cgal_ms = medians.ms("cdt_cgal/" + o.name);
+  return {{"id", o.name},
+          {"slices", o.full.size()},
+          {"vertices", vertices},
+          {"simplify_ms", medians.ms("simplify/" + o.name)},
+          {"triangulate_ms", ours_ms},
+          {"cgal_triangulate_ms", cgal_ms},
+          {"cgal_over_ours_ratio", cgal_ms / ours_ms}};
+}
+
 }  // namespace
 }  // namespace trocar::bench
 
@@ -165,17 +224,27 @@ int main(int argc, char** argv) {
   benchmark::Initialize(&argc, argv);
   std::vector<std::unique_ptr<Outlines>> outlines;
   bool list = false;
+  std::string out;
   for (int i = 1; i < argc; ++i) {
-    if (std::string_view(argv[i]) == "--list") {
+    const std::string word = argv[i];
+    if (word == "--list") {
       list = true;
       continue;
     }
-    const auto stack = open_stack({argv[i]}, {});
+    if (word.starts_with("--out=")) {
+      out = word.substr(6);
+      continue;
+    }
+    const std::size_t equals = word.find('=');
+    const std::string file = equals == std::string::npos ? word : word.substr(equals + 1);
+    const auto stack = open_stack({file}, {});
     if (!stack) {
       std::fprintf(stderr, "mesher_bench: %s\n", stack.error().message.c_str());
       return 3;
     }
-    const std::string scan = std::filesystem::path(argv[i]).filename().string().substr(0, 4);
+    const std::string scan = equals == std::string::npos
+                                 ? std::filesystem::path(file).filename().string().substr(0, 4)
+                                 : word.substr(0, equals);
     const double pixel = (*stack)->plane(0).spacing_u_mm;
     outlines.push_back(outlines_of(scan + "/x1/0.25mm", **stack, 1, 0.25));
     outlines.push_back(outlines_of(scan + "/x4/0.25mm", **stack, 4, 0.25));
@@ -231,36 +300,29 @@ int main(int argc, char** argv) {
               "CGAL ms", "ratio", "ours tri", "CGAL tri", "share",
               "ours < 30 deg (at input < 60), CGAL < 30 deg; ours of negative stiffness");
   bool sound = true;
+  nlohmann::json rows = nlohmann::json::array(), sets = nlohmann::json::array();
   for (const Case& c : cases) {
-    const double ours = medians.ms("ours/" + c.name()), cgal = medians.ms("cgal/" + c.name());
-    if (std::isnan(ours) && !list) continue;
-    const Counts counts = count_ours(c, list);
-    sound = sound && counts.below == counts.at_small_angle && counts.is_refined &&
-            counts.negative_edges == 0;
-    CgalCounts theirs;
-    for (const auto& input : c.outlines->for_cgal) {
-      const CgalCounts one = cgal_mesh(input, kMinAngle_deg, c.area_steps2(), true);
-      theirs.triangles += one.triangles;
-      theirs.below_angle += one.below_angle;
-    }
+    if (std::isnan(medians.ms("ours/" + c.name())) && !list) continue;
+    const Row row = measure(c, medians, list);
+    sound = sound && row.is_sound();
+    rows.push_back(describe(c, row));
     std::printf("%-26s %8.1f %8.1f %6.2f | %8zu %8zu %6.3f | %zu (%zu), %zu; %zu%s\n",
-                c.name().c_str(), ours, cgal, cgal / ours, counts.triangles, theirs.triangles,
-                static_cast<double>(counts.triangles) / static_cast<double>(theirs.triangles),
-                counts.below, counts.at_small_angle, theirs.below_angle, counts.negative_edges,
-                counts.is_refined ? "" : " NOT FULLY REFINED");
+                c.name().c_str(), row.ours_ms, row.cgal_ms, row.speedup(), row.ours.triangles,
+                row.cgal.triangles, row.share(), row.ours.below, row.ours.at_small_angle,
+                row.cgal.below_angle, row.ours.negative_edges,
+                row.ours.is_refined ? "" : " NOT FULLY REFINED");
   }
   for (const auto& o : outlines) {
-    std::size_t vertices = 0;
-    for (const auto& pslg : o->simple) {
-      for (const auto& ring : pslg.rings)
-        vertices += ring.size();
-    }
+    const nlohmann::json set = describe(*o, medians);
+    sets.push_back(set);
     std::printf(
         "%-16s %zu slices, %zu vertices: simplify %.3f ms a slice; CDT ours %.1f ms, CGAL %.1f "
         "ms\n",
-        o->name.c_str(), o->full.size(), vertices,
-        medians.ms("simplify/" + o->name) / static_cast<double>(o->full.size()),
-        medians.ms("cdt_ours/" + o->name), medians.ms("cdt_cgal/" + o->name));
+        o->name.c_str(), o->full.size(), set["vertices"].get<std::size_t>(),
+        set["simplify_ms"].get<double>() / static_cast<double>(o->full.size()),
+        set["triangulate_ms"].get<double>(), set["cgal_triangulate_ms"].get<double>());
   }
+  if (!out.empty())
+    std::ofstream(out) << nlohmann::json{{"rows", rows}, {"outlines", sets}}.dump(1) << '\n';
   return sound ? 0 : 1;
 }

@@ -52,13 +52,21 @@ def check_sections():
     import main as report_main
     sections = sorted((importlib.import_module(f"sections.{name}") for name in report_main.SECTION_NAMES), key=lambda s: s.ORDER)
     names = [section.__name__.split(".")[1] for section in sections]
-    assert names == ["pipeline", "deformation", "remeshing", "device", "loop", "scenes", "conditioning"], names
+    assert names == ["pipeline", "meshing", "deformation", "remeshing", "device", "loop", "scenes", "conditioning"], names
     script = (SOURCE / "scripts" / "report").read_text()
     for section in sections:
         for program in re.findall(r'context\.programs / "([\w-]+)"', pathlib.Path(section.__file__).read_text()):
             assert program in script, program
-    # The section that no test of its own program shows.
+    # The sections that no test of their own programs shows.
+    import meshing
     import remeshing
+    counts = {"triangles_below_min_angle": 0, "triangles_below_min_angle_at_small_input_angle": 0, "cgal_triangles_below_min_angle": 0}
+    data = {"rows": [{"id": f"L3/{k}", "slices": 3, "min_angle_deg": 30, "triangles": 60, "cgal_triangles": 120, "triangles_over_cgal": 0.5,
+                      "refine_ms": 1.0, "cgal_refine_ms": k, "cgal_over_ours_ratio": k, **counts} for k in (4, 5, 6)],
+            "outlines": [{"id": "L3", "slices": 3, "vertices": 9, "simplify_ms": 1, "triangulate_ms": 1, "cgal_triangulate_ms": 3, "cgal_over_ours_ratio": 3}]}
+    page = html.Page("t")
+    meshing.show(data, page)
+    assert "<svg" in page.text() and "4.0 to 6.0 times as long (median 5.0)" in page.text() and meshing.readme(data)[0].endswith("0.50 of its triangles (median 0.50).")
     what = [remeshing.CUT, remeshing.READY, "replica, after the hand-over", remeshing.CAVITY, remeshing.SLICE]
     data = {"sheets": [{"triangles_removed_median": 30}],
             "rows": [{"vertices": n, "what": w, "samples": 9, "median_us": 2.0 + k, "p99_us": 5.0, "max_us": 9.0, "to_cut_ratio": 1.0 + k}

@@ -92,7 +92,7 @@ def show_allocation(data, page):
         f"the largest residual {max(row['residual_max'] for row in rows):.0e}. Clipping bends forces by up to {hardest['clipping_direction_error_max_deg']:.0f} deg, by more than "
         f"{hardest['clipping_direction_error_p95_deg']:.0f} deg in one case of twenty at {hardest['force_N']:.0f} N. The reserve of {data['torque_reserve_percent']:g} % that bounds how fast torques move "
         f"costs at most {worst['feasible_percent'] - worst['exact_percent']:.1f} % of the wrenches their last {data['torque_reserve_percent']:g} % (at {worst['force_N']:.0f} N). "
-        f"One call takes {times['all']['median_us']:.2f} us in the median and at most {times['all']['max_us']:.2f} us.", verdict=True)
+        f"In time: {allocation_time(times)}.", verdict=True)
     page.plot(plots.allocation(rows), "Eight motors of 6 N m. Left: shares. Right: the angle between delivered and wanted force.")
     page.table(("force", "exact %", "feasible %", "minimum norm fits %", "mean scale", "residual", "largest torque, of limit", "direction error deg", "clipping: median deg", "95 % deg", "largest deg"),
                [(row["id"], row["exact_percent"], row["feasible_percent"], row["minimum_norm_fits_percent"], row["mean_scale"], row["residual_max"], row["largest_torque_of_limit"],
@@ -111,6 +111,12 @@ def show_kinematics(data, page):
                 for row in data["kinematics"]])
 
 
+def allocation_time(times):
+    work, first = times["all"], times["all, first call with interruptions"]
+    return (f"one allocation takes {work['median_us']:.2f} us in the median and {work['max_us']:.2f} us for the hardest wrench; "
+            f"whatever else the machine does included, 99.9 % take at most {first['p999_us']:.2f} us and the longest took {first['max_us']:.0f} us")
+
+
 def show(data, page):
     show_rings(data, page)
     show_kinematics(data, page)
@@ -121,7 +127,7 @@ def readme(data):
     four, three = (stated(ring) for ring in data["rings"])
     least_four, least_three = (least_stated(ring) for ring in data["rings"])
     sixty = next(row for row in data["allocation"] if row["force_N"] == 60)
-    times = next(row for row in data["times"] if row["id"] == "all")
+    times = {row["id"]: row for row in data["times"]}
     return [f"Device, stated workspace: least inverse condition {least_four:.3f} and {four['torque_for_35N_max_Nm']:.1f} N m a joint for 35 N in any direction with four legs; "
             f"{least_three:.3f} and {three['torque_for_35N_max_Nm']:.1f} N m with three. At 60 N the null space raises exactly delivered wrenches from "
-            f"{sixty['minimum_norm_fits_percent']:.0f} % to {sixty['exact_percent']:.0f} %; one allocation takes {times['median_us']:.2f} us (median), {times['max_us']:.2f} us at most."]
+            f"{sixty['minimum_norm_fits_percent']:.0f} % to {sixty['exact_percent']:.0f} %; {allocation_time(times)}."]
