@@ -117,6 +117,17 @@ Result<void> check_writable(const std::filesystem::path& file) {
   return {};
 }
 
+namespace {
+
+/// Where it is or would be: of a file that is not there, weakly_canonical leaves a relative name as
+/// it was spelt.
+std::filesystem::path place_of(const std::filesystem::path& file) {
+  std::error_code ignored;
+  return std::filesystem::weakly_canonical(std::filesystem::absolute(file, ignored), ignored);
+}
+
+}  // namespace
+
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs) {
   std::error_code ignored;
@@ -130,8 +141,7 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
     }
     for (const OutputFile& other : outputs) {
       if (&other != &output && !other.file.empty() &&
-          std::filesystem::weakly_canonical(other.file, ignored) ==
-              std::filesystem::weakly_canonical(output.file, ignored)) {
+          place_of(other.file) == place_of(output.file)) {
         return usage(said + ": is also the file of " + other.option);
       }
     }

@@ -31,4 +31,15 @@ std::string unexpected_word(const App& app) {
          app.get_name() + " --help)";
 }
 
+/// The first option that was given with an empty value, or nothing. `App`: as above.
+template <typename App>
+std::string empty_option(const App& app) {
+  for (const auto* option : app.get_options()) {
+    for (const std::string& value : option->results()) {
+      if (value.empty()) return option->get_name();
+    }
+  }
+  return {};
+}
+
 }  // namespace trocar

@@ -16,6 +16,7 @@
 #include "formats/file_io.h"
 #include "formats/json_text.h"
 #include "formats/nearest_name.h"
+#include "formats/standard_output.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 
@@ -377,7 +378,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
-    return run(argc, argv);
+    return trocar::after_printing("trocar-mesh", run(argc, argv));
   } catch (const std::bad_alloc&) {
     return fail(refused("not enough memory for this input"));
   } catch (const std::exception& e) {

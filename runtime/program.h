@@ -13,6 +13,7 @@
 
 #include "formats/nearest_name.h"
 #include "formats/result.h"
+#include "formats/standard_output.h"
 
 namespace trocar::runtime {
 
@@ -20,15 +21,12 @@ namespace trocar::runtime {
 inline std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);  // it is set in a signal handler
 
-/// From now on they ask for an end instead of making one, and a closed pipe, or a file beyond the
-/// size that the user allows, is an error of write().
+/// From now on they ask for an end instead of making one.
 inline void stop_on_signals() {
   struct sigaction action {};
   action.sa_handler = [](int) { stop_requested.store(true); };
   for (const int signal : {SIGINT, SIGTERM, SIGHUP})
     ::sigaction(signal, &action, nullptr);
-  std::signal(SIGPIPE, SIG_IGN);
-  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 /// Says so, and gives the exit code.
@@ -38,7 +36,8 @@ inline int fail(const char* program, const Error& error) {
 }
 
 /// Reads the words into what was declared to `app`. Gives the exit code if that is all there is to
-/// do: help, `version`, or a word that cannot be taken.
+/// do: help, `version`, or a word that cannot be taken. An empty value, as an unset variable of a
+/// shell leaves it, is none.
 inline std::optional<int> parse_words(CLI::App& app, int count, char** words,
                                       const std::string& version) {
   const std::string name = app.get_name();
@@ -55,14 +54,20 @@ inline std::optional<int> parse_words(CLI::App& app, int count, char** words,
   } catch (const CLI::ParseError& error) {
     return fail(name.c_str(), usage(std::string(error.what()) + "; see " + name + " --help"));
   }
+  if (const std::string given = empty_option(app); !given.empty()) {
+    return fail(name.c_str(), usage(given + ": is given nothing"));
+  }
   return std::nullopt;
 }
 
-/// main(): what gets past `program_main` is a bug of ours.
+/// main(): what gets past `program_main` is a bug of ours. A closed pipe, or a file beyond the size
+/// that the user allows, is an error of write() and no signal.
 template <typename Main>
 int run_program(const char* name, int count, char** words, const Main& program_main) {
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
   try {
-    return program_main(count, words);
+    return after_printing(name, program_main(count, words));
   } catch (const std::exception& failure) {
     std::fprintf(stderr, "%s: unexpected: %s\n", name, failure.what());
     return static_cast<int>(ExitCode::kBug);

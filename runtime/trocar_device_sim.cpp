@@ -47,6 +47,11 @@ std::string version() {
          std::to_string(NLOHMANN_JSON_VERSION_PATCH) + ", CLI11 " CLI11_VERSION ", libsodium)";
 }
 
+// An unsigned number would take "-1" for the largest there is.
+std::string not_negative(const std::string& word) {
+  return word.starts_with('-') ? word + " is less than 0" : "";
+}
+
 void declare(CLI::App& app, Arguments& a) {
   app.add_option("SCENE", a.scene, "whose hand holds the tool (JSON); without it nobody does");
   app.add_option("--listen", a.listen,
@@ -66,8 +71,9 @@ void declare(CLI::App& app, Arguments& a) {
                  "KIND[:VALUE[:VALUE]][@FROM[..TO]], ... in s of the session: loss:P delay:P:MS\n"
                  "duplicate:P reorder:P flip:P (command-loss:P, state-loss:P: one way only)\n"
                  "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
-  app.add_option("--seed", a.seed, "of faults and noise (1)");
-  app.add_option("--sessions", a.sessions, "end after so many; 0: run until stopped (0)");
+  app.add_option("--seed", a.seed, "of faults and noise (1)")->check(not_negative);
+  app.add_option("--sessions", a.sessions, "end after so many; 0: run until stopped (0)")
+      ->check(not_negative);
   app.add_option("--device-description", a.description,
                  "a device description (JSON) in the place of the scene's");
   app.add_option("--record", a.record,

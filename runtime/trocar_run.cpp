@@ -215,9 +215,6 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
   }
   if (!options.replay.empty() && report.replay_first_difference < 0) {
     std::printf("replay: all torques identical to the recording's\n");
-  } else if (!options.replay.empty()) {
-    std::printf("replay: differs from the recording from row %lld on\n",
-                static_cast<long long>(report.replay_first_difference) + 1);
   }
 }
 
@@ -414,6 +411,10 @@ std::optional<Error> failed_hole(const SessionReport& report, const Remesher& re
 /// first, since whoever drives the device must know of it.
 int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
   if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
+  if (report.replay_first_difference >= 0) {  // not wrong: the scene may be another one
+    std::fprintf(stderr, "trocar-run: the torques differ from the recording's from row %lld on\n",
+                 static_cast<long long>(report.replay_first_difference) + 1);
+  }
   const bool black_boxes_written = print_faults(report);
   int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
   for (const Error& error : errors) {

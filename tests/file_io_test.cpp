@@ -22,6 +22,22 @@ class FileIo : public testing::Test {
   fs::path folder_ = temporary_.path();
 };
 
+TEST_F(FileIo, TwoOutputsAreNotOneFileHoweverSpelt) {
+  const fs::path before = fs::current_path();
+  fs::current_path(folder_);
+  fs::create_directory("sub");
+  for (const char* other : {"new.glb", "./new.glb", "sub/../new.glb", "sub/.././new.glb"}) {
+    const OutputFile outputs[] = {{"-o", "new.glb"}, {"--report", other}};
+    const auto checked = check_outputs(outputs, {});
+    EXPECT_FALSE(checked) << other;
+  }
+  const OutputFile absolute[] = {{"-o", "new.glb"}, {"--report", folder_ / "new.glb"}};
+  EXPECT_FALSE(check_outputs(absolute, {}));
+  const OutputFile apart[] = {{"-o", "new.glb"}, {"--report", "sub/new.glb"}, {"--log", ""}};
+  EXPECT_TRUE(check_outputs(apart, {}));
+  fs::current_path(before);
+}
+
 TEST_F(FileIo, WritesAndReadsBack) {
   std::string text = "one two\n";
   text[3] = 0;

@@ -219,7 +219,8 @@ TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadAsTheyAre) {
   std::vector<float> indices, bits;
   for (int y = kHeight - 1; y >= 0; --y)
     for (int x = 0; x < kWidth; ++x)
-      indices.push_back(bmp[static_cast<std::size_t>(kPixels + y * kRow + x)]);
+      indices.push_back(
+          bmp[kPixels + kRow * static_cast<std::size_t>(y) + static_cast<std::size_t>(x)]);
   const cv::Mat black_or_white = cv::imread((corpus / "bits.png").string(), cv::IMREAD_GRAYSCALE);
   ASSERT_EQ(black_or_white.total(), indices.size());
   for (int i = 0; i < kWidth * kHeight; ++i)

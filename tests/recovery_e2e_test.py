@@ -118,6 +118,21 @@ def main():
         faults = json.loads((full / "s.json").read_text())["faults"]
         check([fault["fault"] for fault in faults] == ["joint_limit"] * (code == 5), f"a full disk: {faults}")
 
+    # What is printed is an output too, but for a reader that has gone; a replay that differs says so.
+    with open("/dev/full", "w") as nowhere:
+        printed = subprocess.run([trocar_run, scene, "--check"], stdout=nowhere, stderr=subprocess.PIPE, text=True, check=False)
+    check(printed.returncode == 4 and "could not all be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}")
+    process = subprocess.Popen([trocar_run, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process.stdout.close()
+    check(process.wait() == 0, f"a reader that has gone: {process.returncode}, {process.stderr.read()!r}")
+    weaker = work / "weaker.json"
+    weaker.write_text(json.dumps({**scene_of(source, asset), "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
+    replayed = run(trocar_run, weaker, "--replay", auto / "r.csv", "--recover", "auto", "--quiet")
+    check("differ from the recording's from row" in replayed.stderr, f"a replay that differs: {replayed.stderr!r}")
+
+    for option in ("--replay", "--record", "--summary", "--duration", "--force-law", "--asset"):
+        done = run(trocar_run, scene, option, "", "--clock", "virtual", expect=2)
+        check(option in done.stderr, f"{option} with nothing: {done.stderr!r}")
     run(trocar_run, scene, "--recover", "perhaps", expect=2)
     run(trocar_run, scene, "--passivity", "1", expect=2)
     run(trocar_run, scene, "--clock", "virtual", "--black-box", work / "absent", "--quiet", expect=4)

@@ -37,7 +37,8 @@ BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t r
 Result<std::unique_ptr<BlackBox>> BlackBox::make(const std::filesystem::path& folder,
                                                  double rate_Hz) {
   const std::string name = "black_box_" + start_in_utc();
-  if (const Result<void> good = check_writable(folder / name); !good) return good.error();
+  if (const Result<void> good = check_writable(folder / name); !good)
+    return unwritable(good.error().message + " (--black-box names another for the black boxes)");
   const auto rows = static_cast<std::size_t>(std::ceil(kBlackBox_s * rate_Hz - 1e-6));
   return std::unique_ptr<BlackBox>(new BlackBox(folder, name, std::max<std::size_t>(rows, 1)));
 }
