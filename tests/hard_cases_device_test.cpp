@@ -362,16 +362,39 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   /// What is right in the end, beside the fault.
   struct LoopEnd {
     std::string fault;
-    double force_min_N = 0, force_max_N = 1e300;  ///< felt in the last tick
+    double force_min_N = 0, force_max_N = 1e300;  ///< of contact in the last tick
     int zero_after_ticks = 5;                     ///< of the fault's
+    // Of a recovery: from the request until running, from there to the whole torques (-1: never),
+    // and what is felt of another 5 N in the end.
+    int quiet_ticks = 250, rise_ticks = 250;
+    double felt_N = 5;
+    double torque_max_Nm = 1e300;  ///< of any motor in any tick
   };
 
   struct Spoilt {
     int encoder = -1;  ///< and what is done to it
     bool add = false, first = false;
     double by = 0;
-    double gap_s = 1e-3, stiffness = 5000, offset_m = 0;
+    double gap_s = 1e-3, stiffness = 5000, offset_m = 0, offset_y_m = 0;
+    double device_t_s = 0;
+    bool recover = false;    ///< wrong for one tick only, then the tool is lifted and lowered again
+    int silent_ticks = 0;    ///< in which the device has no data
+    double motor_heat = -1;  ///< if not negative: the share of every motor's budget that is spent
   };
+
+  static constexpr int kWrong = 150, kAsked = 170, kLoweredAgain = 900;
+
+  // Down by 0.02 mm a tick from 1 mm above the sheet to 1 mm deep.
+  static double tip_at(int tick, const Spoilt& spoilt) {
+    const bool lifted = spoilt.recover && tick > kWrong;
+    const int down = lifted ? std::max(0, tick - kLoweredAgain) : tick;
+    return kSheet_m + 1e-3 - 2e-5 * std::min(down, 100);
+  }
+
+  static MotorLoad load_of(const MotorModel& motor, double share) {
+    return {share * motor.peak_time_s *
+            (motor.peak_A.cwiseAbs2() - motor.continuous_A.cwiseAbs2())};
+  }
 
   // The fault of the first tick in which one is named, with all that holds of every tick.
   void run_loop(const LoopModel& model, const Spoilt& spoilt, const LoopEnd& right) {
@@ -386,14 +409,20 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     Fault found = Fault::kNone;
     int since = -1;
     double pressed_N = 0;
-    for (int tick = 0; tick < 200; ++tick) {
+    int running_tick = -1, whole_tick = -1;  // after a recovery
+    for (int tick = 0; tick < (spoilt.recover ? kLoweredAgain + 200 : 200); ++tick) {
       Pose T;
-      const double tip_m = kSheet_m + 1e-3 - 2e-5 * std::min(tick, 100);  // 1 mm deep in the end
-      T.p_m.z() = tip_m - model.contact.tool.tip_plate_m.z();
+      T.p_m.z() = tip_at(tick, spoilt) - model.contact.tool.tip_plate_m.z();
       const InverseResult inverse = inverse_kinematics(device_, T);
       ASSERT_TRUE(inverse.status);
       device.now = {tick * 1e-3, encoder_angles(inverse.joints)};
-      const bool wrong = spoilt.first || tick >= 150;
+      const bool wrong = spoilt.first || (spoilt.recover ? tick == kWrong : tick >= kWrong);
+      if (wrong) device.now.t_s += spoilt.device_t_s;
+      const bool silent = tick >= kWrong && tick < kWrong + spoilt.silent_ticks;
+      device.answer = silent ? DeviceStatus::kNoData : DeviceStatus::kOk;
+      if (tick == kWrong && spoilt.motor_heat >= 0) {
+        state.limits.load = load_of(make_motor_model(device_), spoilt.motor_heat);
+      }
       if (wrong && spoilt.encoder >= 0) {
         double& angle = device.now.encoder_rad[static_cast<std::size_t>(spoilt.encoder)];
         angle = spoilt.add ? angle + spoilt.by : spoilt.by;
@@ -402,16 +431,24 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       inputs.sheets = current;
       inputs.gap_s = wrong ? spoilt.gap_s : 1e-3;
       if (model.contact.law == ForceLawKind::kNetwork) {
-        inputs.response = {0, wrong ? spoilt.stiffness : 5000, {wrong ? spoilt.offset_m : 0, 0}};
+        inputs.response = {0, 5000, {}};
+        if (wrong) inputs.response = {0, spoilt.stiffness, {spoilt.offset_m, spoilt.offset_y_m}};
       }
+      inputs.recover = spoilt.recover && tick == kAsked;
       haptic_tick(model, inputs, device, state, result);
       for (const double tau : device.written.tau_motor_Nm) {
         ASSERT_TRUE(std::isfinite(tau)) << "tick " << tick;
         ASSERT_LE(std::abs(tau), device_.motor_peak_torque_Nm) << "tick " << tick;
+        ASSERT_LE(std::abs(tau), right.torque_max_Nm) << "tick " << tick;
       }
       pressed_N = std::max(pressed_N, result.contact.force_N);
       if (found == Fault::kNone) found = result.new_fault;
-      if (found != Fault::kNone && ++since >= right.zero_after_ticks) {
+      const bool recovers = spoilt.recover && tick >= kAsked;
+      if (recovers && result.row.safety == SafetyState::kRunning) {
+        if (running_tick < 0) running_tick = tick;
+        if (whole_tick < 0 && state.safety.authority >= 1) whole_tick = tick;
+      }
+      if (!recovers && found != Fault::kNone && ++since >= right.zero_after_ticks) {
         EXPECT_EQ(result.row.safety, SafetyState::kFault);
         for (const double tau : device.written.tau_motor_Nm)
           EXPECT_EQ(tau, 0) << since << " ms after the fault";
@@ -423,17 +460,31 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
     EXPECT_GE(result.contact.force_N, right.force_min_N);
     EXPECT_LE(result.contact.force_N, right.force_max_N);
+    if (!spoilt.recover) return;
+    EXPECT_EQ(running_tick < 0 ? -1 : running_tick - kAsked, right.quiet_ticks);
+    EXPECT_EQ(whole_tick < 0 ? -1 : whole_tick - running_tick, right.rise_ticks);
+    EXPECT_NEAR(result.row.wrench_delivered[2], right.felt_N, 0.02 * right.felt_N);
   }
 
   void ask_loop(DeviceFields& asked, DeviceFields& right) {
     const LoopModel model = loop_model(asked);
-    const LoopEnd word{right.word("fault", "none"), right.number("force_min_N", 0),
+    const LoopEnd word{right.word("fault", "none"),
+                       right.number("force_min_N", 0),
                        right.number("force_max_N", 1e300),
-                       static_cast<int>(right.number("zero_after_ticks", 5))};
+                       static_cast<int>(right.number("zero_after_ticks", 5)),
+                       static_cast<int>(right.number("quiet_ticks", 250)),
+                       static_cast<int>(right.number("rise_ticks", 250)),
+                       right.number("felt_N", 5),
+                       right.number("torque_max_Nm", 1e300)};
     Spoilt spoilt;
     spoilt.gap_s = asked.number("gap_s", 1e-3);
     spoilt.stiffness = asked.number("response_stiffness_N_per_m", 5000);
     spoilt.offset_m = asked.number("response_offset_m", 0);
+    spoilt.offset_y_m = asked.number("response_offset_y_m", 0);
+    spoilt.device_t_s = asked.number("device_t_s", 0);
+    spoilt.recover = asked.word("then", "") == "recover";
+    spoilt.silent_ticks = static_cast<int>(asked.number("silent_ticks", 0));
+    spoilt.motor_heat = asked.number("motor_heat", -1);
     spoilt.add = asked.has("add");
     spoilt.by = spoilt.add ? asked.number("add", 0) : asked.number("set", 0);
     spoilt.first = asked.word("from", "contact") == "the start";

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loop's limits by the names that the device's hard cases give them.
+// The loop's limits by the names that the device's hard cases give them; fuzz_device's seeds name
+// them by their place.
 #pragma once
 
 #include <utility>
@@ -28,7 +29,13 @@ inline std::vector<std::pair<const char*, double*>> limits_by_name(runtime::Safe
           {"overload_time_max_s", &l.overload_time_max_s},
           {"silence_max_s", &l.silence_max_s},
           {"gap_max_s", &l.gap_max_s},
-          {"ramp_s", &l.timing.ramp_s}};
+          {"ramp_s", &l.timing.ramp_s},
+          {"workspace_min_y_m", &l.workspace_min_m[1]},
+          {"workspace_min_z_m", &l.workspace_min_m[2]},
+          {"workspace_max_x_m", &l.workspace_max_m[0]},
+          {"workspace_max_y_m", &l.workspace_max_m[1]},
+          {"quiet_s", &l.timing.quiet_s},
+          {"ramp_up_s", &l.timing.ramp_up_s}};
 }
 
 }  // namespace trocar::test

@@ -198,6 +198,38 @@ TEST(Limits, OverloadIsTooLittleForTooLongFromMotorsThatGiveWay) {
   }
 }
 
+// Law 1, at rest and with nothing wanted: each limit that is nan, or negative where nothing can be.
+TEST(Limits, ALimitThatIsNanPermitsNothing) {
+  const MotorModel motor = make_motor_model(default_device_description());
+  const auto found = [&](const SafetyLimits& limits) {
+    LimitState state;
+    MotorVector wanted = MotorVector::Zero();
+    Pose at;
+    at.p_m.z() = 0.15;
+    if (const Fault f = check_workspace(limits, at); f != Fault::kNone) return f;
+    if (const Fault f = check_speed(limits, at, 1e-3, state); f != Fault::kNone) return f;
+    if (const Fault f = check_overload(limits, motor, 1, 1e-3, state); f != Fault::kNone) return f;
+    return limit_torques(limits, motor.peak_Nm, MotorVector::Zero(), 1e-3, wanted, state);
+  };
+  ASSERT_EQ(found({}), Fault::kNone);
+  using Limit = double SafetyLimits::*;
+  for (const auto& [limit, fault] :
+       {std::pair<Limit, Fault>{&SafetyLimits::plate_tilt_max_rad, Fault::kWorkspace},
+        {&SafetyLimits::speed_max_m_per_s, Fault::kSpeed},
+        {&SafetyLimits::turn_rate_max_rad_per_s, Fault::kSpeed},
+        {&SafetyLimits::speed_window_s, Fault::kSpeed},
+        {&SafetyLimits::overload_time_max_s, Fault::kMotorOverload},
+        {&SafetyLimits::torque_max_Nm, Fault::kTorqueLimit},
+        {&SafetyLimits::torque_rise_max_Nm_per_s, Fault::kTorqueRate},
+        {&SafetyLimits::torque_rise_time_max_s, Fault::kTorqueRate}}) {
+    for (const double bad : {static_cast<double>(NAN), -0.1, -static_cast<double>(INFINITY)}) {
+      SafetyLimits limits;
+      limits.*limit = bad;
+      EXPECT_EQ(found(limits), fault) << to_word(fault) << " at " << bad;
+    }
+  }
+}
+
 TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
   std::mt19937_64 random(17);
   SafetyLimits limits;

@@ -66,6 +66,32 @@ TEST(Safety, EveryRampReachesZeroWithinFiveMilliseconds) {
   EXPECT_EQ(ramp_ticks(slow, 1000), 4);
 }
 
+TEST(Safety, ATimeThatIsNanPermitsNothing) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kRate_Hz = 1000;
+  const auto ready_after = [&](double quiet_s) {
+    const SafetyTiming timing{0.004, quiet_s, 0.01};
+    Safety safety;
+    safety.state = S::kRecovering;
+    int ticks = 0;
+    while (safety.state == S::kRecovering && ticks < 1000) {
+      advance(safety, timing, kRate_Hz, Fault::kNone, 0, true, true);
+      ++ticks;
+    }
+    return safety.state == S::kReady ? ticks : -1;
+  };
+  EXPECT_EQ(ready_after(0.02), 20);
+  EXPECT_EQ(ready_after(0), 1);
+  EXPECT_EQ(ready_after(-1), 1);
+  EXPECT_EQ(ready_after(kNan), -1);
+  EXPECT_EQ(ready_after(std::numeric_limits<double>::infinity()), -1);
+  const auto rise = [&](double ramp_up_s) { return rise_per_tick({0, 0, ramp_up_s}, kRate_Hz); };
+  EXPECT_EQ(rise(0.25), 1 / 250.0);
+  EXPECT_EQ(rise(0), 1);
+  EXPECT_EQ(rise(-1), 1);
+  EXPECT_EQ(rise(kNan), 0);
+  EXPECT_EQ(rise(std::numeric_limits<double>::infinity()), 0);
+}
+
 TEST(Safety, LawsAlongRandomEvents) {
   std::mt19937_64 random(11);
   const SafetyTiming timing{0.004, 0.02, 0.01};

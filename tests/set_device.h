@@ -14,14 +14,15 @@ using runtime::DeviceStatus;
 class SetDevice final : public runtime::Device {
  public:
   DeviceStatus read(DeviceState& state) noexcept override {
-    state = now;
-    return DeviceStatus::kOk;
+    if (answer == DeviceStatus::kOk) state = now;
+    return answer;
   }
   DeviceStatus write(const DeviceCommand& command) noexcept override {
     written = command;
     return DeviceStatus::kOk;
   }
   DeviceState now;
+  DeviceStatus answer = DeviceStatus::kOk;  ///< to being read
   DeviceCommand written;
 };
 

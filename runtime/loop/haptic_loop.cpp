@@ -54,7 +54,7 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
 /// What the clock or the caller found.
 Fault outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
   if (inputs.outside != Fault::kNone) return inputs.outside;
-  if (!(limits.gap_max_s > 0)) return Fault::kNone;
+  if (limits.gap_max_s == 0) return Fault::kNone;
   const bool late = !(inputs.gap_s <= limits.gap_max_s);  // nan is late
   const bool missed = inputs.missed_in_row > limits.missed_deadlines_max;
   return late || missed ? Fault::kDeadlineMissed : Fault::kNone;
@@ -186,9 +186,8 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
 /// What hides the device's friction and weight, from nothing on at the beginning.
 MotorVector compensation(const LoopModel& model, const MotorModel& motor,
                          LoopState& state) noexcept {
-  const double rise_s = model.limits.timing.ramp_up_s;
   state.compensation_share =
-      std::min(1.0, state.compensation_share + (rise_s > 0 ? 1 / (rise_s * model.rate_Hz) : 1));
+      std::min(1.0, state.compensation_share + rise_per_tick(model.limits.timing, model.rate_Hz));
   const MotorVector rate_rad_per_s = state.G * state.limits.twist_device;
   return state.compensation_share *
          compensation_torques(model.device, motor, state.G, rate_rad_per_s, model.compensation);

@@ -7,7 +7,7 @@
 
 namespace trocar::runtime {
 
-// Comparisons are written so that nan is beyond the limit.
+// Comparisons are written so that nan is beyond the limit, and a limit of nan permits nothing.
 
 Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept {
   for (int i = 0; i < 3; ++i) {
@@ -20,7 +20,9 @@ Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) no
   const double upright = (T_device_plate.q * Eigen::Vector3d::UnitZ()).z();
   if (limits.plate_tilt_max_rad >= std::numbers::pi)  // no tilt is larger
     return std::isfinite(upright) ? Fault::kNone : Fault::kWorkspace;
-  return upright >= std::cos(limits.plate_tilt_max_rad) ? Fault::kNone : Fault::kWorkspace;
+  const bool good =  // the cosine knows no sign
+      limits.plate_tilt_max_rad >= 0 && upright >= std::cos(limits.plate_tilt_max_rad);
+  return good ? Fault::kNone : Fault::kWorkspace;
 }
 
 Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
@@ -35,7 +37,8 @@ Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double
   state.has_pose = true;
   state.T_device_plate = T_device_plate;
   state.twist_device += dt_s / (limits.speed_window_s + dt_s) * (now - state.twist_device);
-  const bool good = state.twist_device.head<3>().norm() <= limits.speed_max_m_per_s &&
+  const bool good = limits.speed_window_s >= 0 &&
+                    state.twist_device.head<3>().norm() <= limits.speed_max_m_per_s &&
                     state.twist_device.tail<3>().norm() <= limits.turn_rate_max_rad_per_s;
   if (!state.twist_device.allFinite()) state.has_pose = false;
   return good ? Fault::kNone : Fault::kSpeed;
@@ -60,8 +63,8 @@ Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double
       (available_torque(motor, state.load).array() < motor.peak_Nm.array()).any();
   const bool too_little = gives_way && !(scale >= limits.overload_scale_min);
   state.overload_s = too_little ? state.overload_s + dt_s : 0;
-  return state.overload_s > limits.overload_time_max_s + dt_s / 2 ? Fault::kMotorOverload
-                                                                  : Fault::kNone;
+  return state.overload_s <= limits.overload_time_max_s + dt_s / 2 ? Fault::kNone
+                                                                   : Fault::kMotorOverload;
 }
 
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
@@ -78,11 +81,12 @@ Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
                     const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
                     LimitState& state) noexcept {
   if (!wanted_Nm.allFinite()) return Fault::kTorqueNotFinite;
-  const MotorVector largest_Nm = limits.torque_max_Nm > 0
-                                     ? MotorVector::Constant(limits.torque_max_Nm)
-                                     : MotorVector(limit_Nm * (1 + 1e-9));
-  if ((wanted_Nm.cwiseAbs().array() > largest_Nm.array()).any()) return Fault::kTorqueLimit;
+  const MotorVector largest_Nm = limits.torque_max_Nm == 0
+                                     ? MotorVector(limit_Nm * (1 + 1e-9))
+                                     : MotorVector::Constant(limits.torque_max_Nm);
+  if (!(wanted_Nm.cwiseAbs().array() <= largest_Nm.array()).all()) return Fault::kTorqueLimit;
   const double rise_max_Nm = limits.torque_rise_max_Nm_per_s * dt_s;
+  if (!(rise_max_Nm >= 0)) return Fault::kTorqueRate;
   bool shortened = false;
   MotorVector tau_Nm = limit_rise(last_Nm, wanted_Nm, rise_max_Nm, shortened);
   if (!tau_Nm.allFinite()) return Fault::kTorqueNotFinite;
@@ -94,8 +98,8 @@ Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
   const double beyond = tau_Nm.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff();
   if (beyond > 1) tau_Nm /= beyond;
   wanted_Nm = tau_Nm.cwiseMax(-limit_Nm).cwiseMin(limit_Nm);  // rounding
-  return state.rise_s > limits.torque_rise_time_max_s + dt_s / 2 ? Fault::kTorqueRate
-                                                                 : Fault::kNone;
+  return state.rise_s <= limits.torque_rise_time_max_s + dt_s / 2 ? Fault::kNone
+                                                                  : Fault::kTorqueRate;
 }
 
 }  // namespace trocar::runtime

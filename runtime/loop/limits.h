@@ -4,7 +4,8 @@
 //
 // Laws (tests/limits_test.cpp; in the loop: tests/loop_motors_test.cpp):
 //  1. Within its limit a check finds nothing, beyond it it names its own fault; what is not finite
-//     is beyond every limit.
+//     is beyond every limit. A limit that is nan permits nothing, nor does a negative one of what
+//     cannot be negative.
 //  2. Speeds are smoothed over `speed_window_s`, so that an encoder's single count is no speed.
 //  3. A motor's heat is the i2t account of motor.h. What may be asked of the motors is what it
 //     leaves them: as a budget is spent torques give way, smoothly and along the wanted wrench,

@@ -32,6 +32,11 @@ int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept {
   return std::max(1, static_cast<int>(std::floor(ramp_s * rate_Hz + 1e-9)));
 }
 
+double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept {
+  if (timing.ramp_up_s <= 0) return 1;
+  return std::isnan(timing.ramp_up_s) ? 0 : 1 / (timing.ramp_up_s * rate_Hz);
+}
+
 bool raise(Safety& safety, Fault fault, double t_s) noexcept {
   const bool latches = safety.state != SafetyState::kFault && safety.state != kRecovering;
   if (latches) {
@@ -67,14 +72,13 @@ void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault f
       safety.authority = safety.recovered ? 0 : 1;
       break;
     case kRunning:
-      safety.authority = std::min(
-          1.0, safety.authority + (timing.ramp_up_s > 0 ? 1 / (timing.ramp_up_s * rate_Hz) : 1));
+      safety.authority = std::min(1.0, safety.authority + rise_per_tick(timing, rate_Hz));
       break;
     case SafetyState::kFault:
       break;
     case kRecovering:
       safety.quiet_ticks = free ? safety.quiet_ticks + 1 : 0;
-      if (static_cast<double>(safety.quiet_ticks) < timing.quiet_s * rate_Hz) break;
+      if (!(static_cast<double>(safety.quiet_ticks) >= timing.quiet_s * rate_Hz)) break;
       safety.state = next_state(safety.state, SafetyEvent::kSettled);
       safety.fault = Fault::kNone;
       safety.recovered = true;

@@ -11,6 +11,8 @@
 //  3. From `recovering` the way leads through `ready` only, after a time without any fault with
 //     the tool in free space; a fault in between starts that time anew. Torques are zero.
 //  4. After a recovery the share of the torques rises linearly from 0 to 1 over `ramp_up_s`.
+//  5. A time that is nan permits nothing: torques are zero at once, recovery never ends, and no
+//     share rises. A negative time is zero.
 #pragma once
 
 #include <cstdint>
@@ -52,6 +54,9 @@ struct Safety {
 };
 
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept;
+
+/// What law 4's share rises by in a tick, in 0..; 1 and more: at once.
+double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// A fault found at `t_s`. Returns whether it is now the one that is latched.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;

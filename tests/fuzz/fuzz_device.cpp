@@ -196,8 +196,13 @@ void check_packets(double number) {
 
 struct SpoiltTick {
   int encoder = 0;
-  double angle = 0, gap_s = 1e-3, stiffness = 5000, offset_m = 0;
+  double angle = 0, gap_s = 1e-3, stiffness = 5000, offset_m = 0, offset_y_m = 0;
+  double device_t_s = 0;
+  bool silent = false;
 };
+
+/// An `encoder` beyond the last one leaves them alone; these give `angle` to something else.
+constexpr int kSpoilsTime = kEncoders, kSpoilsOffsetY = kEncoders + 1, kIsSilent = kEncoders + 2;
 
 void check_loop(const std::vector<SpoiltTick>& ticks, SafetyLimits limits) {
   static const Scene scene = test::descent_scene({0.15}, 0.16, 0.14, 0.015);
@@ -222,13 +227,16 @@ void check_loop(const std::vector<SpoiltTick>& ticks, SafetyLimits limits) {
     inputs.gap_s = 1e-3;
     inputs.response = {0, 5000, {}};
     const int spoilt = tick - 20;
+    device.answer = DeviceStatus::kOk;
     if (spoilt >= 0 && static_cast<std::size_t>(spoilt) < ticks.size()) {
       const SpoiltTick& s = ticks[static_cast<std::size_t>(spoilt)];
       if (s.encoder < kEncoders) {
         device.now.encoder_rad[static_cast<std::size_t>(s.encoder)] = s.angle;
       }
       inputs.gap_s = s.gap_s;
-      inputs.response = {0, s.stiffness, {s.offset_m, -s.offset_m}};
+      inputs.response = {0, s.stiffness, {s.offset_m, s.offset_y_m}};
+      device.now.t_s += s.device_t_s;
+      if (s.silent) device.answer = DeviceStatus::kNoData;
     }
     haptic_tick(model, inputs, device, state, result);
     for (const double tau : device.written.tau_motor_Nm) {
@@ -383,6 +391,9 @@ void check_bytes(fuzz::Bytes bytes) {
         tick.gap_s = bytes.real();
         tick.stiffness = bytes.real();
         tick.offset_m = bytes.real();
+        tick.offset_y_m = tick.encoder == kSpoilsOffsetY ? tick.angle : -tick.offset_m;
+        tick.device_t_s = tick.encoder == kSpoilsTime ? tick.angle : 0;
+        tick.silent = tick.encoder == kIsSilent;
         ticks.push_back(tick);
       }
       return check_loop(ticks, limits);
@@ -431,6 +442,9 @@ void check_case(const nlohmann::json& json) {
   tick.gap_s = asked.number("gap_s", 1e-3);
   tick.stiffness = asked.number("response_stiffness_N_per_m", 5000);
   tick.offset_m = asked.number("response_offset_m", 0);
+  tick.offset_y_m = asked.number("response_offset_y_m", 0);
+  tick.device_t_s = asked.number("device_t_s", 0);
+  tick.silent = asked.number("silent_ticks", 0) > 0;
   SafetyLimits set;
   test::DeviceFields named(asked.object("limits"), "/limits", errors);
   for (const auto& [name, value] : test::limits_by_name(set))
