@@ -24,6 +24,7 @@ struct ForceCase {
   std::string refused;  ///< not empty: no membrane can be made, and this is said
   std::optional<double> over_K_min, over_K_max;      ///< stiffness felt, by the wanted one
   std::optional<double> over_bed_min, over_bed_max;  ///< by that of the bed under the whole sheet
+  double propagated_max = 1.002;  ///< what a thousand sweeps of propagation leave, by the answer
 };
 
 struct CutCase {
@@ -130,6 +131,7 @@ inline void read_forces(const nlohmann::json& value, CutCase& out, JsonErrors& e
     force.over_K_max = optional_number(o, "over_K_max", 0, 1e9);
     force.over_bed_min = optional_number(o, "over_bed_min", 0, 1e9);
     force.over_bed_max = optional_number(o, "over_bed_max", 0, 1e9);
+    force.propagated_max = o.number("propagated_max", 1, 1e9, force.propagated_max);
     o.finish();
     out.forces.push_back(force);
   }
