@@ -16,8 +16,10 @@
 #include "formats/mesh_validity.h"
 #include "pipeline/mesh_quality.h"
 #include "pipeline/mesh_slice.h"
+#include "pipeline/quarter_turn.h"
 #include "pipeline/refinement.h"
 #include "pipeline/triangulation.h"
+#include "tests/motions.h"
 #include "tests/picture_checks.h"
 #include "tests/pslg_case.h"
 
@@ -188,20 +190,45 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const Refined refined = refine(*cdt, case_.lattice, refinement());
     expect_refined(refined, case_.outline);
     expect_kept_if_it_fits(refined.mesh);
-    if (case_.also_at) {
-      const LatticePoint at = *case_.also_at;
-      Pslg moved = case_.outline;
-      for (Ring& ring : moved.rings) {
-        for (LatticePoint& p : ring)
-          p = {p.x + at.x, p.y + at.y};
+    if (case_.also_at) expect_moves_along(*cdt, refined.mesh, {0, *case_.also_at});
+    for (int quarters = 0; quarters < 4; ++quarters)
+      expect_moves_along(*cdt, refined.mesh, {quarters, far_from(case_.outline, quarters)});
+  }
+
+  // A place far away where the turned outline is still on the lattice.
+  static LatticePoint far_from(const Pslg& outline, int quarters) {
+    LatticePoint by{123'456'789, -198'765'432};
+    for (const Ring& ring : test::Motion{quarters, {}}(outline).rings) {
+      for (const LatticePoint p : ring) {
+        by = {std::clamp(by.x, -kMaxCoordinate - p.x, kMaxCoordinate - p.x),
+              std::clamp(by.y, -kMaxCoordinate - p.y, kMaxCoordinate - p.y)};
       }
-      const auto there = triangulate(moved);
-      ASSERT_TRUE(there) << there.error().message;
-      EXPECT_EQ(triangles_of(there->mesh), triangles_of(cdt->mesh, at));
-      const SliceMesh refined_there = refine(*there, case_.lattice, refinement()).mesh;
-      EXPECT_EQ(triangles_of(refined_there), triangles_of(refined.mesh, at));
-      expect_kept_if_it_fits(refined_there);
     }
+    return by;
+  }
+
+  // To the bit, but where there is a choice and a turn may bring the outline onto itself: of two
+  // triangulations with four corners on one circle, and of places for refinement's points.
+  void expect_moves_along(const Triangulation& here, const SliceMesh& refined_here,
+                          const test::Motion& motion) const {
+    const auto there = triangulate(motion(case_.outline));
+    ASSERT_TRUE(there) << there.error().message;
+    Lopsidedness own;
+    for (const Ring& ring : case_.outline.rings) {
+      for (const LatticePoint p : ring)
+        own.add(p);
+    }
+    const bool undecided = motion.quarters != 0 && own.x() == 0 && own.y() == 0;
+    const std::string what = std::to_string(motion.quarters) + " quarters of a turn";
+    if (!undecided || !test::has_ties(here.mesh)) {
+      EXPECT_EQ(triangles_of(there->mesh), triangles_of(motion(here.mesh))) << what;
+    }
+    const Refined refined_there = refine(*there, case_.lattice, refinement());
+    if (!undecided) {
+      EXPECT_EQ(triangles_of(refined_there.mesh), triangles_of(motion(refined_here))) << what;
+    }
+    expect_refined(refined_there, motion(case_.outline));
+    expect_kept_if_it_fits(refined_there.mesh);
   }
 
   MeshOptions mesh_options() const {

@@ -17,14 +17,14 @@ int sign(std::int64_t x) {
 // The motions of the lattice about the origin keep its bounds; translations stay small enough.
 test::Motion motion_within_bounds(std::initializer_list<P> points) {
   std::int32_t low_x = 0, high_x = 0, low_y = 0, high_y = 0;
-  test::Motion out{*rc::gen::inRange(0, 4), {}};
+  test::Motion out{test::any_in(0, 4), {}};
   for (const P p : points) {
     const P q = out(p);
     low_x = std::min(low_x, q.x), high_x = std::max(high_x, q.x);
     low_y = std::min(low_y, q.y), high_y = std::max(high_y, q.y);
   }
-  out.by = {*rc::gen::inRange(-kMaxCoordinate - low_x, kMaxCoordinate - high_x + 1),
-            *rc::gen::inRange(-kMaxCoordinate - low_y, kMaxCoordinate - high_y + 1)};
+  out.by = {test::any_in(-kMaxCoordinate - low_x, kMaxCoordinate - high_x + 1),
+            test::any_in(-kMaxCoordinate - low_y, kMaxCoordinate - high_y + 1)};
   return out;
 }
 
@@ -58,16 +58,16 @@ RC_GTEST_PROP(InCircle, IsTheTextbooksDeterminant, (P a, P b, P c, P d)) {
 // off it by a step or not at all.
 RC_GTEST_PROP(InCircle, IsExactBesideACircle, ()) {
   constexpr std::int32_t kFar = kMaxCoordinate / 2;
-  const P v{*rc::gen::inRange(-kFar + 2, kFar - 1), *rc::gen::inRange(-kFar + 2, kFar - 1)};
+  const P v{test::any_in(-kFar + 2, kFar - 1), test::any_in(-kFar + 2, kFar - 1)};
   RC_PRE(v.x != 0 && v.y != 0 && std::abs(v.x) != std::abs(v.y));
-  const P centre{*rc::gen::inRange(-kFar, kFar + 1), *rc::gen::inRange(-kFar, kFar + 1)};
+  const P centre{test::any_in(-kFar, kFar + 1), test::any_in(-kFar, kFar + 1)};
   const auto at = [&](int turn, bool mirrored) {
     const P p = test::Motion{turn, centre}(mirrored ? P{v.y, v.x} : v);
     return p;
   };
   P a = at(0, false), b = at(1, *rc::gen::arbitrary<bool>()), c = at(2, false), d = at(3, true);
   RC_ASSERT(in_circle(a, b, c, d) == 0);
-  d = {d.x + *rc::gen::inRange(-1, 2), d.y + *rc::gen::inRange(-1, 2)};
+  d = {d.x + test::any_in(-1, 2), d.y + test::any_in(-1, 2)};
   RC_ASSERT(in_circle(a, b, c, d) == wide_circle(a, b, c, d));
 }
 
@@ -163,10 +163,10 @@ RC_GTEST_PROP(DoubledArea, IsTheSameFromEveryVertex, (std::vector<P> points)) {
 
 // Snapping is to the nearest, and what is on the lattice stays.
 RC_GTEST_PROP(Lattice, SnapsToTheNearest, ()) {
-  const Lattice lattice{*rc::gen::inRange(kMinLatticeBits, kMaxLatticeBits + 1)};
-  const auto c = *rc::gen::inRange<std::int32_t>(-kMaxCoordinate, kMaxCoordinate + 1);
+  const Lattice lattice{test::any_in(kMinLatticeBits, kMaxLatticeBits + 1)};
+  const auto c = test::any_in<std::int32_t>(-kMaxCoordinate, kMaxCoordinate + 1);
   RC_ASSERT(lattice.snap_mm(lattice.to_mm(c)) == c);
-  const double off = 0.49 * lattice.step_mm() * (*rc::gen::inRange(-100, 101) / 100.0);
+  const double off = 0.49 * lattice.step_mm() * (test::any_in(-100, 101) / 100.0);
   RC_ASSERT(lattice.snap_mm(lattice.to_mm(c) + off) == c);
 }
 

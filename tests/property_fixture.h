@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // rapidcheck with GoogleTest, the same cases every time (RC_PARAMS in the environment says
-// otherwise: "seed=7 max_success=10000"), and the motions that the lattice has.
+// otherwise: "seed=7 max_success=10000"), and any of the motions that the lattice has.
 #pragma once
 
 #include <rapidcheck.h>
@@ -8,15 +8,10 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include <algorithm>
-#include <array>
 #include <cstdint>
 #include <cstdlib>
-#include <map>
-#include <utility>
-#include <vector>
 
-#include "formats/slice_mesh.h"
+#include "tests/motions.h"
 
 namespace trocar::test {
 
@@ -28,84 +23,30 @@ struct FixedSeed {
 };
 inline const FixedSeed kFixedSeed;
 
-/// Shrinking a seed would only be another case.
-inline std::uint64_t any_seed() {
-  return *rc::gen::noShrink(rc::gen::arbitrary<std::uint64_t>());
+/// In [low, high), alike from the first case to the last: rapidcheck's own range begins at its
+/// lower end and reaches the upper one only with the last cases.
+template <typename T>
+rc::Gen<T> in_range(T low, T high) {
+  return rc::gen::resize(rc::kNominalSize, rc::gen::inRange<T>(low, high));
+}
+template <typename T>
+T any_in(T low, T high) {
+  return *in_range<T>(low, high);
 }
 
-/// A quarter of a turn, so many times, and then a translation.
-struct Motion {
-  int quarters = 0;
-  LatticePoint by;
+/// Shrinking a seed would only be another case; all 64 bits, whatever the size.
+inline std::uint64_t any_seed() {
+  return *rc::gen::noShrink(rc::gen::resize(rc::kNominalSize, rc::gen::arbitrary<std::uint64_t>()));
+}
 
-  LatticePoint operator()(LatticePoint p) const {
-    for (int i = 0; i < quarters; ++i)
-      p = {-p.y, p.x};
-    return {p.x + by.x, p.y + by.y};
-  }
-  Ring operator()(Ring ring) const {
-    for (LatticePoint& p : ring)
-      p = (*this)(p);
-    return ring;
-  }
-  Pslg operator()(Pslg pslg) const {
-    for (Ring& ring : pslg.rings)
-      ring = (*this)(ring);
-    return pslg;
-  }
-  SliceMesh operator()(SliceMesh mesh) const {
-    for (LatticePoint& p : mesh.vertices)
-      p = (*this)(p);
-    return mesh;
-  }
-};
 /// Far enough that floating-point numbers of absolute places would round otherwise.
 inline Motion any_translation() {
-  return {
-      0,
-      {*rc::gen::inRange(-200'000'000, 200'000'000), *rc::gen::inRange(-200'000'000, 200'000'000)}};
+  return {0, {any_in(-200'000'000, 200'000'000), any_in(-200'000'000, 200'000'000)}};
 }
 inline Motion any_motion() {
   Motion out = any_translation();
-  out.quarters = *rc::gen::inRange(1, 4);
+  out.quarters = any_in(1, 4);
   return out;
-}
-
-/// Each ring from its smallest vertex, the rings in order: what does not depend on how they were
-/// given.
-inline std::vector<Ring> canonical(std::vector<Ring> rings) {
-  for (Ring& ring : rings)
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  std::sort(rings.begin(), rings.end());
-  return rings;
-}
-
-using Corners = std::array<LatticePoint, 3>;
-/// The triangles by their points, in order, likewise.
-inline std::vector<Corners> canonical(const SliceMesh& mesh) {
-  std::vector<Corners> out;
-  for (const Triangle& t : mesh.triangles) {
-    Corners c = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
-    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-    out.push_back(c);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
-}
-
-/// Four points on one circle leave a choice of the Delaunay triangles.
-inline bool has_ties(const SliceMesh& mesh) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
-  for (const Triangle& t : mesh.triangles) {
-    for (std::size_t i = 0; i < 3; ++i)
-      apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
-  }
-  return std::any_of(apex.begin(), apex.end(), [&](const auto& side) {
-    const auto beyond = apex.find({side.first.second, side.first.first});
-    return beyond != apex.end() &&
-           in_circle(mesh.vertices[side.first.first], mesh.vertices[side.first.second],
-                     mesh.vertices[side.second], mesh.vertices[beyond->second]) == 0;
-  });
 }
 
 }  // namespace trocar::test
@@ -116,9 +57,10 @@ struct Arbitrary<trocar::LatticePoint> {
   /// Small ones often, so that what is degenerate comes often; the lattice's ends sometimes.
   static Gen<trocar::LatticePoint> arbitrary() {
     const auto coordinate = gen::weightedOneOf<std::int32_t>(
-        {{4, gen::inRange<std::int32_t>(-4, 5)},
-         {2, gen::inRange<std::int32_t>(-1000, 1001)},
-         {2, gen::inRange<std::int32_t>(-trocar::kMaxCoordinate, trocar::kMaxCoordinate + 1)},
+        {{4, trocar::test::in_range<std::int32_t>(-4, 5)},
+         {2, trocar::test::in_range<std::int32_t>(-1000, 1001)},
+         {2, trocar::test::in_range<std::int32_t>(-trocar::kMaxCoordinate,
+                                                  trocar::kMaxCoordinate + 1)},
          {1, gen::element<std::int32_t>(-trocar::kMaxCoordinate, trocar::kMaxCoordinate)}});
     return gen::construct<trocar::LatticePoint>(coordinate, coordinate);
   }

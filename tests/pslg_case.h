@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/hard_case.h"
+#include "tests/motions.h"
 
 namespace trocar::test {
 
@@ -219,20 +220,9 @@ inline Result<PslgCase> parse_pslg_case(std::string_view text, const std::string
   return out;
 }
 
-using Corners = std::array<LatticePoint, 3>;
-
 /// The triangles by their points, moved, in an order that only they decide.
 inline std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}) {
-  std::vector<Corners> out;
-  for (const Triangle& t : mesh.triangles) {
-    Corners c{};
-    for (std::size_t i = 0; i < 3; ++i)
-      c[i] = {mesh.vertices[t[i]].x + moved.x, mesh.vertices[t[i]].y + moved.y};
-    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-    out.push_back(c);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
+  return canonical(Motion{0, moved}(mesh));
 }
 
 }  // namespace trocar::test
