@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
@@ -91,13 +92,34 @@ TEST(Jacobian, InverseConditionIsTheSingularValuesRatio) {
     Jacobian scaled = G;
     scaled.rightCols<3>() /= 0.05;
     const Eigen::JacobiSVD<Jacobian> svd(scaled);
-    EXPECT_NEAR(inverse_condition(G), svd.singularValues()[5] / svd.singularValues()[0], 1e-9);
+    EXPECT_NEAR(inverse_condition(G), svd.singularValues()[5] / svd.singularValues()[0], 1e-12);
   }
   Jacobian flat = Jacobian::Ones();
   EXPECT_LT(inverse_condition(flat), 1e-6);
   EXPECT_EQ(inverse_condition(Jacobian::Zero()), 0);
   flat(3, 3) = std::nan("");
   EXPECT_EQ(inverse_condition(flat), 0);
+}
+
+// Made of its singular values, down to where rounding hides the least.
+TEST(Jacobian, TheLeastSingularValueIsFoundHoweverSmall) {
+  Random random(14);
+  const auto orthonormal = [&](int size) -> Eigen::MatrixXd {
+    const Eigen::MatrixXd any =
+        Eigen::MatrixXd::NullaryExpr(size, size, [&] { return random.between(-1, 1); });
+    return Eigen::HouseholderQR<Eigen::MatrixXd>(any).householderQ();
+  };
+  for (double least = 1; least > 1e-15; least *= 0.5) {
+    for (int n = 0; n < 20; ++n) {
+      Twist values;
+      values << 1, random.between(least, 1), random.between(least, 1), random.between(least, 1),
+          random.between(least, 1), least;
+      Jacobian G = orthonormal(kMotors).leftCols<6>() * values.asDiagonal() * orthonormal(6);
+      G.rightCols<3>() *= kCharacteristicLength_m;
+      G *= 40;  // of the device's size
+      EXPECT_NEAR(inverse_condition(G), least, least > 1e-3 ? 1e-13 : 1e-14);
+    }
+  }
 }
 
 // Far beyond the stated workspace, wherever the legs reach: only where a chain is nearly stretched,

@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <Eigen/QR>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
@@ -18,6 +19,8 @@ using Eigen::Vector3d;
 // How near to stretched or folded a chain may be: sine of the angle left.
 constexpr double kSmallestSine = 1e-6;
 constexpr double kSmallestRank = 1e-9;  // of R's diagonal, relative: rank deficient below
+// Of singular values: below it G^T G, which squares it, has lost what tells the least from zero.
+constexpr double kSmallestSquared = 1e-3;
 
 KinematicsStatus singular(int leg, int joint) noexcept {
   return {KinematicsFailure::kSingular, static_cast<std::int8_t>(leg + 1),
@@ -120,9 +123,15 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   const Eigen::Matrix<double, 6, 6> normal = scaled.transpose() * scaled;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver(normal,
                                                                           Eigen::EigenvaluesOnly);
-  if (solver.info() != Eigen::Success) return {};
-  return {std::sqrt(std::max(0.0, solver.eigenvalues()[0])),
-          std::sqrt(std::max(0.0, solver.eigenvalues()[5]))};
+  const SingularRange range = {std::sqrt(std::max(0.0, solver.eigenvalues()[0])),
+                               std::sqrt(std::max(0.0, solver.eigenvalues()[5]))};
+  if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
+    return range;
+  }
+  // 4 us in the place of 1.5, which only a pose beside a singularity has to pay.
+  const Eigen::JacobiSVD<Jacobian> svd(scaled);
+  if (svd.info() != Eigen::Success) return {};
+  return {svd.singularValues()[5], svd.singularValues()[0]};
 }
 
 double inverse_condition(const Jacobian& G, double characteristic_length_m) noexcept {

@@ -35,7 +35,8 @@ JacobianResult influence_jacobian(const DeviceDescription& device, const Pose& T
 inline constexpr double kCharacteristicLength_m = 0.05;
 
 /// Least and largest singular value of G with rotation made commensurate by a
-/// characteristic length (columns of omega divided by it). Both 0 if G is not finite.
+/// characteristic length (columns of omega divided by it), each to about 1e-13 of the largest.
+/// Both 0 if G is not finite.
 struct SingularRange {
   double smallest = 0, largest = 0;
 };

@@ -25,7 +25,7 @@ struct Singularity {
   /// Least motor rate in rad/s of any plate motion of 1 m/s, a radian counting as the
   /// characteristic length. By duality also the force in N that a torque vector of
   /// length 1 N*m holds in the weakest direction. 0 at a loss of stiffness, and if G
-  /// is not finite. Accurate to about 1e-8 of the largest.
+  /// is not finite. Accurate to about 1e-13 of the largest.
   double smallest_singular_value_per_m = 0;
   double inverse_condition = 0;  ///< smallest over largest, as inverse_condition()
   std::array<BranchDistance, kLegs> branch;
