@@ -62,19 +62,29 @@ inline std::vector<Corners> canonical(const SliceMesh& mesh) {
   return out;
 }
 
-/// Four points on one circle leave a choice of the Delaunay triangles.
-inline bool has_ties(const SliceMesh& mesh) {
+/// The sides that Delaunay leaves no choice of: those on the boundary and those whose four points
+/// are not on one circle. Of one outline and its vertices they are the same in whatever order.
+inline std::vector<std::array<LatticePoint, 2>> decided_sides(const SliceMesh& mesh) {
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
   for (const Triangle& t : mesh.triangles) {
     for (std::size_t i = 0; i < 3; ++i)
       apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
   }
-  return std::any_of(apex.begin(), apex.end(), [&](const auto& side) {
-    const auto beyond = apex.find({side.first.second, side.first.first});
-    return beyond != apex.end() &&
-           in_circle(mesh.vertices[side.first.first], mesh.vertices[side.first.second],
-                     mesh.vertices[side.second], mesh.vertices[beyond->second]) == 0;
-  });
+  std::vector<std::array<LatticePoint, 2>> out;
+  for (const auto& [side, inner] : apex) {
+    const auto beyond = apex.find({side.second, side.first});
+    const LatticePoint a = mesh.vertices[side.first], b = mesh.vertices[side.second];
+    if (beyond == apex.end() ||
+        in_circle(a, b, mesh.vertices[inner], mesh.vertices[beyond->second]) != 0)
+      out.push_back({a, b});
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+/// Does Delaunay leave a choice?
+inline bool has_ties(const SliceMesh& mesh) {
+  return decided_sides(mesh).size() != 3 * mesh.triangles.size();
 }
 
 }  // namespace trocar::test
