@@ -128,7 +128,7 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
     return range;
   }
-  // 4 us in the place of 1.5, which only a pose beside a singularity has to pay.
+  // Nearly 4 us more, which only a pose beside a singularity has to pay.
   const Eigen::JacobiSVD<Jacobian> svd(scaled);
   if (svd.info() != Eigen::Success) return {};
   return {svd.singularValues()[5], svd.singularValues()[0]};

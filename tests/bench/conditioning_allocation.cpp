@@ -233,7 +233,7 @@ Jacobian jacobian_at(const Pose& T) {
   return jacobian(device, T, inverse_kinematics(device, T).joints).G;
 }
 
-/// By singular values: inverse_condition() squares the numbers and sees nothing below 1e-8.
+/// Of singular values, whatever inverse_condition() does.
 double inverse_condition_of(const Jacobian& G) {
   Jacobian scaled = G;
   scaled.rightCols<3>() /= kCharacteristicLength_m;

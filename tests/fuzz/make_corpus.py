@@ -197,7 +197,7 @@ def write_raw_devices(folder):
         cases[f"description_{which}"] = ([5, which], [0.1])
     for name, (kind, numbers) in cases.items():
         (folder / f"bytes_{name}.bin").write_bytes(bytes(kind) + struct.pack(f"<{len(numbers)}d", *numbers))
-    # The loop: limits (how many; which, to what), then ticks (encoder or none, angle, gap, stiffness, offset).
+    # The loop: limits (how many; which, to what), then ticks (encoder, 16 to 18 for what else is spoilt, or none, angle, gap, stiffness, offset).
     ticks = {"quiet": [(31, *quiet)] * 3, "jump": [(31, *quiet), (4, 1.0, *quiet[1:])], "nan": [(2, nan, *quiet[1:])],
              "stiff": [(31, 0.0, 1e-3, 1e300, 0.0)] * 4, "gap": [(31, 0.0, inf, 5000.0, 0.0)]}
     for name, each in ticks.items():
