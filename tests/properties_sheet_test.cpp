@@ -292,13 +292,14 @@ Motion any_translation_or_turn() {
 
 // As after a puncture: the hole, and then better triangles around it.
 SliceMesh improved(const SliceMesh& sheet, const Ring& tool) {
-  SheetMesh mesh = *make_sheet_mesh(sheet, 500, 1000);
+  SheetMesh mesh = *make_sheet_mesh(sheet, 200, 400);
   const std::size_t slots = mesh.triangles.size();
-  CutWorkspace work({slots, mesh.vertices.size() + 500, 3 * slots + 500});
+  CutWorkspace work({slots, mesh.vertices.size() + 200, 3 * slots + 200});
   SheetEdit edit(mesh);
   const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work, edit);
   RC_ASSERT(report.outcome != CutOutcome::kBug);
   RC_ASSERT(report.outcome != CutOutcome::kNotATool);
+  RC_ASSERT(report.outcome != CutOutcome::kCapacity);
   LocalRefinementWorkspace refinement(mesh);
   LocalRefinementOptions options;
   options.min_angle_deg = 20;
