@@ -13,6 +13,8 @@
 namespace trocar::pipeline {
 namespace {
 
+using GivenSpacing = std::optional<std::array<double, 3>>;
+
 // Where an attribute of a frame may stand, first match wins: the frame's own functional group,
 // the shared one, the dataset itself (single-frame objects).
 struct Places {
@@ -48,9 +50,31 @@ std::optional<std::string> read_rescale(const Places& at, DicomFrame& h) {
   return {};
 }
 
+// The pixel spacing, or where the frame has none what was given for such. Nothing, or what is
+// wrong.
+std::optional<std::string> read_spacing(const Places& at, const GivenSpacing& given,
+                                        DicomFrame& h) {
+  DcmItem* item = at.find(DCM_PixelMeasuresSequence, DCM_PixelSpacing);
+  if (!item->tagExistsWithValue(DCM_PixelSpacing)) {
+    if (!given) return "no pixel spacing (PixelSpacing): give --spacing X,Y,Z in mm";
+    h.spacing_u_mm = (*given)[0];
+    h.spacing_v_mm = (*given)[1];
+    return {};
+  }
+  double spacing[2];
+  if (!dicom_numbers(item, DCM_PixelSpacing, spacing, 2) || !(spacing[0] > 1e-6) ||
+      !(spacing[1] > 1e-6) || !(spacing[0] < 1e6) || !(spacing[1] < 1e6))
+    return "its pixel spacing (PixelSpacing) is not two lengths in mm";
+  h.spacing_v_mm = spacing[0];  // between rows
+  h.spacing_u_mm = spacing[1];  // between columns
+  h.has_spacing = true;
+  return {};
+}
+
 // Plane and rescale of one frame. Nothing, or what is missing.
-std::optional<std::string> read_geometry(const Places& at, DicomFrame& h) {
-  double position[3], orientation[6], spacing[2];
+std::optional<std::string> read_geometry(const Places& at, const GivenSpacing& given,
+                                         DicomFrame& h) {
+  double position[3], orientation[6];
   if (!dicom_numbers(at.find(DCM_PlanePositionSequence, DCM_ImagePositionPatient),
                      DCM_ImagePositionPatient, position, 3)) {
     return "no image position (ImagePositionPatient)";
@@ -59,11 +83,7 @@ std::optional<std::string> read_geometry(const Places& at, DicomFrame& h) {
                      DCM_ImageOrientationPatient, orientation, 6)) {
     return "no image orientation (ImageOrientationPatient)";
   }
-  if (!dicom_numbers(at.find(DCM_PixelMeasuresSequence, DCM_PixelSpacing), DCM_PixelSpacing,
-                     spacing, 2) ||
-      !(spacing[0] > 1e-6) || !(spacing[1] > 1e-6) || !(spacing[0] < 1e6) || !(spacing[1] < 1e6)) {
-    return "no pixel spacing (PixelSpacing)";
-  }
+  if (auto wrong = read_spacing(at, given, h)) return wrong;
   h.position = Eigen::Vector3d(position[0], position[1], position[2]);
   h.u = Eigen::Vector3d(orientation[0], orientation[1], orientation[2]);
   h.v = Eigen::Vector3d(orientation[3], orientation[4], orientation[5]);
@@ -74,9 +94,6 @@ std::optional<std::string> read_geometry(const Places& at, DicomFrame& h) {
   }
   h.u.normalize();
   h.v = (h.v - h.u * h.u.dot(h.v)).normalized();
-  h.spacing_v_mm = spacing[0];  // between rows
-  h.spacing_u_mm = spacing[1];  // between columns
-
   return read_rescale(at, h);
 }
 
@@ -125,7 +142,8 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
 }
 
 // All frames of a file that has pixels. Nothing, or what is wrong.
-std::optional<std::string> read_frames(DcmFileFormat& format, DicomFile& out) {
+std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
+                                       DicomFile& out) {
   DcmDataset& data = *format.getDataset();
   DicomFrame common;
   common.file = out.file;
@@ -156,7 +174,7 @@ std::optional<std::string> read_frames(DcmFileFormat& format, DicomFile& out) {
     }
     DicomFrame frame = common;
     frame.frame = i;
-    if (auto wrong = read_geometry(at, frame))
+    if (auto wrong = read_geometry(at, given, frame))
       return frames == 1 ? *wrong : "frame " + std::to_string(i + 1) + ": " + *wrong;
     out.frames.push_back(std::move(frame));
   }
@@ -170,12 +188,14 @@ std::string DicomFrame::name() const {
 }
 
 bool has_dicom_preamble(const std::filesystem::path& file) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;  // a pipe would be waited for
   char head[132] = {};
   std::ifstream in(file, std::ios::binary);
   return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
 }
 
-DicomFile read_dicom_headers(const std::filesystem::path& file) {
+DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpacing& spacing_mm) {
   set_up_dcmtk();
   DicomFile out;
   out.file = file;
@@ -204,7 +224,7 @@ DicomFile read_dicom_headers(const std::filesystem::path& file) {
   }
   out.kind = DicomFile::Kind::kImages;
   out.is_colour = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1;
-  if (auto wrong = read_frames(format, out)) unusable(*wrong);
+  if (auto wrong = read_frames(format, spacing_mm, out)) unusable(*wrong);
   return out;
 }
 

@@ -4,7 +4,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +19,7 @@ struct DicomFrame {
   std::string sop_uid, frame_of_reference;
   Eigen::Vector3d position, u, v;  ///< LPS mm; u, v unit vectors at right angles
   double spacing_u_mm = 0, spacing_v_mm = 0;
+  bool has_spacing = false;         ///< the file gives it
   double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
   bool has_rescale = false;         ///< the file gives both
   int rows = 0, columns = 0;
@@ -44,7 +47,9 @@ struct DicomFile {
 /// A DICOM file by its first 132 bytes, whatever its name.
 bool has_dicom_preamble(const std::filesystem::path& file);
 
-/// Never fails: what is wrong is in the result.
-DicomFile read_dicom_headers(const std::filesystem::path& file);
+/// Never fails: what is wrong is in the result. `spacing_mm`, if given, is for frames without a
+/// pixel spacing of their own.
+DicomFile read_dicom_headers(const std::filesystem::path& file,
+                             const std::optional<std::array<double, 3>>& spacing_mm = {});
 
 }  // namespace trocar::pipeline

@@ -109,13 +109,38 @@ void describe_gaps(const std::vector<DicomFrame>& slices, const Eigen::Vector3d&
   }
 }
 
+// Without a rescale what is stored may be HU; beside slices that have one it hardly is.
+Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  const auto lacks = [](const DicomFrame& h) { return !h.has_rescale; };
+  const auto first = std::find_if(slices.begin(), slices.end(), lacks);
+  if (first == slices.end()) return {};
+  const auto without = static_cast<std::size_t>(std::count_if(first, slices.end(), lacks));
+  if (without < slices.size()) {
+    return refused(first->name() + ": no rescale slope or intercept, which " +
+                   std::to_string(slices.size() - without) + " of the series' " +
+                   std::to_string(slices.size()) + " slices have");
+  }
+  warnings.push_back({"no_rescale", first->name(),
+                      std::to_string(without) +
+                          " slices lack a rescale slope or intercept (this is the first); 1 and 0 "
+                          "are taken, so that what is stored is HU"});
+  return {};
+}
+
 }  // namespace
 
 Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& files,
                                               const std::string& wanted, const std::string& where,
                                               std::vector<Warning>& warnings) {
   std::map<std::string, Series> series = group(files, warnings);
-  if (series.empty()) return refused(where + ": no DICOM images in it");
+  if (series.empty()) {
+    return refused(files.size() == 1
+                       ? files[0].file.string() +
+                             ": not a DICOM image, nor by its name a NIfTI (.nii, .nii.gz) or an "
+                             "image (.png, .tif, .bmp, .jpg)"
+                       : where + ": no DICOM images in it (" + files[0].file.filename().string() +
+                             " is none)");
+  }
   auto chosen = series.begin();
   if (!wanted.empty()) {
     chosen = series.find(wanted);
@@ -148,14 +173,7 @@ Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& file
                         : " (and " + std::to_string(out.unusable - 1) + " more files like it)") +
                    (series.size() > 1 && wanted.empty() ? "; --series chooses another" : ""));
   }
-  if (const auto without = std::count_if(out.slices.begin(), out.slices.end(),
-                                         [](const DicomFrame& h) { return !h.has_rescale; });
-      without > 0) {
-    warnings.push_back({"no_rescale", out.first_file,
-                        std::to_string(without) +
-                            " slices lack a rescale slope or intercept; 1 and 0 are taken, so "
-                            "that what is stored is HU"});
-  }
+  if (auto ok = check_rescale(out.slices, warnings); !ok) return ok.error();
   return std::move(out.slices);
 }
 

@@ -67,25 +67,36 @@ class DicomStack final : public SliceStack {
   mutable ParsedFiles parsed_;
 };
 
+// What became of --spacing.
+Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string& where) {
+  const auto without = std::count_if(slices.begin(), slices.end(),
+                                     [](const DicomFrame& h) { return !h.has_spacing; });
+  if (without == 0) {
+    return {"spacing_ignored", where,
+            "--spacing is for input without a pixel size; the files' own is used"};
+  }
+  return {"no_pixel_spacing", where,
+          std::to_string(without) +
+              " slices have no pixel spacing; X and Y of --spacing are taken, and the files' own "
+              "positions"};
+}
+
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options) {
   auto stack = std::make_unique<DicomStack>();
-  const std::string where = (files[0].parent_path() / "").string();
+  const std::filesystem::path folder = files[0].parent_path();
+  const std::string where = ((folder.empty() ? "." : folder) / "").string();
   std::vector<DicomFile> headers;
   headers.reserve(files.size());
   for (const std::filesystem::path& file : files)
-    headers.push_back(read_dicom_headers(file));
+    headers.push_back(read_dicom_headers(file, options.spacing_mm));
   auto chosen = choose_series(headers, options.series_uid, where, stack->warnings);
   if (!chosen) return chosen.error();
   stack->slices_ = std::move(*chosen);
   if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) return ok.error();
-  if (options.spacing_mm) {
-    stack->warnings.push_back(
-        {"spacing_ignored", where,
-         "--spacing is for input without a pixel size; the files' own is used"});
-  }
+  if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)
     used.insert(h.file);

@@ -3,6 +3,7 @@
 
 #include <nifti2_io.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -38,11 +39,22 @@ int bytes_of(int datatype) {
   }
 }
 
+// An sform has the voxel's size in it; else the voxel sizes say it. libnifti2 puts 1 for those that
+// are not there, and in a qform for negative ones. (dim[0] has been checked.)
+template <typename Header>
+bool has_voxel_size(const Header& h) {
+  if (h.sform_code > 0) return true;
+  return std::all_of(h.pixdim + 1, h.pixdim + 1 + std::min<std::int64_t>(3, h.dim[0]),
+                     [&](double size) {
+                       return std::isfinite(size) && (h.qform_code > 0 ? size > 0 : size != 0);
+                     });
+}
+
 // The header in this machine's byte order, and what libnifti2 makes of it. Sizes are checked
 // here, on the header itself: the library multiplies them unchecked.
 template <typename Header>
 Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
-                           const std::string& file) {
+                           const std::string& file, bool& is_sized) {
   Header h;
   std::memcpy(&h, head.data(), sizeof h);
   constexpr bool kFirst = sizeof(Header) == sizeof(nifti_1_header);
@@ -70,6 +82,7 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
     return refused(file + ": voxel type " + std::string(nifti_datatype_string(h.datatype)) +
                    " of " + std::to_string(h.bitpix) + " bits is not a real number");
   }
+  is_sized = has_voxel_size(h);
   if constexpr (kFirst) {
     return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()));
   } else {
@@ -126,17 +139,17 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   std::memcpy(&size, head.data(), sizeof size);
   const bool swapped = size == __builtin_bswap32(348) || size == __builtin_bswap32(540);
   if (swapped) size = __builtin_bswap32(size);
+  NiftiHeader out;
   Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
   if (size == 348) {
-    image = convert<nifti_1_header>(head, swapped, file);
+    image = convert<nifti_1_header>(head, swapped, file, out.has_voxel_size);
   } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
-    image = convert<nifti_2_header>(head, swapped, file);
+    image = convert<nifti_2_header>(head, swapped, file, out.has_voxel_size);
   }
   if (!image) return image.error();
   if (*image == nullptr) return refused(file + ": its header is not acceptable");
 
   const nifti_image& m = **image;
-  NiftiHeader out;
   out.n = {m.nx, m.ny, m.nz};
   for (std::int64_t side : out.n) {
     if (side < 1 || side > kMaxImageSide)

@@ -147,14 +147,19 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   const auto header = parse_nifti_header(*head, file, stack->warnings);
   if (!header) return header.error();
   stack->header_ = *header;
-  if (options.spacing_mm) {
+  Eigen::Matrix4d T = header->T_lps_voxel;
+  if (!header->has_voxel_size) {
+    if (!options.spacing_mm)
+      return usage(file + ": carries no voxel size: give --spacing X,Y,Z in mm");
+    for (int k = 0; k < 3; ++k)
+      T.col(k).head<3>() *= (*options.spacing_mm)[k] / T.col(k).head<3>().norm();
+  } else if (options.spacing_mm) {
     stack->warnings.push_back(
         {"spacing_ignored", file,
          "--spacing is for input without a voxel size; the file's own is used"});
   }
 
   // Array axes for u, v, slices: the assignment whose unit vectors lie closest to the view's.
-  const Eigen::Matrix4d& T = header->T_lps_voxel;
   const std::array<Eigen::Vector3d, 3> wanted = view_directions(options.axis);
   std::array<int, 3> axis{0, 1, 2};
   double best_score = -1;

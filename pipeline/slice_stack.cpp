@@ -129,12 +129,15 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
                  ": another axis can be chosen for a NIfTI volume only; images and DICOM slices "
                  "are what they are");
   }
+  const bool images = std::any_of(files.begin(), files.end(), is_image);
+  if (!options.series_uid.empty() && (volume || images))
+    return usage(inputs[0].string() + ": --series chooses among DICOM files; this has none");
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
   if (volume) {
     stack = open_nifti(files[0], options);
   } else if (std::any_of(files.begin(), files.end(), is_nifti)) {
     return usage(inputs[0].string() + ": give one NIfTI file, not a folder or list with one in it");
-  } else if (std::any_of(files.begin(), files.end(), is_image)) {
+  } else if (images) {
     // A folder may hold a README or the like beside the images; a list may not.
     if (inputs.size() == 1) {
       const auto others = std::stable_partition(files.begin(), files.end(), is_image);

@@ -66,7 +66,7 @@ class SliceStack {
 enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 
 struct OpenOptions {
-  std::optional<std::array<double, 3>> spacing_mm;  ///< for input that has none
+  std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
   std::string series_uid;                           ///< of a DICOM folder; empty: the largest
   SliceAxis axis = SliceAxis::kTransverse;          ///< of a volume; others keep their slices
   bool as_labels = false;                           ///< levels of 16-bit images as they are stored
@@ -74,7 +74,8 @@ struct OpenOptions {
 
 /// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
 /// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
-/// missing, an axis asked of what is not a volume, images and DICOM files in one folder.
+/// missing, an axis asked of what is not a volume, a series of what is not DICOM, images and DICOM
+/// files in one folder. Warnings: those of the readers.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 

@@ -122,6 +122,7 @@ class Case:
 
     def __init__(self, bin_folder, work, name):
         self.dump, self.folder, self.name = bin_folder / "stack_dump", work / name, name
+        self.spacing = "-"  # or X,Y,Z, as of --spacing
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
 
@@ -139,7 +140,7 @@ class Case:
 
     def run(self):
         raw = self.folder.with_suffix(".raw")
-        done = subprocess.run([self.dump, raw, "transverse", self.folder], stdout=subprocess.PIPE,
+        done = subprocess.run([self.dump, raw, "transverse", self.spacing, self.folder], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, check=False, timeout=60)
         if done.returncode != 0:
             return done.returncode, done.stderr.strip(), None
@@ -325,6 +326,23 @@ def geometry(case):
         c = series(case("no_" + tag))
         modify(c.folder / "3", "-ea", tag)
         c.refuses("/3", reason, tag)
+    # Where files have no pixel spacing it may be given; positions stay the files'.
+    for name, edited in (("given_spacing", range(SLICES)), ("given_to_one", (3,))):
+        c = series(case(name))
+        c.spacing = f"{SPACING_U},{SPACING_V},99"
+        for k in edited:
+            modify(c.folder / f"{k}", "-ea" if k % 2 else "-m", "PixelSpacing" if k % 2 else "PixelSpacing=")
+        out = c.gives(plain, warnings=["no_pixel_spacing"])
+        check(out and out["warnings"][0]["sentence"].startswith(f"{len(edited)} "), f"{name}: {out and out['warnings']}")
+    c.spacing = "1,1,1"
+    c.refuses("/3", "pixel spacing differs")
+    c = series(case("own_spacing"))
+    c.spacing = "9,9,9"
+    c.gives(plain, warnings=["spacing_ignored"])
+    c = series(case("no_lengths"))
+    c.spacing = "1,1,1"
+    modify(c.folder / "3", "-m", "PixelSpacing=0\\0")
+    c.refuses("/3", "PixelSpacing", "not two lengths")
     c = series(case("bad_orientation"))
     modify(c.folder / "3", "-m", "ImageOrientationPatient=1\\0\\0\\1\\0\\0")
     c.refuses("/3", "right angles")
@@ -376,6 +394,13 @@ def identity(case, work):
         modify(c.folder / f"{k}", "-ea", "RescaleIntercept")
     out = c.gives(plain, warnings=["no_rescale"])
     check(out and str(SLICES) in out["warnings"][0]["sentence"], "no_rescale: " + str(out and out["warnings"]))
+    check(out and out["warnings"][0]["where"].endswith("/0"), "no_rescale: " + str(out and out["warnings"]))
+    # Stored values beside HU are a thousand off; the first file without is named.
+    for name, without in (("rescale_of_some", (2, 3)), ("rescale_of_one", (1, 2, 3, 4))):
+        c = series(case(name))
+        for k in without:
+            modify(c.folder / f"{k}", "-ea", "RescaleSlope", "-ea", "RescaleIntercept")
+        c.refuses(f"/{without[0]}: ", "no rescale", f"{SLICES - len(without)} of the series' {SLICES}")
     c = case("only_colour")
     subprocess.run(["img2dcm", "-i", "BMP", picture, c.folder / "capture"], check=True)
     c.refuses("capture", "colour")
@@ -479,7 +504,7 @@ def broken(case):
     c.refuses("/0", "nested too deep")
     c = case("nothing_usable")
     (c.folder / "text").write_text("no scan")
-    c.refuses("no DICOM images")
+    c.refuses("/text: not a DICOM image")
 
 
 def main():

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
@@ -125,7 +127,10 @@ TEST_F(Readers, BrokenInputIsRefusedByName) {
   expect_error(open_stack({write("bad.png", "no image")}, options), ExitCode::kRefused, "bad.png");
   expect_error(open_stack({write("bad.nii", "no volume")}, options), ExitCode::kRefused, "bad.nii");
   expect_error(open_stack({write("texts/a.txt", "no scan")}, options), ExitCode::kRefused,
-               "no DICOM images");
+               "a.txt: not a DICOM image");
+  write("texts/b.txt", "no scan");
+  expect_error(open_stack({folder_ / "texts"}, options), ExitCode::kRefused,
+               "texts/: no DICOM images in it (a.txt is none)");
 
   const std::vector<std::uint8_t> whole = *read_file(folder_ / "scan" / "sample.nii.gz");
   expect_error(
@@ -189,6 +194,75 @@ TEST_F(Readers, VolumesInOtherUnitsAreInMm) {
         << code;
   }
   expect_error(with(5), ExitCode::kRefused, "unit of length 5");
+}
+
+// Without voxel sizes a volume is asked for them, not taken for one of 1 mm; X, Y and Z are the
+// array's axes, in the file's orientation.
+TEST_F(Readers, AVolumeWithoutVoxelSizesNeedsASpacing) {
+  const auto whole = *read_file(fs::path(TROCAR_CORPUS) / "nifti" / "one_i2.nii");
+  constexpr std::size_t kPixdim = 76, kQformCode = 252, kSformCode = 254;
+  const auto with = [&](std::array<float, 3> sizes, std::int16_t qform,
+                        const OpenOptions& options) {
+    auto bytes = whole;
+    std::memcpy(bytes.data() + kPixdim + sizeof(float), sizes.data(), sizeof sizes);
+    std::memcpy(bytes.data() + kQformCode, &qform, sizeof qform);
+    std::memset(bytes.data() + kSformCode, 0, sizeof(std::int16_t));
+    return open_stack({write("sizes.nii", {bytes.begin(), bytes.end()})}, options);
+  };
+  OpenOptions given;
+  given.spacing_mm = {0.5, 0.25, 3.0};
+  for (const std::int16_t qform : {std::int16_t{0}, std::int16_t{1}}) {
+    const auto own = with({0.5F, 0.25F, 3.0F}, qform, {});
+    ASSERT_TRUE(own) << own.error().message;
+    for (const std::array<float, 3> sizes :
+         {std::array{0.0F, 0.0F, 0.0F}, {0.5F, 0.25F, 0.0F}, {NAN, 0.25F, 3.0F}}) {
+      expect_error(with(sizes, qform, {}), ExitCode::kUsage, "sizes.nii: carries no voxel size");
+      const auto stack = with(sizes, qform, given);
+      ASSERT_TRUE(stack) << stack.error().message;
+      for (int k = 0; k < (*own)->size(); ++k) {
+        EXPECT_NEAR((*stack)->plane(k).spacing_u_mm, (*own)->plane(k).spacing_u_mm, 1e-9);
+        EXPECT_NEAR((*stack)->plane(k).spacing_v_mm, (*own)->plane(k).spacing_v_mm, 1e-9);
+        EXPECT_TRUE((*stack)->plane(k).T_lps_plane.isApprox((*own)->plane(k).T_lps_plane, 1e-6));
+      }
+      EXPECT_EQ((*stack)->warnings.size(), (*own)->warnings.size());
+    }
+  }
+  expect_error(with({-0.5F, 0.25F, 3.0F}, 1, {}), ExitCode::kUsage, "carries no voxel size");
+}
+
+TEST_F(Readers, ANumberLeftOutAmongImagesIsWarnedOf) {
+  const std::vector<std::uint8_t> png = *read_file(folder_ / "scan" / "png" / "slice_001.png");
+  OpenOptions options;
+  options.spacing_mm = {1, 1, 2.5};
+  const auto warned = [&](const std::string& folder, const std::vector<std::string>& names) {
+    std::vector<std::string> out;
+    for (const std::string& name : names)
+      write(folder + "/" + name, {png.begin(), png.end()});
+    const auto stack = open_stack({folder_ / folder}, options);
+    if (!stack) return std::vector<std::string>{stack.error().message};
+    for (const Warning& w : (*stack)->warnings)
+      out.push_back(w.code + " " + w.where + " " + w.sentence);
+    return out;
+  };
+  const auto gap = warned("gap", {"s8.png", "s9.png", "s10.png", "s12.png", "s13.png"});
+  ASSERT_EQ(gap.size(), 1U);
+  for (const char* part : {"missing_slice", "s10.png", "s12.png", "2.5 mm"})
+    EXPECT_NE(gap[0].find(part), std::string::npos) << gap[0];
+  EXPECT_EQ(warned("two_gaps", {"s1x2.png", "s2x2.png", "s4x2.png", "s5x2.png", "s7x2.png"}).size(),
+            2U);
+  EXPECT_TRUE(warned("row", {"s8.png", "s9.png", "s10.png", "s11.png"}).empty());
+  EXPECT_TRUE(warned("tens", {"s0.png", "s10.png", "s20.png", "s30.png"}).empty());
+  EXPECT_TRUE(warned("words", {"a.png", "b.png", "z.png"}).empty());
+  EXPECT_TRUE(warned("rows", {"a1.png", "a2.png", "b7.png", "b8.png"}).empty());
+}
+
+TEST_F(Readers, ASeriesIsChosenAmongDicomFilesOnly) {
+  OpenOptions options;
+  options.spacing_mm = {1, 1, 1};
+  options.series_uid = "1.2.3";
+  for (const char* input : {"png", "sample.nii.gz"})
+    expect_error(open_stack({folder_ / "scan" / input}, options), ExitCode::kUsage, "--series");
+  expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage, "no series");
 }
 
 TEST_F(Readers, LabelsOf16BitsAreReadAsTheyAre) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// stack_dump OUT AXIS INPUT...: what the readers give, for tests in Python: every slice's values
-// as float32 in OUT, the rest as JSON on stdout. Ends like trocar-mesh on an error.
+// stack_dump OUT AXIS SPACING INPUT...: what the readers give, for tests in Python: every slice's
+// values as float32 in OUT, the rest as JSON on stdout. SPACING is X,Y,Z in mm, or - for none. Ends
+// like trocar-mesh on an error.
+#include <array>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -14,13 +16,14 @@ int main(int argc, char** argv) {
     std::cerr << error.message << '\n';
     return static_cast<int>(error.code);
   };
-  if (argc < 4) return fail(trocar::usage("stack_dump OUT AXIS INPUT..."));
+  if (argc < 5) return fail(trocar::usage("stack_dump OUT AXIS SPACING INPUT..."));
   OpenOptions options;
   const std::string axis = argv[2];
   if (axis == "coronal") options.axis = SliceAxis::kCoronal;
   if (axis == "sagittal") options.axis = SliceAxis::kSagittal;
-  options.spacing_mm = {1, 1, 1};
-  const auto stack = open_stack({argv + 3, argv + argc}, options);
+  std::array<double, 3> mm{};
+  if (std::sscanf(argv[3], "%lf,%lf,%lf", &mm[0], &mm[1], &mm[2]) == 3) options.spacing_mm = mm;
+  const auto stack = open_stack({argv + 4, argv + argc}, options);
   if (!stack) return fail(stack.error());
   std::ofstream out(argv[1], std::ios::binary);
   nlohmann::json slices = nlohmann::json::array(), warnings = nlohmann::json::array();
@@ -39,10 +42,8 @@ int main(int argc, char** argv) {
                       {"first", {near.x(), near.y(), near.z()}},
                       {"last", {far.x(), far.y(), far.z()}}});
   }
-  for (const Warning& w : (*stack)->warnings) {
-    if (w.code != "spacing_ignored")
-      warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
-  }
+  for (const Warning& w : (*stack)->warnings)
+    warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
   std::cout << nlohmann::json{{"width", (*stack)->width()},
                               {"height", (*stack)->height()},
                               {"slices", slices},
