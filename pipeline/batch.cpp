@@ -7,7 +7,10 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstdio>
 #include <mutex>
+#include <new>
+#include <set>
 #include <utility>
 
 #include "pipeline/for_each_piece.h"
@@ -23,11 +26,18 @@ double ms_since(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
+std::string significant(double value) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.4g", value);
+  return out;
+}
+
 struct Done {
   EncodedSlice slice;
   std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the tree's size
   json stages;
   std::vector<Warning> warnings;
+  std::set<int> labels;
 };
 
 void warn(Done& out, int index, const MeshedSlice& meshed) {
@@ -36,6 +46,11 @@ void warn(Done& out, int index, const MeshedSlice& meshed) {
     out.warnings.push_back({"empty_slice", where, "no material in this slice"});
   }
   const Refined& refined = meshed.refined;
+  if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
+    out.warnings.push_back({"area_not_reached", where,
+                            "the wanted area needs too many vertices here; refined to " +
+                                significant(refined.max_area_mm2) + " mm^2 instead"});
+  }
   switch (refined.outcome) {
     case RefinementOutcome::kRefined:
       break;
@@ -61,6 +76,11 @@ void warn(Done& out, int index, const MeshedSlice& meshed) {
          std::to_string(meshed.quality.below_unexplained) +
              " triangles are below the wanted angle though the input has none so small there"});
   }
+}
+
+std::set<int> wanted_labels(const Segmentation& how) {
+  const auto* labels = std::get_if<Labels>(&how);
+  return labels == nullptr ? std::set<int>() : labels->labels;
 }
 
 // All vertices lie in the image, or in its crop, of every slice.
@@ -99,6 +119,7 @@ Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& op
   if (options.dump_slice == index)
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
   warn(out, index, *meshed);
+  out.labels = std::move(meshed->labels);
 
   const auto start = std::chrono::steady_clock::now();
   auto encoded = encode_slice({index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
@@ -116,15 +137,20 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
     const auto [a, b] = *options.slices;
     if (a < 0 || b < a || b >= stack.size()) {
       return usage("--slices " + std::to_string(a) + ":" + std::to_string(b) +
-                   " is outside 0:" + std::to_string(stack.size() - 1));
+                   (b < a ? " ends before it begins; there are 0:" : " is outside 0:") +
+                   std::to_string(stack.size() - 1));
     }
   }
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
     if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||
         c.y1 >= stack.height()) {
-      return usage("--crop is outside 0:" + std::to_string(stack.width() - 1) +
-                   ",0:" + std::to_string(stack.height() - 1));
+      const bool is_narrow = c.x1 <= c.x0 || c.y1 <= c.y0;
+      return usage(
+          "--crop " + std::to_string(c.x0) + ":" + std::to_string(c.x1) + "," +
+          std::to_string(c.y0) + ":" + std::to_string(c.y1) +
+          (is_narrow ? " must be two pixels wide and high at least, within 0:" : " is outside 0:") +
+          std::to_string(stack.width() - 1) + ",0:" + std::to_string(stack.height() - 1));
     }
   }
   return {};
@@ -157,7 +183,11 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
       return;
     }
     const int k = piece - files;
-    done[static_cast<std::size_t>(k)] = mesh_one(stack, first + k, options, grid);
+    try {
+      done[static_cast<std::size_t>(k)] = mesh_one(stack, first + k, options, grid);
+    } catch (const std::bad_alloc&) {
+      done[static_cast<std::size_t>(k)] = refused(stack.name(first + k) + ": not enough memory");
+    }
     if (options.progress) {
       const std::lock_guard lock(mutex);
       options.progress(++finished, last - first + 1);
@@ -175,6 +205,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     warnings.push_back(to_json(w));
   std::vector<EncodedSlice> encoded;
   std::vector<std::vector<std::uint8_t>> reports;
+  std::set<int> absent = wanted_labels(options.mesh.segmentation);
   for (auto& result : done) {
     if (!*result) return result->error();
     Done one = std::move(**result);
@@ -182,9 +213,15 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     reports.push_back(std::move(one.report));
     for (const Warning& w : one.warnings)
       warnings.push_back(to_json(w));
+    for (const int label : one.labels)
+      absent.erase(label);
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   done = {};
+  for (const int label : absent) {
+    warnings.push_back(to_json(
+        {"label_absent", "label " + std::to_string(label), "not in the slices that were meshed"}));
+  }
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include "formats/asset.h"
 #include "formats/mesh_validity.h"
@@ -73,7 +74,8 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     grid.offset_y = options.crop->y0;
     *image = cropped(std::move(*image), *options.crop);
   }
-  const Field field = segment(std::move(*image), stack.calibration(), options.segmentation);
+  Field field = segment(std::move(*image), stack.calibration(), options.segmentation);
+  out.labels = std::move(field.labels);
   if (stack.calibration() == Calibration::kHounsfield &&
       std::holds_alternative<Threshold>(options.segmentation)) {
     out.mean_hu = mean_of_material(field);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <optional>
+#include <set>
 
 #include "formats/result.h"
 #include "pipeline/contour.h"
@@ -45,6 +46,7 @@ struct MeshedSlice {
   /// Of the pixels at or above the threshold, before small regions are dropped; only where the
   /// input has HU and they decide.
   std::optional<double> mean_hu;
+  std::set<int> labels;  ///< those of the wanted that the slice has
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;

@@ -75,6 +75,7 @@ class Refiner {
         best_(memory.best),
         trial_(memory.trial),
         min_angle_deg_(options.min_angle_deg),
+        max_area_mm2_(options.max_area_mm2),
         max_vertices_(options.max_vertices),
         places_(options.min_angle_deg) {
     const double sine = std::sin(options.min_angle_deg * std::numbers::pi / 180);
@@ -446,6 +447,7 @@ class Refiner {
     if (out_.outcome == RefinementOutcome::kRefined && out_.bad_at_lattice_step > 0)
       out_.outcome = RefinementOutcome::kLatticeTooCoarse;
     out_.angle_deg = min_angle_deg_;
+    out_.max_area_mm2 = max_area_mm2_;
     out_.mesh.vertices = mesh_.points;
     out_.origins = origins_;
     out_.segments = outline_.segments();
@@ -462,7 +464,7 @@ class Refiner {
   std::vector<EncroachedTicket>& encroached_;
   std::vector<std::uint32_t>& fresh_;
   Prospect &best_, &trial_;
-  double min_angle_deg_;
+  double min_angle_deg_, max_area_mm2_;
   std::uint32_t max_vertices_;
   PlacesUnderAngle places_;
   ShapeLimits limits_{};
@@ -476,12 +478,21 @@ std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
   const double step2 = lattice.step_mm() * lattice.step_mm();
   const double doubled_area_bound = std::max(2 * options.max_area_mm2 / step2, 1.0);
   const double vertices = 10'000 + 200.0 * static_cast<double>(from.mesh.vertices.size()) +
-                          20.0 * static_cast<double>(doubled_area(from.mesh)) / doubled_area_bound;
+                          4.0 * static_cast<double>(doubled_area(from.mesh)) / doubled_area_bound;
   return static_cast<std::uint32_t>(std::min(double{kMostVertices}, vertices));
 }
 
+// The wanted area, or the smallest that does not ask for too many triangles.
+double affordable_area_mm2(const Triangulation& from, const Lattice& lattice, double wanted_mm2) {
+  const double area_mm2 =
+      0.5 * static_cast<double>(doubled_area(from.mesh)) * lattice.step_mm() * lattice.step_mm();
+  return std::max(wanted_mm2, area_mm2 / kMostTrianglesByArea);
+}
+
 Refined refine_as_it_lies(const Triangulation& from, const Lattice& lattice,
-                          const RefinementOptions& options) {
+                          const RefinementOptions& wanted) {
+  RefinementOptions options = wanted;
+  options.max_area_mm2 = affordable_area_mm2(from, lattice, wanted.max_area_mm2);
   thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{angle_deg, options.max_area_mm2,

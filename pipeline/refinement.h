@@ -22,9 +22,13 @@ inline constexpr double kLatticeAllowance_deg = 1.5;
 /// Up to this angle refinement ends in practice whatever the input.
 inline constexpr double kSafeAngle_deg = 33;
 
+/// A bound on the area asks for no more triangles than this in one slice, which then has some 1.5
+/// million vertices and takes half a GB by the time that it is encoded.
+inline constexpr double kMostTrianglesByArea = 2e6;
+
 struct RefinementOptions {
   double min_angle_deg = 30;
-  double max_area_mm2 = 50;
+  double max_area_mm2 = 50;  ///< raised where it asks for more than kMostTrianglesByArea
   /// Refinement stops, with what is there, when the mesh would grow beyond this many vertices. 0:
   /// from input and area; for angles above kSafeAngle_deg from the mesh of that angle.
   std::uint32_t max_vertices = 0;
@@ -58,6 +62,7 @@ struct Refined {
   std::vector<Segment> segments;
   RefinementOutcome outcome = RefinementOutcome::kRefined;
   double angle_deg = 0;                   ///< what it was refined to
+  double max_area_mm2 = 0;                ///< likewise
   std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles left as no lattice point betters them
 };
 

@@ -63,10 +63,13 @@ Field segment(Image image, Calibration calibration, const Segmentation& how) {
     field.iso = static_cast<float>(paper->level);
   } else {
     const auto& labels = std::get<Labels>(how).labels;
+    float last = 0;
     for (float& v : field.image.values) {
       const float nearest = std::rint(v);
       const bool in =
           nearest == v && std::abs(v) < 1e9F && labels.contains(static_cast<int>(nearest));
+      if (in && (field.labels.empty() || v != last))
+        field.labels.insert(static_cast<int>(last = v));
       v = in ? 1.0F : 0.0F;
     }
     field.iso = 0.5F;

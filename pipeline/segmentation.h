@@ -28,7 +28,8 @@ using Segmentation = std::variant<Threshold, Equalize, Labels>;
 struct Field {
   Image image;
   float iso = 0;
-  bool is_mask = false;  ///< 0 and 1 only: nothing to interpolate
+  bool is_mask = false;       ///< 0 and 1 only: nothing to interpolate
+  std::set<int> labels = {};  ///< those of the wanted that the image has
 };
 
 /// Mean of the values that are material; none if there is no such pixel. The same sum, to the
