@@ -5,7 +5,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <atomic>
 #include <charconv>
+#include <csignal>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
@@ -38,7 +40,21 @@ int fail(const Error& error) {
   return static_cast<int>(error.code);
 }
 
+std::atomic<bool> stop_requested = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+// A wish to stop is heard between two pieces of work, so that nothing is left behind; a write
+// beyond `ulimit -f` fails instead.
+void handle_signals() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { stop_requested = true; };
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    ::sigaction(signal, &action, nullptr);
+  std::signal(SIGXFSZ, SIG_IGN);
+}
+
 int run(const Arguments& arguments) {
+  handle_signals();
   const Result<ScanGeometry> geometry = sample_geometry(arguments.size, arguments.slices);
   if (!geometry) return fail(geometry.error());
 
@@ -49,8 +65,10 @@ int run(const Arguments& arguments) {
   progress("scanning");
   PhantomOptions phantom;
   phantom.seed = arguments.seed;
-  const Scan scan = render_scan(phantom, *geometry, arguments.noise_hu, arguments.jobs);
-  const Result<void> written = write_sample_folder(scan, GreyWindow{}, arguments.folder, progress);
+  const Scan scan =
+      render_scan(phantom, *geometry, arguments.noise_hu, arguments.jobs, &stop_requested);
+  const Result<void> written =
+      write_sample_folder(scan, GreyWindow{}, arguments.folder, progress, &stop_requested);
   progress("");
   if (!written) return fail(written.error());
   if (!arguments.quiet)

@@ -127,7 +127,7 @@ std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, do
 }
 
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
-                 int threads) {
+                 int threads, const std::atomic<bool>* stop) {
   const std::size_t pixels = static_cast<std::size_t>(geometry.rows) * geometry.columns;
   Scan scan{geometry, phantom.seed, noise_hu, {}};
   scan.hu.resize(pixels * geometry.slices);
@@ -135,6 +135,7 @@ Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, do
   std::atomic<int> next{0};
   const auto work = [&] {
     for (int k = next++; k < geometry.slices; k = next++) {
+      if (stop != nullptr && stop->load()) return;
       const std::vector<double> hu = render_slice(phantom, geometry, k);
       const std::vector<double> noise = noise_slice(geometry, phantom.seed, noise_hu, k);
       std::int16_t* out = scan.hu.data() + pixels * k;

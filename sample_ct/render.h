@@ -11,6 +11,7 @@
 // nor the order of the slices enters.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <vector>
 
@@ -75,9 +76,10 @@ struct Scan {
 };
 inline constexpr int kMinHu = -1024, kMaxHu = 3071;
 
-/// The whole scan; the noise is seeded by phantom.seed. threads <= 0: all cores.
+/// The whole scan; the noise is seeded by phantom.seed. threads <= 0: all cores. Incomplete if
+/// `stop`, if given, is set meanwhile.
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
-                 int threads = 0);
+                 int threads = 0, const std::atomic<bool>* stop = nullptr);
 
 /// The mean of field(Vec3) over a pixel and the slice's thickness about the centre,
 /// by the midpoint rule, summed in a fixed order. T needs += T and * double.

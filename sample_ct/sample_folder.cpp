@@ -28,6 +28,13 @@ std::error_code last_error() {
   return {errno, std::generic_category()};
 }
 
+bool is_set(const std::atomic<bool>* stop) {
+  return stop != nullptr && stop->load();
+}
+Error interrupted() {
+  return unwritable("interrupted; nothing was written");
+}
+
 /// Removes the folder when the scope is left, whatever the way.
 struct Scratch {
   fs::path path;
@@ -113,10 +120,9 @@ std::string describe_scan(const Scan& scan, const GreyWindow& window) {
 }
 
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, const fs::path& folder,
-                                 const std::function<void(const std::string&)>& progress) {
-  const auto say = [&](const char* what) {
-    if (progress) progress(what);
-  };
+                                 const std::function<void(const std::string&)>& progress,
+                                 const std::atomic<bool>* stop) {
+  if (is_set(stop)) return interrupted();
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return failed(folder, error);
@@ -131,16 +137,19 @@ Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, con
     if (error) return failed(made, error);
   }
 
-  say("writing PNG");
-  if (Result<void> r = write_png(scan, window, scratch.path / "png"); !r) return r;
-  say("writing DICOM");
-  if (Result<void> r = write_dicom(scan, scratch.path / "dicom"); !r) return r;
-  say("writing NIfTI");
-  if (Result<void> r = write_nifti(scan, scratch.path / "sample.nii.gz"); !r) return r;
-  if (Result<void> r =
-          write_file_atomically(scratch.path / "sample.json", describe_scan(scan, window));
-      !r)
-    return r;
+  using Writer = std::function<Result<void>()>;
+  const std::pair<const char*, Writer> writers[] = {
+      {"writing PNG", [&] { return write_png(scan, window, scratch.path / "png"); }},
+      {"writing DICOM", [&] { return write_dicom(scan, scratch.path / "dicom"); }},
+      {"writing NIfTI", [&] { return write_nifti(scan, scratch.path / "sample.nii.gz"); }},
+      {"describing it", [&] {
+         return write_file_atomically(scratch.path / "sample.json", describe_scan(scan, window));
+       }}};
+  for (const auto& [what, write] : writers) {
+    if (progress) progress(what);
+    if (Result<void> r = write(); !r) return r;
+    if (is_set(stop)) return interrupted();
+  }
   for (const fs::path& made : {scratch.path / "png", scratch.path / "dicom", scratch.path})
     if (Result<void> r = sync_folder(made); !r) return r;
 

@@ -3,6 +3,7 @@
 // and OUTDIR/sample.json, each of which appears complete or not at all.
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -17,10 +18,12 @@ namespace trocar::sample {
 /// the four outputs into place, replacing those of an earlier run. On failure
 /// (unwritable, naming the file) what was there before is still there and the hidden
 /// folder is gone. An existing png/ or dicom/ that holds anything but an earlier
-/// run's slices is not replaced: unwritable. `progress`, if given, is told what comes next.
+/// run's slices is not replaced: unwritable; as is all once `stop`, if given, is set. `progress`,
+/// if given, is told what comes next.
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::filesystem::path& folder,
-                                 const std::function<void(const std::string&)>& progress = {});
+                                 const std::function<void(const std::string&)>& progress = {},
+                                 const std::atomic<bool>* stop = nullptr);
 
 /// sample.json: what the scan is, every length with its unit.
 std::string describe_scan(const Scan& scan, const GreyWindow& window);

@@ -8,8 +8,10 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cerrno>
 #include <cstdio>
 #include <exception>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -170,8 +172,13 @@ Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder) 
       describe_series(scan, attributes);
       describe_slice(scan, k, attributes);
       OFCondition outcome = attributes.outcome();
+      errno = 0;
       if (outcome.good()) outcome = format.saveFile(file.c_str(), EXS_LittleEndianExplicit);
-      if (outcome.bad()) return unwritable(file.string() + ": " + outcome.text());
+      const int reason = errno;  // DCMTK's own words for a full disk are of suspended streams
+      if (outcome.bad()) {
+        return unwritable(file.string() + ": " +
+                          (reason != 0 ? std::generic_category().message(reason) : outcome.text()));
+      }
     } catch (const std::exception& e) {
       return unwritable(file.string() + ": " + e.what());
     }
