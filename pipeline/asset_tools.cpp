@@ -7,9 +7,15 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <regex>
 #include <set>
 #include <sstream>
+#include <system_error>
+#include <utility>
 
 #include "formats/file_io.h"
 #include "pipeline/triangulation.h"
@@ -17,6 +23,7 @@
 namespace trocar::pipeline {
 namespace {
 
+namespace fs = std::filesystem;
 using nlohmann::json;
 using ObjMesh = OpenMesh::TriMesh_ArrayKernelT<>;
 
@@ -154,6 +161,81 @@ std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
   return out.str();
 }
 
+constexpr std::array kEndings = {".poly", ".obj", ".svg"};
+
+std::string slice_name(int index) {
+  char name[32];
+  std::snprintf(name, sizeof name, "slice_%04d", index);
+  return name;
+}
+
+// In the order of kEndings.
+Result<std::array<std::string, 3>> slice_texts(const AssetSlice& slice, const Lattice& lattice) {
+  auto poly = poly_text(slice, lattice);
+  if (!poly) return poly.error();
+  auto obj = obj_text(slice, lattice);
+  if (!obj) return obj.error();
+  return std::array{std::move(*poly), std::move(*obj), svg_text(slice, lattice)};
+}
+
+// Files of slices that this asset does not have would pass for its own.
+Result<void> check_no_other_export(const Asset& asset, const fs::path& folder) {
+  std::set<std::string> ours;
+  for (const AssetSlice& slice : asset.slices) {
+    if (slice.mesh.triangles.empty()) continue;
+    for (const char* ending : kEndings)
+      ours.insert(slice_name(slice.index) + ending);
+  }
+  static const std::regex exported(R"(slice_\d{4,}\.(poly|obj|svg))");
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    if (std::regex_match(name, exported) && !ours.contains(name))
+      return unwritable(folder.string() + ": holds " + name +
+                        " of another export, which would mix with this one; give another folder");
+  }
+  return {};
+}
+
+// A hidden folder inside the one to be filled, so that moving out of it is a rename. Goes with
+// what is left in it when this ends, as does the other where it was made for this and stays empty.
+class Scratch {
+ public:
+  static Result<std::unique_ptr<Scratch>> make(const fs::path& target) {
+    std::error_code error;
+    const bool is_new = fs::create_directories(target, error);
+    if (error) return unwritable(target.string() + ": " + error.message());
+    std::string path = (target / ".trocar-export.XXXXXX").string();
+    if (::mkdtemp(path.data()) == nullptr)
+      return unwritable(target.string() + ": " + std::generic_category().message(errno));
+    return std::make_unique<Scratch>(target, path, is_new);
+  }
+  Scratch(fs::path target, fs::path path, bool is_new)
+      : target_(std::move(target)), path_(std::move(path)), is_new_(is_new) {}
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+  ~Scratch() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+    if (is_new_) fs::remove(target_, ignored);  // only if it is empty
+  }
+
+  const fs::path& path() const { return path_; }
+  Result<void> move_out(const std::vector<std::string>& names) {
+    std::error_code error;
+    for (const std::string& name : names) {
+      fs::rename(path_ / name, target_ / name, error);
+      if (error) return unwritable((target_ / name).string() + ": " + error.message());
+    }
+    is_new_ = false;
+    return {};
+  }
+
+ private:
+  fs::path target_, path_;
+  bool is_new_;
+};
+
 }  // namespace
 
 json describe_asset(const Asset& asset, std::uint64_t bytes) {
@@ -185,29 +267,25 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
           {"slices", std::move(slices)}};
 }
 
-Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder) {
+Result<void> export_asset(const Asset& asset, const fs::path& folder,
+                          const std::atomic<bool>* stop) {
   omlog().disable();  // OpenMesh tells of every file it writes
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) return unwritable(folder.string() + ": " + error.message());
+  if (auto ok = check_no_other_export(asset, folder); !ok) return ok;
+  const auto scratch = Scratch::make(folder);
+  if (!scratch) return scratch.error();
+  std::vector<std::string> names;
   for (const AssetSlice& slice : asset.slices) {
+    if (stop != nullptr && stop->load()) return unwritable("interrupted; nothing was written");
     if (slice.mesh.triangles.empty()) continue;
-    char name[32];
-    std::snprintf(name, sizeof name, "slice_%04d", slice.index);
-    const auto poly = poly_text(slice, asset.lattice);
-    if (!poly) return poly.error();
-    const auto obj = obj_text(slice, asset.lattice);
-    if (!obj) return obj.error();
-    const std::string svg = svg_text(slice, asset.lattice);
-    for (const auto& [ending, text] :
-         {std::pair{".poly", &*poly}, std::pair{".obj", &*obj}, std::pair{".svg", &svg}}) {
-      if (auto ok =
-              write_file_atomically(folder / (std::string(name) + ending), std::string_view(*text));
-          !ok)
+    const auto texts = slice_texts(slice, asset.lattice);
+    if (!texts) return texts.error();
+    for (std::size_t k = 0; k < kEndings.size(); ++k) {
+      names.push_back(slice_name(slice.index) + kEndings[k]);
+      if (auto ok = write_file_atomically((*scratch)->path() / names.back(), (*texts)[k]); !ok)
         return ok;
     }
   }
-  return {};
+  return (*scratch)->move_out(names);
 }
 
 }  // namespace trocar::pipeline

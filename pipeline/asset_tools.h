@@ -2,6 +2,7 @@
 // What can be done with a finished asset: say what is in it, write it for other programs.
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -13,7 +14,10 @@ namespace trocar::pipeline {
 nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
 
 /// Per non-empty slice `slice_NNNN.poly` (Triangle's format: the outline with a seed in each
-/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is made if need be.
-Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder);
+/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is made if need be; an
+/// export of the same slices in it is replaced. All files appear, or on failure none: (unwritable)
+/// the folder holds other slices' files, which would mix with these; `stop`, if given, was set.
+Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder,
+                          const std::atomic<bool>* stop = nullptr);
 
 }  // namespace trocar::pipeline

@@ -21,10 +21,10 @@ def outcome():
     return 1 if failures else 0
 
 
-def run(*command, expect=0):
-    """The finished process; ends the test if its exit code is not the expected one."""
+def run(*command, expect=0, **keys):
+    """The finished process; ends the test if its exit code is not the expected one. `keys`: subprocess's."""
     done = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE, text=True, check=False)
+                          stderr=subprocess.PIPE, text=True, check=False, **keys)
     if done.returncode != expect:
         print(" ".join(map(str, command)), "ended with", done.returncode, "not", expect)
         print(done.stdout[-2000:], done.stderr[-2000:])

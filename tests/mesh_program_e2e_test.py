@@ -1,13 +1,167 @@
 # SPDX-License-Identifier: Apache-2.0
 """mesh_program_e2e_test.py PROGRAMS SCAN WORK: trocar-mesh as a user calls it: options in any order, nothing of the user's
 written over, names of any bytes, and what an asset says of how it was made."""
+import gzip
 import json
 import os
 import pathlib
 import shutil
+import signal
+import struct
+import subprocess
 import sys
+import time
 
-from e2e import check, outcome, run
+from e2e import NO_ALLOCATIONS, check, outcome, run
+
+
+def refuses(code, text, *command, **keys):
+    """With this exit code, and one line that says so."""
+    said = run(*command, expect=code, **keys).stderr
+    check(len(said.splitlines()) == 1 and text in said, f"{' '.join(map(str, command))}: {said!r} lacks {text!r}")
+
+
+def warned(mesh, report, *words):
+    """The warnings of a run, by their codes."""
+    run(mesh, *words, "--quiet", "--report", report)
+    return {w["code"]: w["where"] + ": " + w["sentence"] for w in json.loads(report.read_bytes())["warnings"]}
+
+
+def wait_until_caught(process, signal_number):
+    """Until the program has put its own handler in the place of the signal's usual end."""
+    status = pathlib.Path(f"/proc/{process.pid}/status")
+    while process.poll() is None:
+        caught = next(int(line.split()[1], 16) for line in status.read_text().splitlines() if line.startswith("SigCgt"))
+        if caught >> (signal_number - 1) & 1:
+            return
+        time.sleep(0.01)
+
+
+def one_clear_line(programs, scan, work):
+    """What is wrong, and where: empty values, options that would be passed over, numbers out of range."""
+    mesh, volume, png, out = programs / "trocar-mesh", scan / "sample.nii.gz", scan / "png", ("-o", work / "never.glb")
+    grey = ("--spacing", "0.3125,0.3125,1", "--threshold", "95.2")
+    for option in ("--labels", "--slices", "--crop", "--series", "--report", "--equalize", "--spacing"):
+        refuses(2, f"{option}: its value is empty", mesh, volume, *out, option, "")
+        refuses(2, f"{option}: its value is empty", mesh, volume, option + "=", *out)
+    refuses(2, "-o: its value is empty", mesh, volume, "-o", "")
+    for text in (",", "1,,2", "1,", "one", "1.5", "99999999999"):
+        refuses(2, "--labels " + text, mesh, volume, *out, "--labels", text)
+    refuses(2, "--threshold", mesh, volume, *out, "--threshold", "nan")
+    refuses(2, "--max-area", mesh, volume, *out, "--max-area", "nan")
+    refuses(2, "between 1e-6 and 1e6 mm", mesh, png, *out, "--spacing", "1e9,1,1", "--threshold", "95")
+    refuses(2, "two pixels", mesh, volume, *out, "--crop", "10:10,10:10")
+    refuses(2, "--crop 10:600,10:20 is outside", mesh, volume, *out, "--crop", "10:600,10:20")
+    refuses(2, "before it begins", mesh, volume, *out, "--slices", "5:3")
+    # A series of what has none; a slice to dump, but no file for it; what belongs to another command.
+    refuses(2, "--series", mesh, volume, *out, "--series", "1.2.3")
+    refuses(2, "--series", mesh, png, *out, *grey, "--series", "1.2.3")
+    refuses(2, "--dump-stages", mesh, volume, *out, "--dump-slice", "3")
+    for words, name in (((png,), "INPUT"), (out, "--output"), (("--threshold", "3"), "--threshold")):
+        for command in ("verify", "info"):
+            refuses(2, name, mesh, *words, command, work / "good.glb")
+    # What is no scan, by its name even in the working folder.
+    text = work / "env.sh"
+    text.write_text("no scan")
+    refuses(3, "trocar-mesh: env.sh: ", mesh, "env.sh", *out, cwd=work)
+    refuses(3, f"trocar-mesh: {text}: ", mesh, text, *out)
+    text.unlink()
+    check(not (work / "never.glb").exists(), "something was written")
+
+
+def warns(programs, scan, work):
+    mesh, out, report = programs / "trocar-mesh", ("-o", work / "warned.glb"), work / "warned.json"
+    said = warned(mesh, report, scan / "sample.nii.gz", *out, "--slices", "3:4", "--labels", "99999")
+    check("99999" in said.get("label_absent", ""), f"an absent label: {said}")
+    folder = work / "numbered"
+    folder.mkdir()
+    for k in (1, 2, 3, 4, 6, 7):
+        shutil.copy(scan / "png" / "slice_015.png", folder / f"a1_{k:03}_x2.png")
+    grey = ("--spacing", "0.3125,0.3125,1")
+    said = warned(mesh, report, folder, *out, *grey, "--threshold", "95.2")
+    check("a1_004_x2.png" in said.get("missing_slice", "") and "a1_006_x2.png" in said["missing_slice"], f"{said}")
+    said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "32000")
+    check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
+    said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "255")
+    check(set(said) <= {"empty_slice"}, f"warned of nothing: {said}")
+
+
+def keeps_to_its_memory(programs, scan, work):
+    """An area that asks for more vertices than a slice can have is not waited for."""
+    if NO_ALLOCATIONS is None:
+        return  # sanitizers take far more memory
+    said = warned("prlimit", work / "fine.json", "--as=3000000000", programs / "trocar-mesh", scan / "sample.nii.gz",
+                  "-o", work / "fine.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "1e-6")
+    check("slice 3: " in said.get("area_not_reached", ""), f"an area too small: {said}")
+    made = json.loads((work / "fine.json").read_bytes())["slices"][0]
+    check(made["max_area_mm2"] < 2e-6 * made["area_mm2"], f"not even what could be had: {made}")
+    refuses(3, "sample.nii.gz slice 3: not enough memory", "prlimit", "--as=500000000", programs / "trocar-mesh",
+            scan / "sample.nii.gz", "-o", work / "none.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "0.001")
+
+
+def spacing_where_there_is_none(programs, scan, work):
+    """A NIfTI without voxel sizes: asked for, taken, and then the same mesh as if they stood in the file."""
+    mesh, out = programs / "trocar-mesh", work / "sized.glb"
+    given = ("--spacing", "0.3125,0.3125,1", "--slices", "3:4", "--quiet")
+    header = bytearray(gzip.decompress((scan / "sample.nii.gz").read_bytes()))
+    header[252:256] = struct.pack("<2h", 0, 0)  # neither qform nor sform
+    made = {}
+    for name, sizes in (("with", (0.3125, 0.3125, 1)), ("without", (0, 0, 0)), ("nan", (float("nan"), 1, 1))):
+        header[80:92] = struct.pack("<3f", *sizes)
+        (work / f"{name}.nii").write_bytes(header)
+        if name != "with":
+            refuses(2, f"{name}.nii: carries no voxel size: give --spacing", mesh, work / f"{name}.nii", "-o", out)
+        run(mesh, work / f"{name}.nii", "-o", out, *given)
+        slices = json.loads(run(mesh, "info", out, "--json").stdout)["slices"]
+        made[name] = [(s["z_mm"], s["area_mm2"], s["triangles"]) for s in slices]
+    check(made["with"] == made["without"] == made["nan"], f"--spacing: {made}")
+
+
+def outputs_whole_or_not(programs, scan, work):
+    """Pipes in an output's place, files beyond `ulimit -f`, a wish to stop: said, with nothing left."""
+    mesh, sample_ct, volume = programs / "trocar-mesh", programs / "trocar-sample-ct", scan / "sample.nii.gz"
+    os.mkfifo(work / "pipe")
+    for words in (("-o", work / "pipe"), ("-o", work / "never.glb", "--report", work / "pipe")):
+        refuses(4, "pipe: is there and is not a regular file", mesh, volume, *words, timeout=60)
+    for limit in (5_000, 20_000, 100_000):  # less than a PNG, a DICOM file, the NIfTI
+        folder = work / f"full_{limit}"
+        folder.mkdir()
+        refuses(4, "File too large", "prlimit", f"--fsize={limit}", sample_ct, folder, "--slices", "8", "--size",
+                "128", "--quiet")
+        check(list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}")
+    refuses(4, "File too large", "prlimit", "--fsize=2000", mesh, scan / "dicom", "-o", work / "never.glb", "--slices", "3:5")
+    check(not list(work.glob("never.glb*")), "a part of an asset")
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        for seconds in (0, 1):
+            folder = work / f"stopped_{int(signal_number)}_{seconds}"
+            folder.mkdir()
+            with subprocess.Popen([sample_ct, folder, "--quiet", "--jobs", "1", "--slices", "61"],
+                                  stderr=subprocess.PIPE, text=True) as process:
+                wait_until_caught(process, signal_number)
+                time.sleep(seconds)
+                process.send_signal(signal_number)
+                said = process.communicate()[1]
+            check(process.returncode == 4 and "interrupted" in said, f"stopped: {process.returncode} {said!r}")
+            check(list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}")
+
+
+def export_whole_and_alone(programs, scan, work):
+    """Exported files are those of one asset, all of them or none."""
+    mesh, folder = programs / "trocar-mesh", work / "exported"
+    for name, slices in (("few", "3:4"), ("more", "3:6"), ("one", "5:5")):
+        run(mesh, scan / "sample.nii.gz", "-o", work / f"{name}.glb", "--slices", slices, "--quiet")
+    run(mesh, "export", work / "few.glb", "-o", folder)
+    run(mesh, "export", work / "few.glb", "-o", folder)
+    (folder / "notes.txt").write_text("the user's own")
+    run(mesh, "export", work / "more.glb", "-o", folder)
+    there = {f.name: f.read_bytes() for f in folder.iterdir()}
+    check(len(there) == 4 * 3 + 1, f"exported: {sorted(there)}")
+    refuses(4, "of another export", mesh, "export", work / "one.glb", "-o", folder)
+    biggest = max(len(content) for content in there.values())
+    refuses(4, "File too large", "prlimit", f"--fsize={biggest - 1}", mesh, "export", work / "more.glb", "-o", folder)
+    check({f.name: f.read_bytes() for f in folder.iterdir()} == there, "a failed export left traces")
+    refuses(4, "File too large", "prlimit", f"--fsize={biggest - 1}", mesh, "export", work / "more.glb", "-o", work / "new")
+    check(not (work / "new").exists(), "a failed export left a folder")
 
 
 def main():
@@ -84,6 +238,9 @@ def main():
         check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
     check(not (work / "export").exists(), "something of a broken asset was exported")
 
+    for part in (one_clear_line, warns, keeps_to_its_memory, spacing_where_there_is_none, outputs_whole_or_not,
+                 export_whole_and_alone):
+        part(programs, scan, work)
     shutil.rmtree(work)
     return outcome()
 

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What trocar-mesh is asked for, from the words of the command line to the options of the stages.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "pipeline/batch.h"
+#include "pipeline/slice_stack.h"
+
+namespace trocar::pipeline {
+
+struct Arguments {
+  std::vector<std::filesystem::path> inputs;
+  std::filesystem::path output, report, dump_stages;
+  double threshold = 226, equalize = 230, tolerance_mm = 0.25, min_angle_deg = 30,
+         max_area_mm2 = 50, min_region_mm2 = 1;
+  std::vector<std::string> labels;
+  std::string contour = "subpixel", axis = "transverse", preset, series, spacing, slices, crop;
+  int lattice_bits = 8, jobs = 0, dump_slice = -1;
+  bool quiet = false;
+  CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
+              *contour_given = nullptr, *area_given = nullptr, *dump_slice_given = nullptr;
+};
+
+/// Declares the options; `a` must outlive the app.
+void add_mesh_options(CLI::App& app, Arguments& a);
+
+/// (usage) an empty value: a shell's unset variable, that CLI11 would take for no option at all.
+Result<void> check_words(int argc, const char* const* argv);
+
+/// Errors (usage) name the option.
+Result<BatchOptions> batch_options(const Arguments& a);
+Result<OpenOptions> open_options(const Arguments& a);
+
+/// As reports and assets keep them.
+nlohmann::json parameters_json(const BatchOptions& options, const OpenOptions& input);
+
+}  // namespace trocar::pipeline
