@@ -178,8 +178,8 @@ Result<std::array<std::string, 3>> slice_texts(const AssetSlice& slice, const La
   return std::array{std::move(*poly), std::move(*obj), svg_text(slice, lattice)};
 }
 
-// Files of slices that this asset does not have would pass for its own.
-Result<void> check_no_other_export(const Asset& asset, const fs::path& folder) {
+// Files in the folder as an export names them, of slices that this asset does not have.
+std::vector<std::string> other_exports(const Asset& asset, const fs::path& folder) {
   std::set<std::string> ours;
   for (const AssetSlice& slice : asset.slices) {
     if (slice.mesh.triangles.empty()) continue;
@@ -187,14 +187,14 @@ Result<void> check_no_other_export(const Asset& asset, const fs::path& folder) {
       ours.insert(slice_name(slice.index) + ending);
   }
   static const std::regex exported(R"(slice_\d{4,}\.(poly|obj|svg))");
+  std::vector<std::string> out;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
     const std::string name = it->path().filename().string();
-    if (std::regex_match(name, exported) && !ours.contains(name))
-      return unwritable(folder.string() + ": holds " + name +
-                        " of another export, which would mix with this one; give another folder");
+    if (std::regex_match(name, exported) && !ours.contains(name)) out.push_back(name);
   }
-  return {};
+  std::sort(out.begin(), out.end());
+  return out;
 }
 
 // A hidden folder inside the one to be filled, so that moving out of it is a rename. Goes with
@@ -267,10 +267,10 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
           {"slices", std::move(slices)}};
 }
 
-Result<void> export_asset(const Asset& asset, const fs::path& folder,
-                          const std::atomic<bool>* stop) {
+Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path& folder,
+                                              const std::atomic<bool>* stop) {
   omlog().disable();  // OpenMesh tells of every file it writes
-  if (auto ok = check_no_other_export(asset, folder); !ok) return ok;
+  std::vector<std::string> others = other_exports(asset, folder);
   const auto scratch = Scratch::make(folder);
   if (!scratch) return scratch.error();
   std::vector<std::string> names;
@@ -282,10 +282,11 @@ Result<void> export_asset(const Asset& asset, const fs::path& folder,
     for (std::size_t k = 0; k < kEndings.size(); ++k) {
       names.push_back(slice_name(slice.index) + kEndings[k]);
       if (auto ok = write_file_atomically((*scratch)->path() / names.back(), (*texts)[k]); !ok)
-        return ok;
+        return ok.error();
     }
   }
-  return (*scratch)->move_out(names);
+  if (auto moved = (*scratch)->move_out(names); !moved) return moved.error();
+  return others;
 }
 
 }  // namespace trocar::pipeline

@@ -16,8 +16,10 @@ nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
 /// Per non-empty slice `slice_NNNN.poly` (Triangle's format: the outline with a seed in each
 /// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is made if need be; an
 /// export of the same slices in it is replaced. All files appear, or on failure none: (unwritable)
-/// the folder holds other slices' files, which would mix with these; `stop`, if given, was set.
-Result<void> export_asset(const Asset& asset, const std::filesystem::path& folder,
-                          const std::atomic<bool>* stop = nullptr);
+/// `stop`, if given, was set. Gives the names of files of other slices that the folder held before:
+/// they stay, and would pass for this asset's.
+Result<std::vector<std::string>> export_asset(const Asset& asset,
+                                              const std::filesystem::path& folder,
+                                              const std::atomic<bool>* stop = nullptr);
 
 }  // namespace trocar::pipeline

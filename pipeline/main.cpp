@@ -198,8 +198,16 @@ int export_to(const fs::path& file, const fs::path& folder) {
   // What is not proved, others need not be able to read.
   if (const auto proved = verify_asset(*asset, file.string()); !proved) return fail(proved.error());
   stop_on_signals();
-  const auto ok = export_asset(*asset, folder, &stop_requested);
-  return ok ? 0 : fail(ok.error());
+  const auto others = export_asset(*asset, folder, &stop_requested);
+  if (!others) return fail(others.error());
+  if (!others->empty()) {
+    std::fprintf(stderr, "trocar-mesh: warning: %s: still holds %s%s of another export\n",
+                 folder.string().c_str(), others->front().c_str(),
+                 others->size() == 1
+                     ? ""
+                     : (" and " + std::to_string(others->size() - 1) + " more files").c_str());
+  }
+  return 0;
 }
 
 // What stands before a subcommand is the mesher's, and would be passed over.
