@@ -121,7 +121,8 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
   }
   std::size_t size = 0;
   if (int e = spng_decoded_image_size(png.get(), format, &size); e != 0) return broken(e);
-  const cv::Mat pixels = decode_buffer(height, columns, type);
+  cv::Mat pixels = decode_buffer(height, columns, type);
+  if (packed) pixels.setTo(0);  // libspng adds the samples of an interlaced file to what is there
   if (size != pixels.total() * pixels.elemSize())
     return bug(name + ": a PNG of another size than its header's");
   if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);

@@ -316,6 +316,10 @@ TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadAsTheyAre) {
     for (const char* name : {"colour", "alpha"})
       expect_error(as_labels(corpus / (std::string(name) + kind)), ExitCode::kRefused, "colours");
   }
+  // Nothing of what was decoded before, in as many bytes, shines through.
+  const fs::path white = folder_ / "white.png";
+  ASSERT_TRUE(cv::imwrite(white.string(), cv::Mat(kHeight, (kWidth + 1) / 2, CV_8UC1, 255.0)));
+  ASSERT_TRUE(as_labels(white));
   EXPECT_EQ(as_labels(corpus / "palette_interlaced.png")->values, indices);
   expect_error(as_labels(corpus / "palette.bmp"), ExitCode::kRefused, "colours");
   expect_error(as_labels(corpus / "grey.jpg"), ExitCode::kRefused, "JPEG");
