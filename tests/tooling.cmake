@@ -50,3 +50,5 @@ trocar_script_test(fault_campaign e2e fault_campaign_test.py
 set_tests_properties(assets_e2e_sample experiments_e2e same_bytes_test mesh_program_e2e
   device_link_e2e recovery_e2e fault_campaign
   PROPERTIES FIXTURES_REQUIRED scan)
+# It measures two processes in real time: what runs beside it, slow under sanitizers, would stall them.
+set_tests_properties(fault_campaign PROPERTIES RUN_SERIAL ON)
