@@ -237,7 +237,7 @@ TEST_F(Readers, ANumberLeftOutAmongImagesIsWarnedOf) {
   const auto warned = [&](const std::string& folder, const std::vector<std::string>& names) {
     std::vector<std::string> out;
     for (const std::string& name : names)
-      write(folder + "/" + name, {png.begin(), png.end()});
+      write((fs::path(folder) / name).string(), {png.begin(), png.end()});
     const auto stack = open_stack({folder_ / folder}, options);
     if (!stack) return std::vector<std::string>{stack.error().message};
     for (const Warning& w : (*stack)->warnings)
