@@ -109,7 +109,8 @@ TEST(Jacobian, TheLeastSingularValueIsFoundHoweverSmall) {
         Eigen::MatrixXd::NullaryExpr(size, size, [&] { return random.between(-1, 1); });
     return Eigen::HouseholderQR<Eigen::MatrixXd>(any).householderQ();
   };
-  for (double least = 1; least > 1e-15; least *= 0.5) {
+  for (int bits = 0; bits < 50; ++bits) {
+    const double least = std::ldexp(1.0, -bits);
     for (int n = 0; n < 20; ++n) {
       Twist values;
       values << 1, random.between(least, 1), random.between(least, 1), random.between(least, 1),

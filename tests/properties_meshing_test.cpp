@@ -22,7 +22,6 @@
 namespace trocar::pipeline {
 namespace {
 
-using runtime::Random;
 using test::any_outline;
 using test::canonical;
 using test::has_ties;
