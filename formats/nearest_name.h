@@ -31,15 +31,8 @@ std::string unexpected_word(const App& app) {
          app.get_name() + " --help)";
 }
 
-/// The first option that was given with an empty value, or nothing. `App`: as above.
-template <typename App>
-std::string empty_option(const App& app) {
-  for (const auto* option : app.get_options()) {
-    for (const std::string& value : option->results()) {
-      if (value.empty()) return option->get_name();
-    }
-  }
-  return {};
-}
+/// One line on the first word that is an empty value (a shell's unset variable, which CLI11 takes
+/// for no option at all), or nothing.
+std::string empty_value(int count, const char* const* words);
 
 }  // namespace trocar

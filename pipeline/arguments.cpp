@@ -132,17 +132,6 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   app.add_flag("--quiet", a.quiet, "say nothing but errors");
 }
 
-Result<void> check_words(int argc, const char* const* argv) {
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i], before = argv[i - 1];
-    if (word.empty())
-      return usage((before.starts_with('-') ? before : "an argument") + ": its value is empty");
-    if (word.starts_with("--") && word.find('=') == word.size() - 1)
-      return usage(word.substr(0, word.size() - 1) + ": its value is empty");
-  }
-  return {};
-}
-
 Result<BatchOptions> batch_options(const Arguments& a) {
   // CLI11 2.1 takes nan for a number in every range.
   for (const auto& [name, value] :

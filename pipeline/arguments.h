@@ -29,9 +29,6 @@ struct Arguments {
 /// Declares the options; `a` must outlive the app.
 void add_mesh_options(CLI::App& app, Arguments& a);
 
-/// (usage) an empty value: a shell's unset variable, that CLI11 would take for no option at all.
-Result<void> check_words(int argc, const char* const* argv);
-
 /// Errors (usage) name the option.
 Result<BatchOptions> batch_options(const Arguments& a);
 Result<OpenOptions> open_options(const Arguments& a);

@@ -245,7 +245,7 @@ int run(int argc, char** argv) {
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
-  if (const auto ok = check_words(argc, argv); !ok) return fail(ok.error());
+  if (const std::string empty = empty_value(argc, argv); !empty.empty()) return fail(usage(empty));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ExtrasError&) {

@@ -41,6 +41,8 @@ inline int fail(const char* program, const Error& error) {
 inline std::optional<int> parse_words(CLI::App& app, int count, char** words,
                                       const std::string& version) {
   const std::string name = app.get_name();
+  if (const std::string empty = empty_value(count, words); !empty.empty())
+    return fail(name.c_str(), usage(empty));
   try {
     app.parse(count, words);
   } catch (const CLI::CallForHelp&) {
@@ -53,9 +55,6 @@ inline std::optional<int> parse_words(CLI::App& app, int count, char** words,
     return fail(name.c_str(), usage(unexpected_word(app)));
   } catch (const CLI::ParseError& error) {
     return fail(name.c_str(), usage(std::string(error.what()) + "; see " + name + " --help"));
-  }
-  if (const std::string given = empty_option(app); !given.empty()) {
-    return fail(name.c_str(), usage(given + ": is given nothing"));
   }
   return std::nullopt;
 }
