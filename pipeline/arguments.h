@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "pipeline/batch.h"
-#include "pipeline/slice_stack.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 

@@ -17,8 +17,8 @@
 #include <system_error>
 #include <utility>
 
-#include "formats/file_io.h"
-#include "pipeline/triangulation.h"
+#include "formats/base/file_io.h"
+#include "pipeline/mesh/triangulation.h"
 
 namespace trocar::pipeline {
 namespace {

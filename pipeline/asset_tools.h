@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "formats/asset.h"
+#include "formats/asset/asset.h"
 
 namespace trocar::pipeline {
 

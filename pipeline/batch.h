@@ -8,7 +8,7 @@
 #include <optional>
 #include <utility>
 
-#include "formats/asset.h"
+#include "formats/asset/asset.h"
 #include "pipeline/mesh_slice.h"
 
 namespace trocar::pipeline {

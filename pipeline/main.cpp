@@ -11,11 +11,11 @@
 #include <iostream>
 #include <opencv2/core/version.hpp>
 
-#include "formats/asset.h"
-#include "formats/file_io.h"
-#include "formats/json_text.h"
-#include "formats/nearest_name.h"
-#include "formats/standard_output.h"
+#include "formats/asset/asset.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/base/nearest_name.h"
+#include "formats/base/standard_output.h"
 #include "pipeline/arguments.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"

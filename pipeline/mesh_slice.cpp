@@ -5,9 +5,9 @@
 #include <chrono>
 #include <utility>
 
-#include "formats/asset.h"
-#include "formats/mesh_validity.h"
-#include "pipeline/triangulation.h"
+#include "formats/asset/asset.h"
+#include "formats/geometry/mesh_validity.h"
+#include "pipeline/mesh/triangulation.h"
 
 namespace trocar::pipeline {
 namespace {

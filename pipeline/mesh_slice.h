@@ -5,13 +5,13 @@
 #include <optional>
 #include <set>
 
-#include "formats/result.h"
-#include "pipeline/contour.h"
-#include "pipeline/mesh_quality.h"
-#include "pipeline/refinement.h"
-#include "pipeline/segmentation.h"
-#include "pipeline/simplification.h"
-#include "pipeline/slice_stack.h"
+#include "formats/base/result.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/mesh/mesh_quality.h"
+#include "pipeline/mesh/refinement.h"
+#include "pipeline/contour/segmentation.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 

@@ -11,9 +11,9 @@
 #include <optional>
 #include <string>
 
-#include "formats/nearest_name.h"
-#include "formats/result.h"
-#include "formats/standard_output.h"
+#include "formats/base/nearest_name.h"
+#include "formats/base/result.h"
+#include "formats/base/standard_output.h"
 
 namespace trocar::runtime {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
-// lock-step with its host. The work is in runtime/device/drive.h; here are options, socket and
+// lock-step with its host. The work is in runtime/simulation/drive.h; here are options, socket and
 // clock.
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -12,16 +12,16 @@
 #include <optional>
 #include <string>
 
-#include "formats/device_description.h"
-#include "formats/file_io.h"
-#include "formats/json_text.h"
-#include "formats/scene.h"
-#include "runtime/device/drive.h"
-#include "runtime/device/drive_record.h"
-#include "runtime/device/link_key.h"
-#include "runtime/device/udp_socket.h"
-#include "runtime/loop/realtime_thread.h"
-#include "runtime/loop/session.h"
+#include "formats/session/device_description.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/session/scene.h"
+#include "runtime/simulation/drive.h"
+#include "runtime/simulation/drive_record.h"
+#include "runtime/link/link_key.h"
+#include "runtime/link/udp_socket.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/session.h"
 #include "runtime/program.h"
 
 namespace trocar::runtime {
@@ -84,7 +84,7 @@ void declare(CLI::App& app, Arguments& a) {
   app.set_version_flag("--version", version(), "print the version");
   app.footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 could not be\n"
-      "written, or the address cannot be had; 1 a bug. The protocol: formats/device_protocol.md.");
+      "written, or the address cannot be had; 1 a bug. The protocol: formats/session/device_link.md.");
 }
 
 Result<void> check_arguments(const Arguments& a) {

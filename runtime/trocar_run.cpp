@@ -16,17 +16,17 @@
 #include <thread>
 #include <vector>
 
-#include "formats/asset.h"
-#include "formats/file_io.h"
-#include "formats/json_text.h"
-#include "formats/scene.h"
-#include "runtime/device/link_key.h"
-#include "runtime/device/udp_device.h"
-#include "runtime/loop/display.h"
-#include "runtime/loop/replay_device.h"
-#include "runtime/loop/scene_needs.h"
-#include "runtime/loop/session.h"
-#include "runtime/loop/summary.h"
+#include "formats/asset/asset.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/session/scene.h"
+#include "runtime/link/link_key.h"
+#include "runtime/link/udp_device.h"
+#include "runtime/session/display.h"
+#include "runtime/session/replay_device.h"
+#include "runtime/session/scene_needs.h"
+#include "runtime/session/session.h"
+#include "runtime/session/summary.h"
 #include "runtime/program.h"
 
 namespace trocar::runtime {
@@ -64,7 +64,7 @@ std::string version() {
 }
 
 void declare(CLI::App& app, Arguments& arguments) {
-  app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/scene.schema.json)")
+  app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/session/scene.schema.json)")
       ->required();
   app.add_option("--device", arguments.device,
                  "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"

@@ -19,7 +19,7 @@
 #include <functional>
 #include <vector>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 #include "sample_ct/render.h"
 
 namespace trocar::sample {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-sample-ct OUTDIR: writes the sample scan.
-#include "formats/standard_output.h"
+#include "formats/base/standard_output.h"
 #include "sample_ct/program.h"
 
 int main(int argc, char** argv) {

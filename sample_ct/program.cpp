@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "formats/nearest_name.h"
+#include "formats/base/nearest_name.h"
 #include "sample_ct/render.h"
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"

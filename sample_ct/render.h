@@ -15,7 +15,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 #include "sample_ct/phantom.h"
 
 namespace trocar::sample {

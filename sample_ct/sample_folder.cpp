@@ -12,7 +12,7 @@
 #include <regex>
 #include <system_error>
 
-#include "formats/file_io.h"
+#include "formats/base/file_io.h"
 #include "sample_ct/write_dicom.h"
 #include "sample_ct/write_nifti.h"
 

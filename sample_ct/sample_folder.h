@@ -8,7 +8,7 @@
 #include <functional>
 #include <string>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 #include "sample_ct/render.h"
 #include "sample_ct/write_png.h"
 

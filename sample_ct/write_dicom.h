@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <string>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 #include "sample_ct/render.h"
 
 namespace trocar::sample {

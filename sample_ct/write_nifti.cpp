@@ -14,7 +14,7 @@
 
 #include <nifti2_io.h>
 
-#include "formats/file_io.h"
+#include "formats/base/file_io.h"
 
 namespace trocar::sample {
 namespace {

@@ -9,7 +9,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
 
-#include "formats/file_io.h"
+#include "formats/base/file_io.h"
 
 namespace trocar::sample {
 

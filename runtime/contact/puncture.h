@@ -2,7 +2,7 @@
 // Contact and puncture (paper, II.C, Fig. 11 and 12): each sheet's state machine and the force of
 // the scene's law. One tool, sheets stacked along z.
 //
-// Laws (tests/contact_test.cpp tests each):
+// Laws (tests/runtime/contact/contact_test.cpp tests each):
 //  1. A sheet is met when the tip passes from above to below it with material under the tool;
 //     with none it is passed beside, without force, until the tip is above it again.
 //  2. In contact F = k dx + overlap b dx', at least 0, with dx = z_sheet - z_tip, dx' its backward
@@ -26,8 +26,8 @@
 #include <cstdint>
 #include <span>
 
-#include "formats/recording.h"
-#include "formats/scene.h"
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
 #include "runtime/contact/shaft.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"

@@ -3,7 +3,7 @@
 // C. Simone, M. O'Leary, Force modeling for needle insertion into soft tissue, IEEE TBME 51(10),
 // 2004) and the rim's resistance to being pushed aside.
 //
-// Laws (tests/shaft_test.cpp):
+// Laws (tests/runtime/contact/shaft_test.cpp):
 //  1. Dry friction is a spring of length `presliding_m` that slides along at its end (P. Dahl
 //     1968 with a linear rise): it never exceeds dry_friction_N, opposes the motion, and takes up
 //     from any closed motion at least as much energy as it gives back.
@@ -13,7 +13,7 @@
 
 #include <Eigen/Core>
 
-#include "formats/scene.h"
+#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 

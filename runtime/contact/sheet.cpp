@@ -7,7 +7,7 @@
 #include <numbers>
 #include <utility>
 
-#include "formats/mesh_validity.h"
+#include "formats/geometry/mesh_validity.h"
 #include "runtime/contact/tissue_choice.h"
 
 namespace trocar::runtime {

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sheet: one slice of an asset, placed in the device's frame, with the grid that
 // makes looking up what lies under the tool cheap. The haptic thread only reads it; holes are cut
-// into a replica of it that nobody reads meanwhile (runtime/loop/workers.h).
+// into a replica of it that nobody reads meanwhile (runtime/session/workers.h).
 #pragma once
 
 #include <cstdint>
 #include <memory>
 #include <vector>
 
-#include "formats/asset.h"
-#include "formats/scene.h"
+#include "formats/asset/asset.h"
+#include "formats/session/scene.h"
 #include "runtime/contact/tool.h"
-#include "runtime/remesh/sheet_mesh.h"
-#include "runtime/remesh/triangle_grid.h"
+#include "runtime/mesh/sheet_mesh.h"
+#include "runtime/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 
@@ -26,7 +26,7 @@ struct Sheet {
   std::uint32_t cuts = 0;  ///< holes that `mesh` has more than the asset's slice
 };
 
-/// The scene's slices, the topmost first. Proves every mesh (formats/mesh_validity.h), since
+/// The scene's slices, the topmost first. Proves every mesh (formats/geometry/mesh_validity.h), since
 /// all that follows relies on it. Refused, with `name` (the asset's) in the message: a slice the
 /// asset does not have, one without material, an invalid mesh, a tool that is too small for
 /// the lattice or has more than kMaxToolPieces convex parts.

@@ -2,8 +2,8 @@
 // Which of a scene's tissues a slice is made of.
 #pragma once
 
-#include "formats/asset.h"
-#include "formats/scene.h"
+#include "formats/asset/asset.h"
+#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 

@@ -8,11 +8,11 @@
 #include <array>
 #include <cstdint>
 
-#include "formats/lattice.h"
-#include "formats/scene.h"
-#include "formats/slice_mesh.h"
-#include "runtime/device/pose.h"
-#include "runtime/remesh/lattice_box.h"
+#include "formats/geometry/lattice.h"
+#include "formats/session/scene.h"
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/mechanism/pose.h"
+#include "runtime/mesh/lattice_box.h"
 
 namespace trocar::runtime {
 
@@ -37,7 +37,7 @@ struct Tool {
 /// O(sides^3), by ear clipping and then merging what stays convex (Hertel and Mehlhorn).
 Tool make_tool(const SceneTool& scene_tool);
 
-/// Where a slice lies in {B} (formats/scene.h, Placement).
+/// Where a slice lies in {B} (formats/session/scene.h, Placement).
 struct PlanarTransform {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();

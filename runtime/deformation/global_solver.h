@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 #include "runtime/deformation/network.h"
 
 namespace trocar::runtime {

@@ -4,7 +4,7 @@
 //
 // Let w be the equilibrium of the whole network, v that of the region (0 on the ring), both for
 // depth 1; F_w and F_v the tool's forces; g_m the force that holds ring node m at 0, down positive:
-// g_m = sum over the free neighbours j of k_mj v_j. Then (tests/deformation_local_test.cpp):
+// g_m = sum over the free neighbours j of k_mj v_j. Then (tests/runtime/deformation/deformation_local_test.cpp):
 //  1. F_w <= F_v: the ring is an additional support. F_w >= F_n, where F_n is the force with the
 //     ring let go and everything beyond it left out. Both hold whatever the springs' signs: leaving
 //     out whole triangles leaves out energy that is never negative.

@@ -6,7 +6,7 @@
 // elements of a membrane of tension T on a bed f, the bed lumped (Pinkall and Polthier 1993 for the
 // cotangents; MacNeal 1949 for the network).
 //
-// Laws (tests/deformation_network_test.cpp tests each):
+// Laws (tests/runtime/deformation/deformation_network_test.cpp tests each):
 //  1. sum of f_i = f times the mesh's area.
 //  2. The springs alone are the membrane's energy: 1/2 T times the integral of |grad w|^2 for the
 //     w that is linear in each triangle. So they are positive semidefinite whatever the angles are,
@@ -23,8 +23,8 @@
 #include <span>
 #include <vector>
 
-#include "formats/lattice.h"
-#include "formats/slice_mesh.h"
+#include "formats/geometry/lattice.h"
+#include "formats/geometry/slice_mesh.h"
 
 namespace trocar::runtime {
 
@@ -62,7 +62,7 @@ struct Network {
   std::size_t size() const noexcept { return bed_N_per_m.size(); }
 };
 
-/// `mesh` must be valid (formats/mesh_validity.h). O(n).
+/// `mesh` must be valid (formats/geometry/mesh_validity.h). O(n).
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane);
 
 /// The signs alone: which springs of a valid mesh are negative. O(n).

@@ -8,8 +8,8 @@
 #include <span>
 #include <vector>
 
-#include "formats/slice_mesh.h"
-#include "runtime/remesh/sheet_mesh.h"
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 

@@ -8,10 +8,10 @@
 
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/region_sides.h"
-#include "runtime/remesh/cavity.h"
-#include "runtime/remesh/cut.h"
-#include "runtime/remesh/own_turn.h"
-#include "runtime/remesh/triangle_grid.h"
+#include "runtime/cut/cavity.h"
+#include "runtime/cut/cut.h"
+#include "runtime/cut/own_turn.h"
+#include "runtime/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 namespace {

@@ -3,7 +3,7 @@
 // outline cut out exactly as the hole will be (the tool is rigid: under it nothing bends), and
 // refined towards the tool, where the sheet is steepest. Made by a worker, thrown away afterwards.
 //
-// Laws (tests/deformation_region_test.cpp and properties_sheet_test.cpp test each):
+// Laws (tests/runtime/deformation/deformation_region_test.cpp and properties_sheet_test.cpp test each):
 //  1. With radius R, the mesh has every point of the sheet that is nearer than R to the tool's
 //     circumscribed circle and connected with the tool through such points, less the tool.
 //  2. Its sides lie on the tool (their nodes are kTool), on the sheet's outline (kFree, but for
@@ -24,20 +24,20 @@
 #include <span>
 #include <vector>
 
-#include "formats/result.h"
-#include "formats/slice_mesh.h"
+#include "formats/base/result.h"
+#include "formats/geometry/slice_mesh.h"
 #include "runtime/deformation/network.h"
-#include "runtime/remesh/cut_workspace.h"
-#include "runtime/remesh/local_refinement.h"
-#include "runtime/remesh/sheet_edit.h"
-#include "runtime/remesh/sheet_mesh.h"
+#include "runtime/cut/cut_workspace.h"
+#include "runtime/refine/local_refinement.h"
+#include "runtime/mesh/sheet_edit.h"
+#include "runtime/mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 
 /// The size of the triangles: edges of `at_tool` circumradii along the tool, growing by `grade` per
 /// distance. With a calibrated membrane (calibration.h) the defaults keep the stiffness under a
 /// hexagon within 1 % of the exact one for lambda >= 1.5 circumradii at some 200 free nodes, and
-/// mostly within 1.5 % at rims and holes (tests/deformation_accuracy_test.cpp).
+/// mostly within 1.5 % at rims and holes (tests/runtime/deformation/deformation_accuracy_test.cpp).
 struct Grading {
   bool graded = true;  ///< false: the sheet's own triangles and what the cut makes of them
   double at_tool = 0.33;

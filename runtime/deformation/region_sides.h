@@ -8,7 +8,7 @@
 
 #include "runtime/deformation/network.h"
 #include "runtime/deformation/part.h"
-#include "runtime/remesh/sheet_mesh.h"
+#include "runtime/mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 

@@ -14,7 +14,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 #include "runtime/deformation/network.h"
 
 namespace trocar::runtime {

@@ -48,7 +48,7 @@ configure_and_build() {
 # end-to-end tests skip its part.
 prepare_tests() {
   mkdir -p "$build"
-  local three=$root/tests/three
+  local three=$root/tests/e2e/three
   if ! cmp -s "$three/package-lock.json" "$three/node_modules/.trocar-lock"; then
     quietly "$build/npm.log" npm --prefix "$three" ci --no-audit --no-fund ||
       die 1 "three.js could not be installed by npm"

@@ -31,7 +31,7 @@ def read_frames(path):
 
 
 def in_scene_mm(sheet, points, step_mm):
-    """Lattice points into the scene's x and y (formats/scene.h, Placement)."""
+    """Lattice points into the scene's x and y (formats/session/scene.h, Placement)."""
     p = step_mm * numpy.asarray(points, dtype=float).reshape(-1, 2) - sheet["anchor_mm"]
     angle = numpy.radians(sheet["rotation_deg"])
     turned = p @ numpy.array([[numpy.cos(angle), numpy.sin(angle)], [-numpy.sin(angle), numpy.cos(angle)]])

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "formats/slice_mesh.h"
+#include "formats/geometry/slice_mesh.h"
 
 namespace trocar::bench {
 

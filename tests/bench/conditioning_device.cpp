@@ -5,12 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "runtime/device/jacobian.h"
-#include "runtime/device/kinematics.h"
-#include "runtime/device/singularity.h"
-#include "runtime/device/torque_allocation.h"
+#include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/kinematics.h"
+#include "runtime/mechanism/singularity.h"
+#include "runtime/mechanism/torque_allocation.h"
 #include "tests/bench/conditioning.h"
-#include "tests/device_workspace.h"
+#include "tests/support/device_workspace.h"
 
 namespace trocar::test {
 namespace {

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "formats/lattice.h"
+#include "formats/geometry/lattice.h"
 #include "tests/bench/conditioning.h"
 
 namespace trocar::test {

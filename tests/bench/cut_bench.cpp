@@ -23,8 +23,8 @@
 #include <string>
 #include <utility>
 
-#include "runtime/remesh/cut.h"
-#include "runtime/remesh/local_refinement.h"
+#include "runtime/cut/cut.h"
+#include "runtime/refine/local_refinement.h"
 #include "tests/bench/synthetic_sheet.h"
 
 namespace trocar::bench {

@@ -17,9 +17,9 @@
 #include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
-#include "runtime/remesh/triangle_grid.h"
-#include "tests/deformation_fixture.h"
-#include "tests/sheet_fixture.h"
+#include "runtime/mesh/triangle_grid.h"
+#include "tests/support/deformation_fixture.h"
+#include "tests/support/sheet_fixture.h"
 
 namespace {
 

@@ -24,13 +24,13 @@
 #include <string>
 #include <vector>
 
-#include "formats/asset.h"
+#include "formats/asset/asset.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
 #include "tests/bench/sweep_main.h"
-#include "tests/deformation_fixture.h"
+#include "tests/support/deformation_fixture.h"
 
 namespace {
 

@@ -17,12 +17,12 @@
 #include <string>
 #include <vector>
 
-#include "formats/result.h"
-#include "runtime/device/leg_ring.h"
-#include "runtime/device/torque_allocation.h"
+#include "formats/base/result.h"
+#include "runtime/mechanism/leg_ring.h"
+#include "runtime/mechanism/torque_allocation.h"
 #include "tests/bench/kinematics_rows.h"
 #include "tests/bench/sweep_main.h"
-#include "tests/device_workspace.h"
+#include "tests/support/device_workspace.h"
 
 namespace {
 

@@ -33,7 +33,7 @@ def main():
     grid = four["maps"][0]["upright"]
     turned = [list(row) for row in zip(*grid[::-1])]
     assert all(abs(a - b) < 1e-9 for x, y in zip(grid, turned) for a, b in zip(x, y))
-    # What tests/jacobian_test.cpp asserts of the same poses' like.
+    # What tests/runtime/mechanism/jacobian_test.cpp asserts of the same poses' like.
     assert four["rows"][0]["inverse_condition_min"] > 0.15 and four["rows"][0]["torque_for_35N_max_Nm"] < 4.5
 
     inverse, forward, motors, compact, influence = answer["kinematics"]

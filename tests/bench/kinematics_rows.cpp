@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "runtime/device/jacobian.h"
-#include "runtime/device/kinematics.h"
-#include "tests/device_workspace.h"
+#include "runtime/mechanism/jacobian.h"
+#include "runtime/mechanism/kinematics.h"
+#include "tests/support/device_workspace.h"
 
 namespace trocar::test {
 namespace {

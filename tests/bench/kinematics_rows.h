@@ -4,7 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "formats/device_description.h"
+#include "formats/session/device_description.h"
 
 namespace trocar::test {
 

@@ -10,7 +10,7 @@
 #include <string>
 
 #include "tests/bench/sweep_main.h"
-#include "tests/loop_rig.h"
+#include "tests/support/loop_rig.h"
 
 namespace trocar::test {
 namespace {

@@ -18,13 +18,13 @@
 #include <opencv2/imgproc.hpp>
 #include <string>
 
-#include "formats/mesh_validity.h"
-#include "pipeline/contour.h"
-#include "pipeline/mesh_quality.h"
-#include "pipeline/refinement.h"
-#include "pipeline/simplification.h"
-#include "pipeline/slice_stack.h"
-#include "pipeline/triangulation.h"
+#include "formats/geometry/mesh_validity.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/mesh/mesh_quality.h"
+#include "pipeline/mesh/refinement.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/mesh/triangulation.h"
 #include "tests/bench/cgal_mesher.h"
 
 namespace trocar::bench {

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "formats/slice_mesh.h"
+#include "formats/geometry/slice_mesh.h"
 #include "sample_ct/cross_section.h"
 
 namespace trocar::pipeline::bench {

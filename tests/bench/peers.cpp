@@ -12,8 +12,8 @@
 #include <set>
 
 #include "pipeline/batch.h"
-#include "pipeline/contour.h"
-#include "pipeline/simplification.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
 
 namespace trocar::pipeline::bench {
 namespace {

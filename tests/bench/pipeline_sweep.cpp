@@ -14,7 +14,7 @@
 #include <algorithm>
 #include <iostream>
 
-#include "formats/asset.h"
+#include "formats/asset/asset.h"
 #include "pipeline/mesh_slice.h"
 #include "tests/bench/peers.h"
 #include "tests/bench/sweep_main.h"

@@ -19,12 +19,12 @@
 #include <random>
 #include <string>
 
-#include "formats/asset.h"
-#include "formats/file_io.h"
-#include "formats/scene.h"
+#include "formats/asset/asset.h"
+#include "formats/base/file_io.h"
+#include "formats/session/scene.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
-#include "runtime/loop/responder.h"
+#include "runtime/session/responder.h"
 #include "tests/bench/heap_meter.h"
 #include "tests/bench/sweep_main.h"
 

@@ -8,7 +8,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
-#include "formats/result.h"
+#include "formats/base/result.h"
 
 namespace trocar::test {
 

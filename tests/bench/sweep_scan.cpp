@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "pipeline/contour.h"
+#include "pipeline/contour/contour.h"
 #include "sample_ct/render.h"
 
 namespace trocar::pipeline::bench {

@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "pipeline/slice_stack.h"
+#include "pipeline/read/slice_stack.h"
 #include "tests/bench/outline_error.h"
 
 namespace trocar::pipeline::bench {

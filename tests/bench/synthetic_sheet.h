@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "formats/slice_mesh.h"
-#include "runtime/remesh/overlay.h"
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/cut/overlay.h"
 
 namespace trocar::bench {
 

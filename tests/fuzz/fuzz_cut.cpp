@@ -6,14 +6,14 @@
 #include <cmath>
 #include <string>
 
-#include "formats/mesh_validity.h"
-#include "pipeline/triangulation.h"
+#include "formats/geometry/mesh_validity.h"
+#include "pipeline/mesh/triangulation.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/response.h"
-#include "runtime/remesh/cut.h"
-#include "tests/cut_case.h"
-#include "tests/cut_checks.h"
+#include "runtime/cut/cut.h"
+#include "tests/cases/cut_case.h"
+#include "tests/support/cut_checks.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

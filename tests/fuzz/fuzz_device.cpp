@@ -12,17 +12,17 @@
 #include <string>
 #include <vector>
 
-#include "formats/device_protocol.h"
-#include "formats/scene.h"
-#include "runtime/device/motor.h"
-#include "runtime/device/simulated_device.h"
-#include "runtime/device/singularity.h"
-#include "runtime/loop/haptic_loop.h"
-#include "tests/device_case.h"
+#include "formats/session/device_protocol.h"
+#include "formats/session/scene.h"
+#include "runtime/mechanism/motor.h"
+#include "runtime/simulation/simulated_device.h"
+#include "runtime/mechanism/singularity.h"
+#include "runtime/control/haptic_loop.h"
+#include "tests/cases/device_case.h"
 #include "tests/fuzz/harness.h"
-#include "tests/limits_by_name.h"
-#include "tests/set_device.h"
-#include "tests/sheet_fixture.h"
+#include "tests/cases/limits_by_name.h"
+#include "tests/cases/set_device.h"
+#include "tests/support/sheet_fixture.h"
 
 namespace {
 

@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <vector>
 
-#include "formats/asset.h"
-#include "formats/asset_index.h"
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

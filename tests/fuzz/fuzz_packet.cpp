@@ -6,7 +6,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "formats/device_protocol.h"
+#include "formats/session/device_protocol.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

@@ -7,15 +7,15 @@
 #include <cmath>
 #include <string>
 
-#include "formats/asset.h"
-#include "formats/mesh_validity.h"
-#include "pipeline/contour.h"
-#include "pipeline/mesh_quality.h"
-#include "pipeline/refinement.h"
-#include "pipeline/simplification.h"
-#include "pipeline/triangulation.h"
+#include "formats/asset/asset.h"
+#include "formats/geometry/mesh_validity.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/mesh/mesh_quality.h"
+#include "pipeline/mesh/refinement.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/mesh/triangulation.h"
 #include "tests/fuzz/harness.h"
-#include "tests/pslg_case.h"
+#include "tests/cases/pslg_case.h"
 
 namespace {
 

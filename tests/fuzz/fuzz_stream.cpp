@@ -10,8 +10,8 @@
 #include <cstdlib>
 #include <vector>
 
-#include "formats/device_protocol.h"
-#include "runtime/device/drive.h"
+#include "formats/session/device_protocol.h"
+#include "runtime/simulation/drive.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

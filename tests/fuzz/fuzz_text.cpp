@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "formats/device_description.h"
-#include "formats/file_io.h"
-#include "formats/recording.h"
-#include "formats/scene.h"
-#include "runtime/device/fault_plan.h"
-#include "runtime/device/link_key.h"
-#include "runtime/loop/session.h"
+#include "formats/session/device_description.h"
+#include "formats/base/file_io.h"
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
+#include "runtime/simulation/fault_plan.h"
+#include "runtime/link/link_key.h"
+#include "runtime/session/session.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

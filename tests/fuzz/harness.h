@@ -9,8 +9,8 @@
 #include <filesystem>
 #include <string>
 
-#include "formats/result.h"
-#include "pipeline/slice_stack.h"
+#include "formats/base/result.h"
+#include "pipeline/read/slice_stack.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 

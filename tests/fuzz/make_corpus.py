@@ -13,7 +13,8 @@ import nibabel
 import numpy as np
 from PIL import Image
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
+tests = pathlib.Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(tests / "e2e"), str(tests / "pipeline" / "read")]
 import device_link  # noqa: E402
 import dicom_variants_test as dicom  # noqa: E402
 

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// The asset: one .glb a scan, one mesh and node a slice. Triangles are
+// compressed by Draco, outlines are an uncompressed LINES primitive, the rest is
+// in `extras.trocar`. Lattice integers survive bit for bit. An index at the start of the binary
+// chunk (asset_index.h) lets a reader take some slices without the rest.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "formats/asset/draco_mesh.h"
+#include "formats/geometry/lattice.h"
+#include "formats/base/result.h"
+#include "formats/geometry/slice_mesh.h"
+
+namespace trocar {
+
+inline constexpr int kAssetSchema = 1;
+/// Lattice extent (max - min over the whole scan) that a float32 position and
+/// Draco's quantiser carry exactly.
+inline constexpr std::int64_t kMaxAssetExtent = (1 << 24) - 1;
+
+struct AssetSlice {
+  int index = 0;    ///< position in the scan, along the slice normal
+  double z_mm = 0;  ///< of the plane's origin along the normal of the first slice
+  /// Slice plane (u along a row, v along a column, origin at the centre of the
+  /// first pixel, mm) -> patient (DICOM LPS, mm). Column 2 is the normal u x v.
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
+  Pslg pslg;       ///< the outline that the mesh has exactly
+  SliceMesh mesh;  ///< empty if there is no material in the slice
+  nlohmann::json measures =
+      nlohmann::json::object();  ///< per-slice error figures, as in the report
+};
+
+struct Asset {
+  Lattice lattice;
+  std::vector<AssetSlice> slices;  ///< in ascending index
+  std::string generator;           ///< program and version
+  nlohmann::json parameters = nlohmann::json::object();
+  std::string input_digest;  ///< of the input (slice_stack.h says how), hex; empty if unknown
+};
+
+/// Where an asset's bytes go.
+struct AssetSizes {
+  std::uint64_t json_bytes = 0, index_bytes = 0, triangle_bytes = 0, outline_bytes = 0;
+  std::uint64_t triangles = 0;
+};
+
+/// The .glb's bytes. What comes back from decode_asset() is what went in, but
+/// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
+/// not valid, (refused) if it exceeds kMaxAssetExtent. `sizes`, if not null, becomes what
+/// asset_sizes() would say.
+Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
+
+// The same in three steps, for scans of thousands of slices: encode_slice() may run on several
+// threads, and a mesh can go when its slice is encoded.
+
+struct LatticeBox {
+  LatticePoint low, high;
+};
+/// The quantisation grid of a scan whose vertices all lie in the box. Fails (refused) beyond
+/// kMaxAssetExtent.
+Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box);
+
+/// A slice as the file will have it, its triangles compressed.
+struct EncodedSlice {
+  int index = 0;
+  double z_mm = 0;
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
+  Pslg pslg;
+  std::vector<std::uint8_t> measures;  ///< as CBOR, a tenth of the tree's size
+  std::vector<std::uint8_t> draco;
+  std::size_t vertices = 0, triangles = 0;
+  LatticeBox bounds;  ///< of the vertices
+};
+/// Fails (bug) if the slice is not valid or not within the grid's box.
+Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);
+
+/// The file; `head` is the asset less its slices, which are taken over.
+Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
+                                                 std::vector<EncodedSlice> slices,
+                                                 AssetSizes* sizes = nullptr);
+
+/// Where a file's bytes go. Fails (refused) if it is no container of ours.
+Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
+
+/// Which slices to decode; the others keep their metadata and have an empty mesh and PSLG.
+struct DecodeOptions {
+  bool all = true;
+  std::vector<int> slice_indices;  ///< AssetSlice::index values; used if !all
+};
+
+/// Decodes and checks every size and index. `name` is used in messages. The geometry's
+/// invariants are proved by verify_asset(), not here.
+Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
+                           const DecodeOptions& options = {});
+Result<Asset> read_asset(const std::filesystem::path& file);
+
+/// What a scene needs of a file.
+struct AssetPart {
+  Asset asset;                   ///< with the slices asked for only; its generator may be empty
+  std::size_t asset_slices = 0;  ///< that the file has
+  std::uint64_t file_bytes = 0, read_bytes = 0;
+};
+/// The slices of these AssetSlice::index, and no more of the file than they take: time, memory and
+/// bytes read do not depend on how many others it has (asset_index.h). A file without a slice
+/// index is read whole. Refused, in words that name the file: a slice that is not there, bytes that
+/// decode_asset() would refuse of these slices.
+Result<AssetPart> read_asset_part(const std::filesystem::path& file,
+                                  std::vector<int> slice_indices);
+Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
+                                    std::vector<int> slice_indices);
+
+/// Proves the invariants of every slice (mesh_validity.h). Names slice and place.
+Result<void> verify_asset(const Asset& asset, const std::string& name);
+
+}  // namespace trocar

@@ -1,0 +1,417 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
+#include "formats/asset/draco_mesh.h"
+#include "formats/base/file_io.h"
+#include "formats/asset/gltf.h"
+#include "formats/geometry/mesh_validity.h"
+#include "formats/asset/slice_payload.h"
+
+namespace trocar {
+namespace {
+
+constexpr const char* kIndicesSetAside = "trocar_indices";
+
+// tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, which is how glTF says
+// that the indices are in the Draco payload. Moves such an index accessor's number into the Draco
+// extension, where record_triangles() looks for it.
+Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::uint8_t> glb,
+                                                         std::size_t json_size,
+                                                         nlohmann::json& root,
+                                                         const std::string& name) {
+  if (root.contains("meshes") && root["meshes"].is_array()) {
+    for (nlohmann::json& mesh : root["meshes"]) {
+      if (!mesh.is_object() || !mesh.contains("primitives") || !mesh["primitives"].is_array())
+        continue;
+      for (nlohmann::json& primitive : mesh["primitives"]) {
+        if (!primitive.is_object() || !primitive.contains("indices")) continue;
+        if (!primitive.contains("extensions") || !primitive["extensions"].is_object()) continue;
+        nlohmann::json& extensions = primitive["extensions"];
+        if (!extensions.contains(kDracoExtension) || !extensions[kDracoExtension].is_object())
+          continue;
+        extensions[kDracoExtension][kIndicesSetAside] = primitive["indices"];
+        primitive.erase("indices");
+      }
+    }
+  }
+  std::string out;
+  try {
+    out = root.dump();
+  } catch (const nlohmann::json::exception&) {
+    return refused(name + ": its JSON is not UTF-8");
+  }
+  out.resize((out.size() + 3) & ~std::size_t{3}, ' ');
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(out.size() + glb.size() -
+                json_size);  // no room behind it for a reader to stray into
+  bytes.insert(bytes.end(), glb.begin(), glb.begin() + kGlbHeader);
+  bytes.insert(bytes.end(), out.begin(), out.end());
+  bytes.insert(bytes.end(), glb.begin() + static_cast<std::ptrdiff_t>(kGlbHeader + json_size),
+               glb.end());
+  const auto total = static_cast<std::uint32_t>(bytes.size()),
+             chunk = static_cast<std::uint32_t>(out.size());
+  std::memcpy(bytes.data() + 8, &total, 4);
+  std::memcpy(bytes.data() + 12, &chunk, 4);
+  return bytes;
+}
+
+struct Document {
+  nlohmann::json extras, nodes;
+  tinygltf::Model model;
+};
+
+Result<Document> parse_container(std::span<const std::uint8_t> glb, const std::string& name) {
+  // What tinygltf needs to be safe: sizes that add up, and JSON that is not nested deeply.
+  MemorySource source(glb);
+  const auto json_bytes = json_bytes_of(source);
+  if (!json_bytes) return refused(name + ": " + json_bytes.error().message);
+  // It lets a binary chunk end up to eight bytes behind the file.
+  if (const auto rest = glb.subspan(kGlbHeader + *json_bytes); !rest.empty()) {
+    std::uint32_t binary_bytes = 0;
+    if (rest.size() >= kGlbChunkHeader)
+      std::memcpy(&binary_bytes, rest.data(), sizeof binary_bytes);
+    if (rest.size() < kGlbChunkHeader || binary_bytes > rest.size() - kGlbChunkHeader)
+      return refused(name + ": broken binary chunk");
+  }
+  auto root = parse_json_text(glb.subspan(kGlbHeader, *json_bytes));
+  if (!root) return refused(name + ": " + root.error().message);
+  if (!root->is_object()) return refused(name + ": its JSON is no object");
+  const auto patched = with_indices_set_aside(glb, *json_bytes, *root, name);
+  if (!patched) return patched.error();
+  Document document;
+  document.extras = std::move((*root)["extras"]);
+  document.nodes = std::move((*root)["nodes"]);
+  root = nlohmann::json();
+  tinygltf::TinyGLTF gltf;
+  gltf.SetFsCallbacks(
+      {[](const std::string&, void*) { return false; },
+       [](const std::string& path, void*) { return path; },
+       [](std::vector<unsigned char>*, std::string* err, const std::string&, void*) {
+         *err += "external files are not read";
+         return false;
+       },
+       [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
+         return false;
+       },
+       nullptr});
+  tinygltf::Model& model = document.model;
+  std::string error, warning;
+  bool ok = false;
+  try {
+    ok = gltf.LoadBinaryFromMemory(&model, &error, &warning, patched->data(),
+                                   static_cast<unsigned>(patched->size()));
+  } catch (const std::exception& e) {
+    error = e.what();
+  }
+  if (!ok) {
+    std::replace(error.begin(), error.end(), '\n', ' ');
+    return refused(name + ": not readable as glTF: " + error);
+  }
+  if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty())) {
+    return refused(name + ": an asset has one embedded buffer");
+  }
+  return document;
+}
+
+// The bytes of a buffer view, or nothing if any number is out of range.
+std::optional<std::span<const std::uint8_t>> view_bytes(const tinygltf::Model& model, int view) {
+  if (view < 0 || static_cast<std::size_t>(view) >= model.bufferViews.size()) return std::nullopt;
+  const tinygltf::BufferView& v = model.bufferViews[static_cast<std::size_t>(view)];
+  if (v.buffer != 0 || model.buffers.empty() || v.byteStride != 0) return std::nullopt;
+  const std::vector<unsigned char>& bytes = model.buffers[0].data;
+  if (v.byteOffset > bytes.size() || v.byteLength > bytes.size() - v.byteOffset)
+    return std::nullopt;
+  return std::span(bytes.data() + v.byteOffset, v.byteLength);
+}
+
+const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index) {
+  if (index < 0 || static_cast<std::size_t>(index) >= model.accessors.size()) return nullptr;
+  return &model.accessors[static_cast<std::size_t>(index)];
+}
+
+int position_accessor(const tinygltf::Primitive& primitive) {
+  const auto it = primitive.attributes.find("POSITION");
+  return it == primitive.attributes.end() ? -1 : it->second;
+}
+
+// A view's number if it is all of the elements of an accessor, tightly packed; else none.
+std::optional<int> packed_view(const tinygltf::Model& model, const tinygltf::Accessor& accessor,
+                               std::size_t element_bytes) {
+  const auto bytes = view_bytes(model, accessor.bufferView);
+  if (!bytes || accessor.byteOffset != 0 || accessor.sparse.isSparse) return std::nullopt;
+  if (accessor.count > bytes->size() || accessor.count * element_bytes != bytes->size())
+    return std::nullopt;
+  return accessor.bufferView;
+}
+
+std::uint32_t offset_of(const tinygltf::Model& model, int view) {
+  return static_cast<std::uint32_t>(model.bufferViews[static_cast<std::size_t>(view)].byteOffset);
+}
+
+// Bounds of positions as lattice points.
+Result<LatticePoint> lattice_point(const std::vector<double>& xyz_mm, const Lattice& lattice) {
+  if (xyz_mm.size() != 3 || xyz_mm[2] != 0) return refused("accessor without bounds in the plane");
+  const double x = std::ldexp(xyz_mm[0], lattice.bits), y = std::ldexp(xyz_mm[1], lattice.bits);
+  if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
+      y != std::rint(y)) {
+    return refused("accessor bounds are off the lattice");
+  }
+  return LatticePoint{static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)};
+}
+
+Result<void> record_triangles(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
+                              const Lattice& lattice, SliceRecord& record) {
+  const auto it = primitive.extensions.find(kDracoExtension);
+  const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
+  const auto number = [&](const char* key) {
+    const bool there = it != primitive.extensions.end() && it->second.IsObject() &&
+                       it->second.Has(key) && it->second.Get(key).IsInt();
+    return there ? it->second.Get(key).Get<int>() : -1;
+  };
+  const tinygltf::Accessor* indices = accessor_at(model, number(kIndicesSetAside));
+  if (position == nullptr || indices == nullptr) {
+    return refused("triangles without a Draco payload");
+  }
+  constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max();
+  if (position->count > kMost || indices->count > kMost || indices->count % 3 != 0 ||
+      indices->count == 0) {
+    return refused("triangles of an impossible count");
+  }
+  const int view = number("bufferView");
+  const auto payload = view_bytes(model, view);
+  if (!payload) return refused("Draco payload outside the buffer");
+  record.draco_offset = offset_of(model, view);
+  record.draco_bytes = static_cast<std::uint32_t>(payload->size());
+  record.vertices = static_cast<std::uint32_t>(position->count);
+  record.triangles = static_cast<std::uint32_t>(indices->count / 3);
+  const auto low = lattice_point(position->minValues, lattice);
+  if (!low) return low.error();
+  const auto high = lattice_point(position->maxValues, lattice);
+  if (!high) return high.error();
+  record.low = *low;
+  record.high = *high;
+  return {};
+}
+
+Result<void> record_lines(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
+                          SliceRecord& record) {
+  const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitive));
+  const tinygltf::Accessor* index = accessor_at(model, primitive.indices);
+  if (position == nullptr || index == nullptr ||
+      position->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT ||
+      position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR) {
+    return refused("outline without positions or indices");
+  }
+  const bool narrow = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT;
+  const bool wide = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
+  record.segment_index_bytes = narrow ? 2 : 4;
+  const auto points = packed_view(model, *position, 3 * sizeof(float));
+  const auto segments = packed_view(model, *index, record.segment_index_bytes);
+  if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count) {
+    return refused("outline data outside the buffer or of the wrong size");
+  }
+  record.outline_offset = offset_of(model, *points);
+  record.outline_vertices = static_cast<std::uint32_t>(position->count);
+  record.segments_offset = offset_of(model, *segments);
+  return {};
+}
+
+// What the JSON says of a slice; where its node's text is, it does not.
+Result<SliceRecord> record_slice(const tinygltf::Model& model, const tinygltf::Node& node,
+                                 int index, const Lattice& lattice) {
+  SliceRecord record;
+  record.index = index;
+  if (node.mesh < 0) return record;
+  if (static_cast<std::size_t>(node.mesh) >= model.meshes.size()) {
+    return refused("mesh index out of range");
+  }
+  const tinygltf::Mesh& mesh = model.meshes[static_cast<std::size_t>(node.mesh)];
+  if (mesh.primitives.size() != 2 || mesh.primitives[0].mode != TINYGLTF_MODE_TRIANGLES ||
+      mesh.primitives[1].mode != TINYGLTF_MODE_LINE) {
+    return refused("expected one triangles and one lines primitive");
+  }
+  if (auto ok = record_triangles(model, mesh.primitives[0], lattice, record); !ok)
+    return ok.error();
+  if (auto ok = record_lines(model, mesh.primitives[1], record); !ok) return ok.error();
+  return record;
+}
+
+Result<void> decode_geometry(const tinygltf::Model& model, const SliceRecord& record,
+                             const Lattice& lattice, AssetSlice& slice) {
+  if (record.triangles == 0) return {};
+  const std::span<const std::uint8_t> buffer(model.buffers[0].data);
+  return take_geometry(record,
+                       {buffer.subspan(record.draco_offset, record.draco_bytes),
+                        buffer.subspan(record.outline_offset, record.outline_bytes()),
+                        buffer.subspan(record.segments_offset, record.segments_bytes())},
+                       lattice, slice);
+}
+
+// Law 2 of asset_index.h, but for the slices.
+Result<std::optional<IndexedFile>> index_of(ByteSource& source, const nlohmann::json& extras,
+                                            std::size_t slices) {
+  auto index = find_index(source);
+  if (!index || !*index) return index;
+  const auto text = read_extras(source, **index);
+  if (!text) return text.error();
+  const auto said = parse_json_text(*text);
+  if ((*index)->header.slices != slices || !said || *said != extras)
+    return refused("its slice index and its JSON differ");
+  return index;
+}
+
+// And of the slices, one after the other.
+class RecordChecks {
+ public:
+  RecordChecks(ByteSource& source, const IndexedFile& index) : source_(source), index_(index) {}
+
+  Result<void> check(SliceRecord expected, const nlohmann::json& node) {
+    const auto record = read_record(source_, index_, place_++);
+    if (!record) return record.error();
+    expected.node_offset = record->node_offset;
+    expected.node_bytes = record->node_bytes;
+    expected.checksum = record->checksum;
+    if (*record != expected) return refused("the slice index and the JSON differ");
+    // Nothing is read twice, so that a file cannot make work of more than its size.
+    text_ += record->node_bytes;
+    geometry_ += record->draco_bytes + record->outline_bytes() + record->segments_bytes();
+    if (text_ > index_.header.json_bytes || geometry_ > index_.header.binary_bytes)
+      return refused("the slice index has slices that share their bytes");
+    const auto bytes = read_slice_bytes(source_, index_, *record);
+    if (!bytes) return bytes.error();
+    const auto said = parse_json_text(bytes->node);
+    if (!said || *said != node) return refused("the slice index and the JSON differ");
+    return {};
+  }
+
+ private:
+  ByteSource& source_;
+  const IndexedFile& index_;
+  std::uint32_t place_ = 0;
+  std::uint64_t text_ = 0, geometry_ = 0;
+};
+
+bool is_wanted(const DecodeOptions& options, int index) {
+  return options.all || std::find(options.slice_indices.begin(), options.slice_indices.end(),
+                                  index) != options.slice_indices.end();
+}
+
+}  // namespace
+
+Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
+                           const DecodeOptions& options) {
+  auto document = parse_container(glb, name);
+  if (!document) return document.error();
+  const tinygltf::Model& model = document->model;
+  const nlohmann::json& extras = document->extras;
+  const nlohmann::json& nodes = document->nodes;
+  Asset asset;
+  if (auto ok = take_head(extras, asset, name); !ok) return ok.error();
+  asset.generator = model.asset.generator;
+
+  if (model.nodes.empty() || model.nodes.size() != nodes.size() ||
+      model.nodes[0].children.size() > kMaxSlices) {
+    return refused(name + ": no scan node, or too many slices");
+  }
+  const std::vector<int>& children = model.nodes[0].children;
+  MemorySource source(glb);
+  const auto index = index_of(source, extras, children.size());
+  if (!index) return refused(name + ": " + index.error().message);
+  std::optional<RecordChecks> records;
+  if (*index) records.emplace(source, **index);
+  for (const int child : children) {
+    const auto at = static_cast<std::size_t>(child);
+    if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
+    auto slice = slice_of_node(nodes[at]);
+    if (!slice) return refused(name + ": " + slice.error().message);
+    const std::string where = name + ": slice " + std::to_string(slice->index) + ": ";
+    const auto record = record_slice(model, model.nodes[at], slice->index, asset.lattice);
+    if (!record) return refused(where + record.error().message);
+    if (records) {
+      if (auto ok = records->check(*record, nodes[at]); !ok)
+        return refused(where + ok.error().message);
+    }
+    if (is_wanted(options, slice->index)) {
+      if (auto ok = decode_geometry(model, *record, asset.lattice, *slice); !ok)
+        return refused(where + ok.error().message);
+    }
+    if (!asset.slices.empty() && asset.slices.back().index >= slice->index) {
+      return refused(name + ": slice indices do not ascend");
+    }
+    asset.slices.push_back(std::move(*slice));
+  }
+  if (*index && !asset.slices.empty() &&
+      ((*index)->header.first_index != asset.slices.front().index ||
+       (*index)->header.last_index != asset.slices.back().index)) {
+    return refused(name + ": its slice index and its JSON differ");
+  }
+  return asset;
+}
+
+Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name) {
+  const auto document = parse_container(glb, name);
+  if (!document) return document.error();
+  const tinygltf::Model* const model = &document->model;
+  AssetSizes out;
+  MemorySource source(glb);
+  out.json_bytes = *json_bytes_of(source);  // parsed, so it is there
+  const auto index = find_index(source);
+  if (index && *index)
+    out.index_bytes = sizeof(IndexHeader) + (*index)->header.slices * sizeof(SliceRecord);
+  const auto view_size = [&model](int view) {
+    const auto bytes = view_bytes(*model, view);
+    return bytes ? bytes->size() : 0;
+  };
+  for (const tinygltf::Mesh& mesh : model->meshes) {
+    for (const tinygltf::Primitive& primitive : mesh.primitives) {
+      const auto draco = primitive.extensions.find(kDracoExtension);
+      if (draco != primitive.extensions.end()) {
+        const tinygltf::Value& v = draco->second;
+        if (v.Has("bufferView")) {
+          out.triangle_bytes += view_size(v.Get("bufferView").GetNumberAsInt());
+        }
+        if (v.Has(kIndicesSetAside)) {
+          const auto* indices = accessor_at(*model, v.Get(kIndicesSetAside).GetNumberAsInt());
+          if (indices != nullptr) out.triangles += indices->count / 3;
+        }
+        continue;
+      }
+      for (const int number : {primitive.indices, position_accessor(primitive)}) {
+        const auto* accessor = accessor_at(*model, number);
+        if (accessor != nullptr) out.outline_bytes += view_size(accessor->bufferView);
+      }
+    }
+  }
+  return out;
+}
+
+Result<Asset> read_asset(const std::filesystem::path& file) {
+  auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
+  if (!bytes) return bytes.error();
+  return decode_asset(*bytes, file.string());
+}
+
+Result<void> verify_asset(const Asset& asset, const std::string& name) {
+  for (const AssetSlice& slice : asset.slices) {
+    if (slice.mesh.triangles.empty() && slice.pslg.rings.empty()) continue;
+    if (auto ok = check_mesh_against_pslg(slice.mesh, slice.pslg); !ok) {
+      return refused(name + ": slice " + std::to_string(slice.index) + ": " + ok.error().message);
+    }
+    const Eigen::Matrix3d L = slice.T_lps_plane.linear();
+    if (!((L.transpose() * L - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < 1e-4) ||
+        L.determinant() < 0) {
+      return refused(name + ": slice " + std::to_string(slice.index) +
+                     ": its plane's frame is not a rotation");
+    }
+  }
+  return {};
+}
+
+}  // namespace trocar

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
+#include "formats/base/file_io.h"
+#include "formats/asset/slice_payload.h"
+
+namespace trocar {
+namespace {
+
+Error no_such_slice(int index, std::size_t slices, int first, int last) {
+  return refused("slice " + std::to_string(index) + ": the asset has no such slice" +
+                 (slices == 0
+                      ? std::string(" (it has none)")
+                      : " (it has " + std::to_string(first) + " to " + std::to_string(last) + ")"));
+}
+
+Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
+                              const SliceRecord& record, const Lattice& lattice) {
+  const auto bytes = read_slice_bytes(source, file, record);
+  if (!bytes) return bytes.error();
+  const auto node = parse_json_text(bytes->node);
+  if (!node) return node.error();
+  auto slice = slice_of_node(*node);
+  if (!slice) return slice;
+  if (slice->index != record.index) return refused("the slice index and the JSON differ");
+  if (record.triangles == 0) return slice;
+  if (auto ok =
+          take_geometry(record, {bytes->draco, bytes->outline, bytes->segments}, lattice, *slice);
+      !ok) {
+    return ok.error();
+  }
+  return slice;
+}
+
+Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
+                                const std::vector<int>& slice_indices, const std::string& name) {
+  const IndexHeader& header = file.header;
+  AssetPart part;
+  part.asset_slices = header.slices;
+  const auto text = read_extras(source, file);
+  if (!text) return refused(name + ": " + text.error().message);
+  const auto extras = parse_json_text(*text);
+  if (!extras) return refused(name + ": " + extras.error().message);
+  if (auto ok = take_head(*extras, part.asset, name); !ok) return ok.error();
+  for (const int index : slice_indices) {
+    const auto record = find_record(source, file, index);
+    if (!record) return refused(name + ": " + record.error().message);
+    if (!*record) {
+      const Error missing =
+          no_such_slice(index, header.slices, header.first_index, header.last_index);
+      return refused(name + ": " + missing.message);
+    }
+    auto slice = read_slice(source, file, **record, part.asset.lattice);
+    if (!slice) {
+      return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
+    }
+    part.asset.slices.push_back(std::move(*slice));
+  }
+  return part;
+}
+
+Result<AssetPart> read_whole(ByteSource& source, const std::vector<int>& slice_indices,
+                             const std::string& name) {
+  std::vector<std::uint8_t> glb(static_cast<std::size_t>(source.size()));
+  if (auto ok = source.read(0, glb); !ok) return refused(name + ": " + ok.error().message);
+  auto asset = decode_asset(glb, name, {false, slice_indices});
+  if (!asset) return asset.error();
+  AssetPart part;
+  part.asset_slices = asset->slices.size();
+  std::vector<AssetSlice> all = std::exchange(asset->slices, {});
+  part.asset = std::move(*asset);
+  for (const int index : slice_indices) {
+    const auto found = std::find_if(
+        all.begin(), all.end(), [index](const AssetSlice& slice) { return slice.index == index; });
+    if (found == all.end()) {
+      const Error missing = no_such_slice(index, all.size(), all.empty() ? 0 : all.front().index,
+                                          all.empty() ? 0 : all.back().index);
+      return refused(name + ": " + missing.message);
+    }
+    part.asset.slices.push_back(std::move(*found));
+  }
+  return part;
+}
+
+Result<AssetPart> read_part(ByteSource& source, std::vector<int> slice_indices,
+                            const std::string& name) {
+  std::sort(slice_indices.begin(), slice_indices.end());
+  slice_indices.erase(std::unique(slice_indices.begin(), slice_indices.end()), slice_indices.end());
+  if (source.size() > std::numeric_limits<std::uint32_t>::max())
+    return refused(name + ": larger than a .glb can be");
+  const auto index = find_index(source);
+  if (!index) return refused(name + ": " + index.error().message);
+  auto part = *index ? read_by_index(source, **index, slice_indices, name)
+                     : read_whole(source, slice_indices, name);
+  if (!part) return part;
+  part->file_bytes = source.size();
+  part->read_bytes = source.bytes_read();
+  return part;
+}
+
+}  // namespace
+
+Result<AssetPart> read_asset_part(const std::filesystem::path& file,
+                                  std::vector<int> slice_indices) {
+  const auto source = open_file(file);
+  if (!source) return source.error();
+  return read_part(**source, std::move(slice_indices), file.string());
+}
+
+Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
+                                    std::vector<int> slice_indices) {
+  MemorySource source(glb);
+  return read_part(source, std::move(slice_indices), name);
+}
+
+}  // namespace trocar

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/base/file_io.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <system_error>
+#include <utility>
+
+namespace trocar {
+namespace {
+
+std::string why(int error) {
+  return std::generic_category().message(error);
+}
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  int get() const { return fd_; }
+  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
+
+ private:
+  int fd_;
+};
+
+}  // namespace
+
+Result<void> ByteSource::read(std::uint64_t offset, std::span<std::uint8_t> into) {
+  if (offset > size() || into.size() > size() - offset)
+    return refused("ends before byte " + std::to_string(offset + into.size()));
+  bytes_read_ += into.size();
+  return fetch(offset, into);
+}
+
+Result<void> MemorySource::fetch(std::uint64_t offset, std::span<std::uint8_t> into) {
+  std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), into.size(), into.begin());
+  return {};
+}
+
+namespace {
+
+class FileSource : public ByteSource {
+ public:
+  FileSource(Descriptor fd, std::uint64_t size) : fd_(std::move(fd)), size_(size) {}
+  std::uint64_t size() const override { return size_; }
+
+ private:
+  Result<void> fetch(std::uint64_t offset, std::span<std::uint8_t> into) override {
+    std::size_t done = 0;
+    while (done < into.size()) {
+      const ssize_t got = ::pread(fd_.get(), into.data() + done, into.size() - done,
+                                  static_cast<off_t>(offset + done));
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) return refused(why(errno));
+      if (got == 0) return refused("shrank while being read");
+      done += static_cast<std::size_t>(got);
+    }
+    return {};
+  }
+
+  Descriptor fd_;
+  std::uint64_t size_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
+  // Not to wait for the other end of what turns out to be a pipe.
+  Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
+  struct stat status {};
+  if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));
+  if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
+  return std::unique_ptr<ByteSource>(
+      std::make_unique<FileSource>(std::move(fd), static_cast<std::uint64_t>(status.st_size)));
+}
+
+Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
+                                            std::uint64_t max_bytes) {
+  const auto source = open_file(file);
+  if (!source) return source.error();
+  const std::uint64_t size = (*source)->size();
+  if (size > max_bytes)
+    return refused(file.string() + ": larger than " + std::to_string(max_bytes) + " bytes");
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
+  if (auto ok = (*source)->read(0, bytes); !ok)
+    return refused(file.string() + ": " + ok.error().message);
+  return bytes;
+}
+
+Result<void> check_writable(const std::filesystem::path& file) {
+  if (file.empty()) return {};
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  std::error_code ignored;
+  // The rename that ends the writing would put a file in the place of a device or a pipe.
+  const std::filesystem::file_status there = std::filesystem::status(file, ignored);
+  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
+    return unwritable(file.string() + ": is there and is not a regular file");
+  }
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    return unwritable(file.string() + ": there is no folder " + folder.string());
+  }
+  if (::access(folder.c_str(), W_OK) != 0) {
+    return unwritable(file.string() + ": the folder is read-only");
+  }
+  return {};
+}
+
+namespace {
+
+/// Where it is or would be: of a file that is not there, weakly_canonical leaves a relative name as
+/// it was spelt.
+std::filesystem::path place_of(const std::filesystem::path& file) {
+  std::error_code ignored;
+  return std::filesystem::weakly_canonical(std::filesystem::absolute(file, ignored), ignored);
+}
+
+}  // namespace
+
+Result<void> check_outputs(std::span<const OutputFile> outputs,
+                           std::span<const std::filesystem::path> inputs) {
+  std::error_code ignored;
+  for (const OutputFile& output : outputs) {
+    if (output.file.empty()) continue;
+    if (auto ok = check_writable(output.file); !ok) return ok;
+    const std::string said = output.option + " " + output.file.string();
+    for (const std::filesystem::path& input : inputs) {
+      if (std::filesystem::equivalent(output.file, input, ignored))
+        return usage(said + ": would write over the input " + input.string());
+    }
+    for (const OutputFile& other : outputs) {
+      if (&other != &output && !other.file.empty() &&
+          place_of(other.file) == place_of(output.file)) {
+        return usage(said + ": is also the file of " + other.option);
+      }
+    }
+  }
+  return {};
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& file,
+                                   std::span<const std::uint8_t> bytes) {
+  if (auto ok = check_writable(file); !ok) return ok;
+  std::string temporary = file.string() + ".XXXXXX";
+  Descriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
+  if (fd.get() < 0) return unwritable(file.string() + ": " + why(errno));
+  const auto fail = [&]() -> Error {
+    const int error = errno;
+    ::unlink(temporary.c_str());
+    return unwritable(file.string() + ": " + why(error));
+  };
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t put = ::write(fd.get(), bytes.data() + done, bytes.size() - done);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return fail();
+    done += static_cast<std::size_t>(put);
+  }
+  // mkostemp makes the file private; give it what open() would have given.
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  if (::fchmod(fd.get(), 0666 & ~mask) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
+      ::rename(temporary.c_str(), file.c_str()) != 0) {
+    return fail();
+  }
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  const Descriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (directory.get() >= 0) ::fsync(directory.get());
+  return {};
+}
+
+Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text) {
+  return write_file_atomically(
+      file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+}
+
+}  // namespace trocar

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/base/standard_output.h"
+
+#include <cerrno>
+#include <cstdio>
+#include <system_error>
+
+#include "formats/base/result.h"
+
+namespace trocar {
+
+int after_printing(const char* program, int code) {
+  const bool failed_before = std::ferror(stdout) != 0;
+  errno = 0;
+  const bool fails_now = std::fflush(stdout) != 0;
+  if ((!failed_before && !fails_now) || errno == EPIPE) return code;
+  const std::string why = errno == 0 ? "" : ": " + std::generic_category().message(errno);
+  std::fprintf(stderr, "%s: what it prints could not all be written%s\n", program, why.c_str());
+  return code == 0 ? static_cast<int>(ExitCode::kUnwritable) : code;
+}
+
+}  // namespace trocar

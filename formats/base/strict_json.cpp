@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/base/strict_json.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+namespace trocar {
+namespace {
+
+constexpr std::size_t kMaxDepth = 64;
+
+std::string in_words(double x) {
+  return nlohmann::json(x).dump();
+}
+
+std::string range_in_words(double lowest, double highest) {
+  return "must be within " + in_words(lowest) + " and " + in_words(highest);
+}
+
+}  // namespace
+
+Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name) {
+  // nlohmann keeps the last of two equal keys without a word; what a document says
+  // twice it may say differently, so it is refused here.
+  std::vector<std::set<std::string>> keys;
+  std::optional<std::string> wrong;
+  const auto watch = [&](int, nlohmann::json::parse_event_t event, nlohmann::json& parsed) {
+    using Event = nlohmann::json::parse_event_t;
+    if (event == Event::object_start || event == Event::array_start) {
+      keys.emplace_back();
+      if (keys.size() > kMaxDepth && !wrong) wrong = "nested too deeply";
+    } else if (event == Event::object_end || event == Event::array_end) {
+      keys.pop_back();
+    } else if (event == Event::key) {
+      const auto& key = parsed.get_ref<const std::string&>();
+      if (!keys.back().insert(key).second && !wrong) {
+        wrong = "key " + nlohmann::json(key).dump() + " occurs twice";
+      }
+    }
+    return true;
+  };
+  try {
+    nlohmann::json value = nlohmann::json::parse(text, watch);
+    if (wrong) return refused(name + ": " + *wrong);
+    return value;
+  } catch (const nlohmann::json::exception& failure) {
+    const std::string what = failure.what();
+    const std::size_t after = what.find("] ");
+    return refused(name + ": " + (after == std::string::npos ? what : what.substr(after + 2)));
+  }
+}
+
+void JsonErrors::add(const std::string& path, const std::string& why) {
+  if (!first) first = refused(file + ": " + (path.empty() ? "/" : path) + ": " + why);
+}
+
+StrictObject::StrictObject(const nlohmann::json& value, std::string path, JsonErrors& errors)
+    : value_(value), path_(std::move(path)), errors_(errors) {
+  if (!value_.is_object()) errors_.add(path_, "must be an object");
+}
+
+bool StrictObject::has(const char* key) const {
+  return value_.is_object() && value_.contains(key);
+}
+
+const nlohmann::json* StrictObject::find(const char* key, bool required) {
+  asked_.insert(key);
+  if (has(key)) return &value_[key];
+  if (required && value_.is_object()) errors_.add(path(key), "is missing");
+  return nullptr;
+}
+
+double StrictObject::number(const char* key, double lowest, double highest,
+                            std::optional<double> otherwise) {
+  const nlohmann::json* found = find(key, !otherwise);
+  if (found == nullptr) return otherwise.value_or(lowest);
+  if (!found->is_number()) {
+    errors_.add(path(key), "must be a number");
+    return lowest;
+  }
+  const double x = found->get<double>();
+  if (!std::isfinite(x) || x < lowest || x > highest) {
+    errors_.add(path(key), range_in_words(lowest, highest));
+    return lowest;
+  }
+  return x;
+}
+
+std::int64_t StrictObject::integer(const char* key, std::int64_t lowest, std::int64_t highest,
+                                   std::optional<std::int64_t> otherwise) {
+  const nlohmann::json* found = find(key, !otherwise);
+  if (found == nullptr) return otherwise.value_or(lowest);
+  // An unsigned value above int64's range would wrap in get<int64_t>().
+  const bool fits =
+      found->is_number_integer() &&
+      !(found->is_number_unsigned() && found->get<std::uint64_t>() > std::uint64_t{INT64_MAX});
+  if (!fits || found->get<std::int64_t>() < lowest || found->get<std::int64_t>() > highest) {
+    errors_.add(path(key), "must be an integer within " + std::to_string(lowest) + " and " +
+                               std::to_string(highest));
+    return lowest;
+  }
+  return found->get<std::int64_t>();
+}
+
+std::string StrictObject::string(const char* key) {
+  const nlohmann::json* found = find(key, true);
+  if (found == nullptr) return "";
+  if (!found->is_string()) {
+    errors_.add(path(key), "must be a string");
+    return "";
+  }
+  const auto& text = found->get_ref<const std::string&>();
+  const bool printable =
+      std::none_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; });
+  if (text.empty() || text.size() > 4096 || !printable) {
+    errors_.add(path(key), "must be 1 to 4096 bytes without control characters");
+    return "";
+  }
+  return text;
+}
+
+void StrictObject::numbers(const char* key, std::span<double> result, double lowest, double highest,
+                           bool required) {
+  const nlohmann::json* found = find(key, required);
+  if (found == nullptr) return;
+  if (!found->is_array() || found->size() != result.size()) {
+    errors_.add(path(key), "must be an array of " + std::to_string(result.size()) + " numbers");
+    return;
+  }
+  for (std::size_t i = 0; i < result.size(); ++i) {
+    const nlohmann::json& element = (*found)[i];
+    const double x = element.is_number() ? element.get<double>() : NAN;
+    if (!std::isfinite(x) || x < lowest || x > highest) {
+      errors_.add(path(key) + "/" + std::to_string(i),
+                  "must be a number; it " + range_in_words(lowest, highest));
+      return;
+    }
+    result[i] = x;
+  }
+}
+
+const nlohmann::json* StrictObject::array(const char* key, std::size_t shortest,
+                                          std::size_t longest) {
+  const nlohmann::json* found = find(key, true);
+  if (found == nullptr) return nullptr;
+  if (!found->is_array() || found->size() < shortest || found->size() > longest) {
+    errors_.add(path(key), "must be an array of " + std::to_string(shortest) + " to " +
+                               std::to_string(longest) + " elements");
+    return nullptr;
+  }
+  return found;
+}
+
+const nlohmann::json* StrictObject::optional_value(const char* key) {
+  return find(key, false);
+}
+
+void StrictObject::finish() {
+  if (!value_.is_object()) return;
+  for (const auto& [key, unused] : value_.items()) {
+    if (!asked_.contains(key)) {
+      errors_.add(path_, "unknown key " + nlohmann::json(key).dump());
+      return;
+    }
+  }
+}
+
+}  // namespace trocar

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// The integer lattice in the slice plane on which every stored or decided-upon
+// coordinate lies, and the exact predicates on it.
+//
+// Laws (tests/formats/geometry/lattice_test.cpp holds them against a wide-integer reference):
+//  1. orient2d(a,b,c) > 0 iff a,b,c turn counter-clockwise; 0 iff collinear;
+//     it changes sign when two arguments are swapped.
+//  2. in_circle(a,b,c,d) > 0 iff d lies strictly inside the circle through the
+//     counter-clockwise triangle a,b,c; 0 iff the four are cocircular.
+//  3. Both are exact for all coordinates with |x|,|y| <= kMaxCoordinate.
+#pragma once
+
+#include <cmath>
+#include <compare>
+#include <cstdint>
+
+namespace trocar {
+
+/// A point of the slice plane in lattice steps.
+struct LatticePoint {
+  std::int32_t x = 0;
+  std::int32_t y = 0;
+  friend bool operator==(const LatticePoint&, const LatticePoint&) = default;
+  // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
+  friend auto operator<=>(const LatticePoint&, const LatticePoint&) = default;
+};
+
+/// Largest admissible |coordinate|: keeps orient2d within 64 and in_circle
+/// within 128 bits. Assets are narrower still: see kMaxAssetExtent in asset.h.
+inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
+
+/// The step is 2^-bits mm.
+struct Lattice {
+  int bits = 8;
+  double step_mm() const { return std::ldexp(1.0, -bits); }
+  double step_m() const { return step_mm() * 1e-3; }
+  /// Nearest lattice coordinate (ties to even) of a coordinate in mm; the
+  /// caller has checked that it is finite and |mm| / step <= kMaxCoordinate.
+  std::int32_t snap_mm(double mm) const {
+    return static_cast<std::int32_t>(std::lrint(std::ldexp(mm, bits)));
+  }
+  double to_mm(std::int64_t c) const { return std::ldexp(static_cast<double>(c), -bits); }
+  friend bool operator==(const Lattice&, const Lattice&) = default;
+};
+inline constexpr int kMinLatticeBits = 0;
+inline constexpr int kMaxLatticeBits = 14;
+
+__extension__ typedef __int128 Int128;
+
+/// Twice the signed area of a,b,c. Exact.
+inline std::int64_t orient2d(LatticePoint a, LatticePoint b, LatticePoint c) {
+  return (std::int64_t{b.x} - a.x) * (std::int64_t{c.y} - a.y) -
+         (std::int64_t{b.y} - a.y) * (std::int64_t{c.x} - a.x);
+}
+
+/// Sign of the in-circle determinant (law 2). Exact.
+inline int in_circle(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  const std::int64_t adx = std::int64_t{a.x} - d.x, ady = std::int64_t{a.y} - d.y;
+  const std::int64_t bdx = std::int64_t{b.x} - d.x, bdy = std::int64_t{b.y} - d.y;
+  const std::int64_t cdx = std::int64_t{c.x} - d.x, cdy = std::int64_t{c.y} - d.y;
+  const Int128 det = Int128{adx * adx + ady * ady} * (bdx * cdy - bdy * cdx) +
+                     Int128{bdx * bdx + bdy * bdy} * (cdx * ady - cdy * adx) +
+                     Int128{cdx * cdx + cdy * cdy} * (adx * bdy - ady * bdx);
+  return det > 0 ? 1 : (det < 0 ? -1 : 0);
+}
+
+/// Squared distance in steps^2. Exact.
+inline std::int64_t distance2(LatticePoint a, LatticePoint b) {
+  const std::int64_t dx = std::int64_t{a.x} - b.x, dy = std::int64_t{a.y} - b.y;
+  return dx * dx + dy * dy;
+}
+
+/// (a - p) . (b - p): negative iff p lies strictly inside the circle on the
+/// diameter ab, that is, iff p encroaches upon the segment. Exact.
+inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p) {
+  return (std::int64_t{a.x} - p.x) * (std::int64_t{b.x} - p.x) +
+         (std::int64_t{a.y} - p.y) * (std::int64_t{b.y} - p.y);
+}
+
+/// Do the open segments ab and cd share a point, or does an end of one lie in
+/// the other's interior? Shared end points alone do not count. Exact.
+bool segments_cross(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d);
+
+}  // namespace trocar

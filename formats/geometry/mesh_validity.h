@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The proofs of DESIGN's "One lattice" on a slice mesh, all in exact integers.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "formats/base/result.h"
+#include "formats/geometry/slice_mesh.h"
+
+namespace trocar {
+
+/// Proves of a mesh, or names the first thing that fails and where:
+///  - every index is in range and every vertex is used;
+///  - every triangle is strictly counter-clockwise;
+///  - every directed edge occurs once (so at most two triangles share an edge,
+///    in opposite directions), and every vertex's triangles form one fan
+///    (manifold; a pinch is two vertices at one point);
+///  - no two boundary edges cross.
+/// The triangles then tile without overlap wherever the boundary winds once, which
+/// check_mesh_against_pslg() proves. O(n log n).
+Result<void> check_mesh(const SliceMesh& mesh);
+
+/// check_mesh, and the mesh's boundary is exactly the PSLG's edges, in their
+/// direction, and their areas are equal.
+Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
+
+/// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
+/// at most kMaxCoordinate), that no two edges cross or coincide (touching in vertices is allowed),
+/// and that they nest: every outer ring lies in nothing or in a hole, every hole directly in an
+/// outer ring. Then every point of the plane is either material once or not at all. Sweeps over x:
+/// O(n (log n + k)), k = edges and rings above one another.
+Result<void> check_pslg(const Pslg& pslg);
+
+/// Is the point inside the simple ring, on which it does not lie? Exact. It is given in doubled
+/// coordinates, so that the middle of an edge is one too. O(n).
+bool is_inside_ring(std::int64_t doubled_x, std::int64_t doubled_y, const Ring& ring);
+
+/// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.
+bool is_constrained_delaunay(const SliceMesh& mesh);
+
+}  // namespace trocar

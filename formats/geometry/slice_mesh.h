@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// The geometry of one slice: the PSLG (planar straight line graph) of its
+// outline and the triangle mesh of its material, both on the lattice.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "formats/geometry/lattice.h"
+
+namespace trocar {
+
+/// A simple closed polygon, without its first point repeated at the end.
+/// Outer boundaries run counter-clockwise, holes clockwise (material on the
+/// left). Rings may touch in vertices, and neither cross nor share an edge.
+using Ring = std::vector<LatticePoint>;
+
+struct Pslg {
+  std::vector<Ring> rings;
+};
+
+using Triangle = std::array<std::uint32_t, 3>;  ///< vertex indices, counter-clockwise
+
+struct SliceMesh {
+  std::vector<LatticePoint> vertices;
+  std::vector<Triangle> triangles;
+};
+
+/// Twice the signed area of a ring in steps^2. Exact (modulo 2^64, which matters only to a ring
+/// that winds many times around the whole lattice and is not simple).
+std::int64_t doubled_area(const Ring& ring);
+/// Sum over the rings; holes subtract. Exact.
+std::int64_t doubled_area(const Pslg& pslg);
+/// Sum over the triangles. Exact.
+std::int64_t doubled_area(const SliceMesh& mesh);
+
+/// The boundary of a valid mesh as simple rings with the material on the left (a
+/// boundary that meets itself in a pinch comes as rings that touch), each starting
+/// at its smallest vertex, in order: the same mesh gives the same rings in whatever
+/// order its triangles come. O(n log n).
+Pslg boundary_rings(const SliceMesh& mesh);
+
+}  // namespace trocar

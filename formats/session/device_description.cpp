@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/device_description.h"
+
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "formats/base/file_io.h"
+#include "formats/base/strict_json.h"
+
+namespace trocar {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::string_view kSchema = "trocar.device/1";
+constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 20;
+constexpr std::array<const char*, kJointsPerLeg> kJointName = {"theta1", "theta2", "theta3",
+                                                               "theta4", "theta5", "theta6"};
+
+// The one conversion, so that the built-in description equals the file's to the bit.
+double from_deg(double deg) {
+  return deg * (std::numbers::pi / 180);
+}
+
+JointLimit limit_from_deg(double min_deg, double max_deg) {
+  return {from_deg(min_deg), from_deg(max_deg)};
+}
+
+// The object under `key`, for a StrictObject of its own.
+const Json& section(StrictObject& parent, const char* key, JsonErrors& errors) {
+  static const Json kNone;
+  const Json* found = parent.optional_value(key);
+  if (found == nullptr) errors.add(parent.path(key), "is missing");
+  return found == nullptr ? kNone : *found;
+}
+
+int read_branch(StrictObject& branches, const char* key, JsonErrors& errors) {
+  const std::string sign = branches.string(key);
+  if (sign != "plus" && sign != "minus") {
+    errors.add(branches.path(key), "must be \"plus\" or \"minus\"");
+  }
+  return sign == "minus" ? -1 : 1;
+}
+
+void read_geometry(StrictObject& root, DeviceGeometry& g, JsonErrors& errors) {
+  constexpr double kShortest_m = 1e-3, kLongest_m = 10;
+  StrictObject lengths(section(root, "geometry", errors), "/geometry", errors);
+  g.l1_m = lengths.number("l1_m", kShortest_m, kLongest_m);
+  g.l2_m = lengths.number("l2_m", kShortest_m, kLongest_m);
+  g.l3_m = lengths.number("l3_m", kShortest_m, kLongest_m);
+  g.l4_m = lengths.number("l4_m", kShortest_m, kLongest_m);
+  g.l5_m = lengths.number("l5_m", kShortest_m, kLongest_m);
+  g.R_T_m = lengths.number("R_T_m", kShortest_m, kLongest_m);
+  g.R_B1_m = lengths.number("R_B1_m", kShortest_m, kLongest_m);
+  g.R_B2_m = lengths.number("R_B2_m", kShortest_m, kLongest_m);
+  g.H_B_m = lengths.number("H_B_m", 0, kLongest_m);
+  g.z_A_m = lengths.number("z_A_m", -kLongest_m, kLongest_m);
+  g.d_rad = from_deg(lengths.number("d_deg", -180, 180));
+  lengths.finish();
+  if (g.l5_m >= g.l2_m) {
+    errors.add(lengths.path("l5_m"), "must be less than l2_m: D lies between E and C");
+  }
+  StrictObject branches(section(root, "branches", errors), "/branches", errors);
+  g.branch_theta1 = read_branch(branches, "theta1", errors);
+  g.branch_theta4 = read_branch(branches, "theta4", errors);
+  branches.finish();
+}
+
+void read_motors_and_joints(StrictObject& root, DeviceDescription& device, JsonErrors& errors) {
+  StrictObject motors(section(root, "motors", errors), "/motors", errors);
+  device.motor_peak_torque_Nm = motors.number("peak_torque_Nm", 1e-3, 1e3);
+  device.motor_continuous_torque_Nm = motors.number("continuous_torque_Nm", 1e-3, 1e3);
+  device.motor_torque_constant_Nm_per_A = motors.number("torque_constant_Nm_per_A", 1e-4, 100);
+  device.motor_gear_ratio = motors.number("gear_ratio", 0.1, 1e3);
+  device.upper_bevel_ratio = motors.number("upper_bevel_ratio", 0.1, 10);
+  device.motor_peak_current_A = motors.number("peak_current_A", 1e-3, 1e3);
+  device.motor_continuous_current_A = motors.number("continuous_current_A", 1e-3, 1e3);
+  device.motor_peak_time_s = motors.number("peak_time_s", 0.1, 60);
+  device.joint_coulomb_friction_Nm = motors.number("joint_coulomb_friction_Nm", 0, 10);
+  motors.finish();
+  if (device.motor_continuous_torque_Nm > device.motor_peak_torque_Nm) {
+    errors.add(motors.path("continuous_torque_Nm"), "must not be above peak_torque_Nm");
+  }
+  if (device.motor_continuous_current_A > device.motor_peak_current_A) {
+    errors.add(motors.path("continuous_current_A"), "must not be above peak_current_A");
+  }
+  StrictObject limits(section(root, "joint_limits_deg", errors), "/joint_limits_deg", errors);
+  for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
+    std::array<double, 2> deg{};
+    limits.numbers(kJointName[j], deg, -720, 720, true);
+    if (!(deg[0] < deg[1] && deg[1] - deg[0] <= 360)) {
+      errors.add(limits.path(kJointName[j]), "must be [min, max] with min < max <= min + 360");
+    }
+    device.joint_limit[j] = limit_from_deg(deg[0], deg[1]);
+  }
+  limits.finish();
+}
+
+void read_plate_and_simulation(StrictObject& root, DeviceDescription& device, JsonErrors& errors) {
+  StrictObject plate(section(root, "plate", errors), "/plate", errors);
+  device.plate_mass_kg = plate.number("mass_kg", 1e-3, 1e3);
+  auto& i = device.plate_inertia_kg_m2;
+  plate.numbers("inertia_kg_m2", i, 1e-8, 1e3, true);
+  plate.finish();
+  if (i[0] + i[1] < i[2] || i[1] + i[2] < i[0] || i[2] + i[0] < i[1]) {
+    errors.add(plate.path("inertia_kg_m2"),
+               "belongs to no body: one moment exceeds the others' sum");
+  }
+  StrictObject simulation(section(root, "simulation", errors), "/simulation", errors);
+  device.joint_viscous_friction_Nms_per_rad =
+      simulation.number("joint_viscous_friction_Nms_per_rad", 0, 10);
+  device.encoder_counts_per_revolution =
+      static_cast<int>(simulation.integer("encoder_counts_per_revolution", 0, 1 << 30));
+  device.gravity_m_per_s2 = simulation.number("gravity_m_per_s2", 0, 100);
+  device.minimum_substeps = static_cast<int>(simulation.integer("minimum_substeps", 10, 1000));
+  device.maximum_substep_s = simulation.number("maximum_substep_s", 1e-6, 1e-2);
+  simulation.finish();
+}
+
+// "assumed" maps JSON pointers into this document to the reason: each must name a value.
+void check_assumed(StrictObject& root, const Json& document, JsonErrors& errors) {
+  const Json& assumed = section(root, "assumed", errors);
+  if (!assumed.is_object()) return errors.add("/assumed", "must be an object");
+  for (const auto& [pointer, reason] : assumed.items()) {
+    const std::string place =
+        "/assumed " +
+        Json(pointer.substr(0, 64)).dump(-1, ' ', true, Json::error_handler_t::replace);
+    if (!reason.is_string()) errors.add(place, "must be a string");
+    bool names_a_value = false;
+    try {
+      names_a_value = document.contains(Json::json_pointer(pointer));
+    } catch (const Json::exception&) {  // not a pointer
+    }
+    if (!names_a_value) errors.add(place, "names no value of this file");
+  }
+}
+
+}  // namespace
+
+DeviceDescription default_device_description() {
+  DeviceDescription device;
+  device.name = "four-legged 6-DoF parallel haptic device (Kim, Suh and Yi)";
+  device.geometry = {.l1_m = 0.094,
+                     .l2_m = 0.131,
+                     .l3_m = 0.075,
+                     .l4_m = 0.075,
+                     .l5_m = 0.045,
+                     .R_T_m = 0.0627,
+                     .R_B1_m = 0.1685,
+                     .R_B2_m = 0.1188,
+                     .H_B_m = 0.0202,
+                     .z_A_m = 0.1225,
+                     .d_rad = from_deg(49.9),
+                     .branch_theta1 = 1,
+                     .branch_theta4 = 1};
+  device.motor_peak_torque_Nm = 6;
+  device.motor_continuous_torque_Nm = 3;
+  device.motor_torque_constant_Nm_per_A = 0.06;
+  device.motor_gear_ratio = 18;
+  device.upper_bevel_ratio = 1;
+  device.motor_peak_current_A = 6;
+  device.motor_continuous_current_A = 3;
+  device.motor_peak_time_s = 2;
+  device.joint_coulomb_friction_Nm = 0;
+  device.joint_limit = {limit_from_deg(190, 300), limit_from_deg(-180, 0), limit_from_deg(-60, 60),
+                        limit_from_deg(-65, 0),   limit_from_deg(-180, 0), limit_from_deg(-60, 60)};
+  device.plate_mass_kg = 0.35;
+  device.plate_inertia_kg_m2 = {4e-4, 4e-4, 7e-4};
+  device.joint_viscous_friction_Nms_per_rad = 0.005;
+  device.encoder_counts_per_revolution = 0;
+  device.gravity_m_per_s2 = 0;
+  device.minimum_substeps = 10;
+  device.maximum_substep_s = 1e-4;
+  return device;
+}
+
+Result<DeviceDescription> parse_device_description(std::string_view json_text,
+                                                   const std::string& source) {
+  const Result<Json> document = parse_strict_json(json_text, source);
+  if (!document) return document.error();
+  JsonErrors errors{.file = source, .first = std::nullopt};
+  StrictObject root(*document, "", errors);
+  DeviceDescription device;
+  if (root.string("schema") != kSchema) {
+    errors.add("/schema", "must be \"" + std::string(kSchema) + "\"");
+  }
+  device.name = root.string("name");
+  read_geometry(root, device.geometry, errors);
+  read_motors_and_joints(root, device, errors);
+  read_plate_and_simulation(root, device, errors);
+  check_assumed(root, *document, errors);
+  root.finish();
+  if (errors.first) return *errors.first;
+  return device;
+}
+
+Result<DeviceDescription> read_device_description(const std::string& path) {
+  const auto bytes = read_file(path, kMaxFileBytes);
+  if (!bytes) return bytes.error();
+  return parse_device_description({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
+                                  path);
+}
+
+}  // namespace trocar

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one haptic device is: geometry, motors, joint limits, and what its
+// simulation needs. The mechanism is the paper's four-legged, eight-motor device
+// (section III); how its lengths are read stands in runtime/device/README.md.
+// On disk: JSON, schema formats/session/device.schema.json.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+#include "formats/base/result.h"
+
+namespace trocar {
+
+/// Lengths in m, angles in rad, frame {B}: origin at the base's centre, z up.
+/// Leg m stands at azimuth (m-1) * 90 deg. Symbols are the paper's.
+struct DeviceGeometry {
+  double l1_m = 0;    ///< motor axis of theta1 to the elbow E
+  double l2_m = 0;    ///< elbow E to the plate's ball joint C
+  double l3_m = 0;    ///< motor axis of theta4 to F
+  double l4_m = 0;    ///< F to the upper link's ball joint D
+  double l5_m = 0;    ///< elbow E to D, along EC; less than l2
+  double R_T_m = 0;   ///< circle of the ball joints C on the plate
+  double R_B1_m = 0;  ///< circle of the axes of theta1
+  double R_B2_m = 0;  ///< circle of the axes of theta4
+  double H_B_m = 0;   ///< how far the lower motors' links lie below the axes of theta1
+  double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
+  double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
+  /// Sign of acos in theta1 = atan2(p_z, p_x) +- acos(.), and of theta4 likewise.
+  int branch_theta1 = 1;
+  int branch_theta4 = 1;
+  friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
+};
+
+struct JointLimit {
+  double min_rad = 0;
+  double max_rad = 0;  ///< greater than min_rad by at most a turn
+  friend bool operator==(const JointLimit&, const JointLimit&) = default;
+};
+inline constexpr std::size_t kJointsPerLeg = 6;
+
+struct DeviceDescription {
+  std::string name;
+  DeviceGeometry geometry;
+  double motor_peak_torque_Nm = 0;            ///< at the joint, every motor
+  double motor_continuous_torque_Nm = 0;      ///< at the joint; not above the peak
+  double motor_torque_constant_Nm_per_A = 0;  ///< at the rotor
+  double motor_gear_ratio = 0;                ///< rotor's turns per turn of the joint
+  double upper_bevel_ratio = 0;               ///< of theta1's bevel gears, in series with the gear
+  double motor_peak_current_A = 0;            ///< of the drive
+  double motor_continuous_current_A = 0;      ///< of motor and drive; not above the peak
+  double motor_peak_time_s = 0;               ///< how long a cold motor bears the peak current
+  double joint_coulomb_friction_Nm = 0;       ///< at each of the eight motor joints
+  std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
+  double plate_mass_kg = 0;                           ///< plate, sensor and grip
+  std::array<double, 3> plate_inertia_kg_m2{};        ///< principal, about {T}'s origin and axes
+
+  // The simulated device only.
+  double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
+  int encoder_counts_per_revolution = 0;          ///< 0: encoders are exact
+  double gravity_m_per_s2 = 0;                    ///< along -z; 0: the mechanism is balanced
+  int minimum_substeps = 0;                       ///< of the integration, a step
+  double maximum_substep_s = 0;
+
+  friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
+};
+
+/// The device of the paper; equal to what runtime/device/four_legs.json holds.
+DeviceDescription default_device_description();
+
+/// Reads a description from JSON text. `source` names the text in errors.
+/// Refused: no JSON, unknown, repeated or missing keys, wrong types, numbers that
+/// are not finite or outside sane ranges, "assumed" entries that name no value.
+Result<DeviceDescription> parse_device_description(std::string_view json_text,
+                                                   const std::string& source);
+
+/// The same from a file (at most 1 MiB).
+Result<DeviceDescription> read_device_description(const std::string& path);
+
+}  // namespace trocar

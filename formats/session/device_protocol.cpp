@@ -1,0 +1,370 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/device_protocol.h"
+
+#include <sodium.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <string_view>
+
+namespace trocar {
+namespace {
+
+static_assert(kLinkKeyBytes == crypto_generichash_KEYBYTES);
+static_assert(kLinkMacBytes == crypto_generichash_BYTES);
+
+using Bytes = std::span<const std::uint8_t>;
+
+constexpr std::array<std::uint8_t, 4> kMagic = {'T', 'R', 'C', 'R'};
+constexpr std::uint8_t kVersion = 1;
+constexpr std::size_t kHeaderBytes = 32;
+
+/// Fields one after the other; the sizes are checked before a cursor is made.
+class Writer {
+ public:
+  explicit Writer(std::uint8_t* at) : at_(at) {}
+  void u64(std::uint64_t value) noexcept { put(value, 8); }
+  void u16(std::uint16_t value) noexcept { put(value, 2); }
+  void u8(std::uint8_t value) noexcept { put(value, 1); }
+  void f64(double value) noexcept { u64(std::bit_cast<std::uint64_t>(value)); }
+  void bytes(Bytes values) noexcept { at_ = std::copy(values.begin(), values.end(), at_); }
+  void zeros(std::size_t count) noexcept { at_ = std::fill_n(at_, count, std::uint8_t{0}); }
+
+ private:
+  void put(std::uint64_t value, int count) noexcept {
+    for (int i = 0; i < count; ++i)
+      *at_++ = static_cast<std::uint8_t>(value >> (8 * i));
+  }
+  std::uint8_t* at_;
+};
+
+class Reader {
+ public:
+  explicit Reader(const std::uint8_t* at) : at_(at) {}
+  std::uint64_t u64() noexcept { return get(8); }
+  std::uint16_t u16() noexcept { return static_cast<std::uint16_t>(get(2)); }
+  std::uint8_t u8() noexcept { return static_cast<std::uint8_t>(get(1)); }
+  double f64() noexcept { return std::bit_cast<double>(u64()); }
+  template <std::size_t N>
+  void bytes(std::array<std::uint8_t, N>& out) noexcept {
+    std::copy_n(at_, N, out.begin());
+    at_ += N;
+  }
+  bool zeros(std::size_t count) noexcept {
+    const bool good = std::all_of(at_, at_ + count, [](std::uint8_t b) { return b == 0; });
+    at_ += count;
+    return good;
+  }
+
+ private:
+  std::uint64_t get(int count) noexcept {
+    std::uint64_t value = 0;
+    for (int i = 0; i < count; ++i)
+      value |= std::uint64_t{*at_++} << (8 * i);
+    return value;
+  }
+  const std::uint8_t* at_;
+};
+
+template <typename Packet>
+struct Format;
+template <>
+struct Format<HelloPacket> {
+  static constexpr PacketKind kKind = PacketKind::kHello;
+  static constexpr std::size_t kBytes = kHelloBytes;
+};
+template <>
+struct Format<WelcomePacket> {
+  static constexpr PacketKind kKind = PacketKind::kWelcome;
+  static constexpr std::size_t kBytes = kWelcomeBytes;
+};
+template <>
+struct Format<CommandPacket> {
+  static constexpr PacketKind kKind = PacketKind::kCommand;
+  static constexpr std::size_t kBytes = kCommandBytes;
+};
+template <>
+struct Format<StatePacket> {
+  static constexpr PacketKind kKind = PacketKind::kState;
+  static constexpr std::size_t kBytes = kStateBytes;
+};
+
+struct Header {
+  std::uint64_t session = 0, sequence = 0;
+  std::int64_t time_ns = 0;
+};
+
+void mac_of(Bytes bytes, const LinkKey& key, std::uint8_t* out) noexcept {
+  crypto_generichash(out, kLinkMacBytes, bytes.data(), bytes.size(), key.bytes.data(),
+                     key.bytes.size());
+}
+
+template <typename Packet>
+Writer write_header(const Header& header, std::uint8_t* out) noexcept {
+  Writer writer(out);
+  writer.bytes(kMagic);
+  writer.u8(kVersion);
+  writer.u8(static_cast<std::uint8_t>(Format<Packet>::kKind));
+  writer.u16(static_cast<std::uint16_t>(Format<Packet>::kBytes));
+  writer.u64(header.session);
+  writer.u64(header.sequence);
+  writer.u64(static_cast<std::uint64_t>(header.time_ns));
+  return writer;
+}
+
+template <typename Packet>
+std::size_t seal(const LinkKey& key, std::uint8_t* out) noexcept {
+  constexpr std::size_t kBytes = Format<Packet>::kBytes;
+  mac_of({out, kBytes - kLinkMacBytes}, key, out + kBytes - kLinkMacBytes);
+  return kBytes;
+}
+
+/// All that does not depend on the contents. `any_session`: hello and welcome have none to be
+/// held against.
+template <typename Packet>
+LinkRefusal open(Bytes bytes, const LinkKey& key, bool any_session, std::uint64_t session,
+                 Header& header) noexcept {
+  constexpr std::size_t kBytes = Format<Packet>::kBytes;
+  if (bytes.size() < kHeaderBytes || bytes.size() > kLargestPacketBytes) return LinkRefusal::kSize;
+  if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin()) || bytes[4] != kVersion) {
+    return LinkRefusal::kMagic;
+  }
+  if (bytes[5] != static_cast<std::uint8_t>(Format<Packet>::kKind)) return LinkRefusal::kKind;
+  Reader reader(bytes.data() + 6);
+  if (reader.u16() != bytes.size() || bytes.size() != kBytes) return LinkRefusal::kSize;
+  header.session = reader.u64();
+  header.sequence = reader.u64();
+  header.time_ns = static_cast<std::int64_t>(reader.u64());
+  if (!any_session && header.session != session) return LinkRefusal::kSession;
+  std::array<std::uint8_t, kLinkMacBytes> mac;
+  mac_of(bytes.first(kBytes - kLinkMacBytes), key, mac.data());
+  // In constant time: how far a guess was right must not show.
+  return sodium_memcmp(mac.data(), bytes.data() + kBytes - kLinkMacBytes, kLinkMacBytes) == 0
+             ? LinkRefusal::kNone
+             : LinkRefusal::kMac;
+}
+
+bool good_period(double period_s) noexcept {
+  return period_s >= kLinkMinPeriod_s && period_s <= kLinkMaxPeriod_s;  // false for nan
+}
+
+template <std::size_t N>
+bool all_within(const std::array<double, N>& values, double largest) noexcept {
+  return std::all_of(values.begin(), values.end(),
+                     [&](double value) { return std::abs(value) <= largest; });  // nan: false
+}
+
+bool good_contents(const HelloPacket& packet) noexcept {
+  return good_period(packet.period_s);
+}
+bool good_contents(const WelcomePacket& packet) noexcept {
+  return good_period(packet.period_s) &&
+         (packet.clock == LinkClock::kReal || packet.clock == LinkClock::kLockStep);
+}
+bool good_contents(const CommandPacket& packet) noexcept {
+  const bool no_torque = packet.mode == CommandMode::kHold || packet.mode == CommandMode::kStop;
+  return packet.sequence > 0 && (no_torque || packet.mode == CommandMode::kTorque) &&
+         all_within(packet.tau_motor_Nm, no_torque ? 0 : kLinkMaxTorque_Nm);
+}
+bool good_contents(const StatePacket& packet) noexcept {
+  return packet.sequence > 0 && packet.mode >= DriveMode::kReady &&
+         packet.mode <= DriveMode::kEmergencyStop &&
+         all_within(packet.encoder_rad, kLinkMaxAngle_rad);
+}
+
+template <typename Packet>
+LinkRefusal accept_newer(const Packet& read, bool good, std::uint64_t& last_sequence,
+                         Packet& packet) noexcept {
+  if (read.sequence <= last_sequence) return LinkRefusal::kSequence;
+  if (!good || !good_contents(read)) return LinkRefusal::kContents;
+  last_sequence = read.sequence;
+  packet = read;
+  return LinkRefusal::kNone;
+}
+
+}  // namespace
+
+const char* to_word(LinkRefusal refusal) noexcept {
+  static constexpr std::array<const char*, kLinkRefusals> kWords = {
+      "accepted", "size", "magic", "kind", "session", "mac", "sequence", "contents"};
+  const auto at = static_cast<std::size_t>(refusal);
+  return at < kWords.size() ? kWords[at] : "unknown";
+}
+
+std::uint64_t LinkCounts::refused() const noexcept {
+  std::uint64_t sum = 0;
+  for (std::size_t i = 1; i < by_refusal.size(); ++i)
+    sum += by_refusal[i];
+  return sum;
+}
+
+Result<void> start_link() {
+  if (::sodium_init() < 0) return bug("libsodium cannot be initialised");
+  return {};
+}
+
+LinkKey random_link_key() noexcept {
+  LinkKey key;
+  ::randombytes_buf(key.bytes.data(), key.bytes.size());
+  return key;
+}
+
+LinkNonce random_nonce() noexcept {
+  LinkNonce nonce;
+  ::randombytes_buf(nonce.data(), nonce.size());
+  return nonce;
+}
+
+LinkKey session_key(const LinkKey& shared, const LinkNonce& host, const LinkNonce& drive) noexcept {
+  constexpr std::string_view kPurpose = "trocar link 1";
+  std::array<std::uint8_t, kPurpose.size() + 2 * kLinkNonceBytes> text;
+  auto at = std::copy(kPurpose.begin(), kPurpose.end(), text.begin());
+  at = std::copy(host.begin(), host.end(), at);
+  std::copy(drive.begin(), drive.end(), at);
+  LinkKey key;
+  mac_of(text, shared, key.bytes.data());
+  return key;
+}
+
+std::uint64_t session_number(const LinkNonce& drive) noexcept {
+  return Reader(drive.data()).u64();
+}
+
+std::size_t encode(const HelloPacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept {
+  if (out.size() < kHelloBytes || !good_contents(packet)) return 0;
+  Writer writer = write_header<HelloPacket>({0, 1, packet.time_ns}, out.data());
+  writer.bytes(packet.host_nonce);
+  writer.f64(packet.period_s);
+  writer.u8(packet.fresh ? 1 : 0);
+  writer.zeros(7);
+  return seal<HelloPacket>(key, out.data());
+}
+
+std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept {
+  if (out.size() < kWelcomeBytes || !good_contents(packet)) return 0;
+  Writer writer = write_header<WelcomePacket>(
+      {session_number(packet.drive_nonce), 1, packet.time_ns}, out.data());
+  writer.bytes(packet.host_nonce);
+  writer.bytes(packet.drive_nonce);
+  writer.f64(packet.period_s);
+  writer.u8(static_cast<std::uint8_t>(packet.clock));
+  writer.zeros(7);
+  return seal<WelcomePacket>(key, out.data());
+}
+
+std::size_t encode(const CommandPacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept {
+  if (out.size() < kCommandBytes || !good_contents(packet)) return 0;
+  Writer writer =
+      write_header<CommandPacket>({packet.session, packet.sequence, packet.time_ns}, out.data());
+  writer.u8(static_cast<std::uint8_t>(packet.mode));
+  writer.zeros(7);
+  writer.u64(packet.state_seen);
+  for (const double tau : packet.tau_motor_Nm)
+    writer.f64(tau);
+  return seal<CommandPacket>(key, out.data());
+}
+
+std::size_t encode(const StatePacket& packet, const LinkKey& key,
+                   std::span<std::uint8_t> out) noexcept {
+  if (out.size() < kStateBytes || !good_contents(packet)) return 0;
+  Writer writer =
+      write_header<StatePacket>({packet.session, packet.sequence, packet.time_ns}, out.data());
+  writer.u8(static_cast<std::uint8_t>(packet.mode));
+  writer.u8(packet.motor_faults);
+  writer.zeros(6);
+  writer.u64(packet.command_taken);
+  for (const double angle : packet.encoder_rad)
+    writer.f64(angle);
+  return seal<StatePacket>(key, out.data());
+}
+
+PacketKind claimed_kind(Bytes bytes) noexcept {
+  if (bytes.size() == kWelcomeBytes && bytes[5] == 2) return PacketKind::kWelcome;
+  if (bytes.size() == kCommandBytes && bytes[5] == 3) return PacketKind::kCommand;
+  if (bytes.size() == kStateBytes && bytes[5] == 4) return PacketKind::kState;
+  return PacketKind::kHello;
+}
+
+LinkRefusal decode(Bytes bytes, const LinkKey& key, HelloPacket& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open<HelloPacket>(bytes, key, true, 0, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  HelloPacket read;
+  read.time_ns = header.time_ns;
+  Reader reader(bytes.data() + kHeaderBytes);
+  reader.bytes(read.host_nonce);
+  read.period_s = reader.f64();
+  const std::uint8_t fresh = reader.u8();
+  read.fresh = fresh == 1;
+  if (fresh > 1 || !reader.zeros(7) || header.session != 0 || header.sequence != 1 ||
+      !good_contents(read)) {
+    return LinkRefusal::kContents;
+  }
+  packet = read;
+  return LinkRefusal::kNone;
+}
+
+LinkRefusal decode(Bytes bytes, const LinkKey& key, const LinkNonce& asked,
+                   WelcomePacket& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open<WelcomePacket>(bytes, key, true, 0, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  WelcomePacket read;
+  read.time_ns = header.time_ns;
+  Reader reader(bytes.data() + kHeaderBytes);
+  reader.bytes(read.host_nonce);
+  reader.bytes(read.drive_nonce);
+  read.period_s = reader.f64();
+  read.clock = static_cast<LinkClock>(reader.u8());
+  if (!reader.zeros(7) || header.sequence != 1 ||
+      header.session != session_number(read.drive_nonce) || read.host_nonce != asked ||
+      !good_contents(read)) {
+    return LinkRefusal::kContents;
+  }
+  packet = read;
+  return LinkRefusal::kNone;
+}
+
+LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, CommandPacket& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open<CommandPacket>(bytes, key, false, session, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  CommandPacket read;
+  read.session = header.session;
+  read.sequence = header.sequence;
+  read.time_ns = header.time_ns;
+  Reader reader(bytes.data() + kHeaderBytes);
+  read.mode = static_cast<CommandMode>(reader.u8());
+  const bool good = reader.zeros(7);
+  read.state_seen = reader.u64();
+  for (double& tau : read.tau_motor_Nm)
+    tau = reader.f64();
+  return accept_newer(read, good, last_sequence, packet);
+}
+
+LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, StatePacket& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open<StatePacket>(bytes, key, false, session, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  StatePacket read;
+  read.session = header.session;
+  read.sequence = header.sequence;
+  read.time_ns = header.time_ns;
+  Reader reader(bytes.data() + kHeaderBytes);
+  read.mode = static_cast<DriveMode>(reader.u8());
+  read.motor_faults = reader.u8();
+  const bool good = reader.zeros(6);
+  read.command_taken = reader.u64();
+  for (double& angle : read.encoder_rad)
+    angle = reader.f64();
+  return accept_newer(read, good, last_sequence, packet);
+}
+
+}  // namespace trocar

@@ -1,0 +1,364 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/recording.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <system_error>
+#include <utility>
+
+#include "formats/base/file_io.h"
+
+namespace trocar {
+namespace {
+
+constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
+constexpr std::array<const char*, 5> kPhaseWords = {"free", "contact", "punctured", "beside",
+                                                    "fault"};
+constexpr std::array<const char*, kFaults> kFaultWords = {"none",
+                                                          "no_data",
+                                                          "link_lost",
+                                                          "write_failed",
+                                                          "encoder_not_finite",
+                                                          "encoder_jump",
+                                                          "joint_limit",
+                                                          "pose_residual",
+                                                          "singularity",
+                                                          "torque_not_finite",
+                                                          "deadline_missed",
+                                                          "remesh_backlog",
+                                                          "tool_tilt",
+                                                          "emergency_stop",
+                                                          "motor_fault",
+                                                          "workspace",
+                                                          "speed",
+                                                          "torque_limit",
+                                                          "torque_rate",
+                                                          "motor_overload"};
+constexpr std::array<const char*, kSafetyStates> kSafetyWords = {"idle", "ready", "running",
+                                                                 "fault", "recovering"};
+constexpr std::array<const char*, kDeviceAnswers> kAnswerWords = {"ok", "no_data", "link_lost",
+                                                                  "emergency_stop", "motor_fault"};
+
+std::vector<std::string> make_columns() {
+  std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
+                                      "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
+  for (const char* kind : {"wanted", "delivered"}) {
+    for (const char* axis : {"fx", "fy", "fz"}) {
+      columns.push_back(std::string(axis) + "_" + kind + "_N");
+    }
+    for (const char* axis : {"tx", "ty", "tz"}) {
+      columns.push_back(std::string(axis) + "_" + kind + "_Nm");
+    }
+  }
+  for (int leg = 1; leg <= 4; ++leg) {
+    for (const int joint : {1, 4}) {
+      columns.push_back("tau_" + std::to_string(leg) + "_" + std::to_string(joint) + "_Nm");
+    }
+  }
+  for (int leg = 1; leg <= 4; ++leg) {
+    for (int joint = 1; joint <= 4; ++joint) {
+      columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
+    }
+  }
+  for (const char* name : {"state",
+                           "active_slice",
+                           "penetration_m",
+                           "wrench_scale",
+                           "pose_residual_m",
+                           "cuts_published",
+                           "response_sheet",
+                           "response_stiffness_N_per_m",
+                           "response_x_m",
+                           "response_y_m",
+                           "fault",
+                           "device_read",
+                           "device_write",
+                           "outside_fault",
+                           "recovery_asked",
+                           "safety",
+                           "authority",
+                           "passivity_J",
+                           "passivity_N_s_per_m",
+                           "motor_heat_max"}) {
+    columns.emplace_back(name);
+  }
+  return columns;
+}
+
+const std::vector<std::string>& columns() {
+  static const std::vector<std::string> names = make_columns();
+  return names;
+}
+
+template <typename Number>
+void put(std::string& out, Number x) {
+  std::array<char, 32> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
+  out.append(text.data(), end);
+  out.push_back(',');
+}
+
+void put(std::string& out, const char* word) {
+  out.append(word).push_back(',');
+}
+
+template <std::size_t N>
+void put(std::string& out, const std::array<double, N>& numbers) {
+  for (const double x : numbers)
+    put(out, x);
+}
+
+void put(std::string& out, const RecordingRow& row) {
+  put(out, row.t_s);
+  put(out, row.p_m);
+  put(out, row.q);
+  put(out, row.tool_m);
+  put(out, row.wrench_wanted);
+  put(out, row.wrench_delivered);
+  put(out, row.tau_Nm);
+  put(out, row.encoder_rad);
+  put(out, to_word(row.phase));
+  put(out, row.active_slice);
+  put(out, row.penetration_m);
+  put(out, row.wrench_scale);
+  put(out, row.pose_residual_m);
+  put(out, row.cuts_published);
+  put(out, row.response_sheet);
+  put(out, row.response_stiffness_N_per_m);
+  put(out, row.response_offset_m);
+  put(out, to_word(row.fault));
+  put(out, to_word(row.device_read));
+  put(out, to_word(row.device_write));
+  put(out, to_word(row.outside_fault));
+  put(out, row.recovery_asked);
+  put(out, to_word(row.safety));
+  put(out, row.authority);
+  put(out, row.passivity_J);
+  put(out, row.passivity_N_s_per_m);
+  put(out, row.motor_heat_max);
+  out.back() = '\n';
+}
+
+/// Takes one row apart, field by field; keeps the first thing that is wrong.
+class RowReader {
+ public:
+  explicit RowReader(std::string_view line) : rest_(line) {}
+
+  bool ok() const { return why_ == nullptr; }
+  bool at_end() const { return ended_; }
+  const char* why() const { return why_; }
+  std::size_t field() const { return field_; }  ///< number of fields asked for so far
+
+  template <typename Number>
+  void number(Number& x) {
+    const std::string_view text = next();
+    if (!ok()) return;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
+    if (error != std::errc() || end != text.data() + text.size()) why_ = "is not a number";
+  }
+  void flag(std::uint8_t& x) {
+    number(x);
+    if (ok() && x > 1) why_ = "is neither 0 nor 1";
+  }
+  void finite(double& x) {
+    number(x);
+    if (ok() && !std::isfinite(x)) why_ = "is not finite";
+  }
+  template <std::size_t N>
+  void finite(std::array<double, N>& numbers) {
+    for (double& x : numbers)
+      finite(x);
+  }
+  template <typename Enum, std::size_t N>
+  void word(Enum& value, const std::array<const char*, N>& words) {
+    const std::string_view text = next();
+    if (!ok()) return;
+    for (std::size_t i = 0; i < N; ++i) {
+      if (text == words[i]) {
+        value = static_cast<Enum>(i);
+        return;
+      }
+    }
+    why_ = "is an unknown word";
+  }
+
+ private:
+  std::string_view next() {
+    if (!ok()) return {};
+    ++field_;
+    if (ended_) {
+      why_ = "is missing";
+      return {};
+    }
+    const std::size_t comma = rest_.find(',');
+    const std::string_view text = rest_.substr(0, comma);
+    ended_ = comma == std::string_view::npos;
+    rest_.remove_prefix(ended_ ? rest_.size() : comma + 1);
+    return text;
+  }
+
+  std::string_view rest_;
+  std::size_t field_ = 0;
+  bool ended_ = false;
+  const char* why_ = nullptr;
+};
+
+}  // namespace
+
+const char* to_word(ContactPhase phase) {
+  return kPhaseWords.at(static_cast<std::size_t>(phase));
+}
+const char* to_word(Fault fault) {
+  return kFaultWords.at(static_cast<std::size_t>(fault));
+}
+const char* to_word(SafetyState state) {
+  return kSafetyWords.at(static_cast<std::size_t>(state));
+}
+const char* to_word(DeviceAnswer answer) {
+  return kAnswerWords.at(static_cast<std::size_t>(answer));
+}
+
+const std::string& recording_header() {
+  static const std::string header = [] {
+    std::string line;
+    for (const std::string& name : columns())
+      line += (line.empty() ? "" : ",") + name;
+    return line;
+  }();
+  return header;
+}
+
+RecordingWriter::RecordingWriter(std::filesystem::path file, std::string temporary, int fd)
+    : file_(std::move(file)), temporary_(std::move(temporary)), fd_(fd) {}
+
+RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
+    : file_(std::move(other.file_)),
+      temporary_(std::exchange(other.temporary_, {})),
+      fd_(std::exchange(other.fd_, -1)),
+      buffer_(std::move(other.buffer_)) {}
+
+RecordingWriter::~RecordingWriter() {
+  if (fd_ >= 0) ::close(fd_);
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+Error RecordingWriter::failure(int error) const {
+  return unwritable(file_.string() + ": " + std::generic_category().message(error));
+}
+
+Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file) {
+  if (const Result<void> ok = check_writable(file); !ok) return ok.error();
+  std::string temporary = file.string() + ".XXXXXX";
+  const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
+  RecordingWriter writer(file, fd < 0 ? std::string() : temporary, fd);
+  if (fd < 0) return writer.failure(errno);
+  writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
+  writer.buffer_ = recording_header() + "\n";
+  return writer;
+}
+
+Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
+  for (const RecordingRow& row : rows) {
+    put(buffer_, row);
+    if (buffer_.size() < kFlushBytes) continue;
+    if (Result<void> flushed = flush(); !flushed) return flushed;
+  }
+  return {};
+}
+
+Result<void> RecordingWriter::flush() {
+  std::size_t done = 0;
+  while (done < buffer_.size()) {
+    const ssize_t put = ::write(fd_, buffer_.data() + done, buffer_.size() - done);
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return failure(errno);
+    done += static_cast<std::size_t>(put);
+  }
+  buffer_.clear();
+  return {};
+}
+
+Result<void> RecordingWriter::commit() {
+  if (Result<void> flushed = flush(); !flushed) return flushed;
+  // mkostemp makes the file private; give it what open() would have given.
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  if (::fchmod(fd_, 0666 & ~mask) != 0 || ::fsync(fd_) != 0) return failure(errno);
+  if (::close(std::exchange(fd_, -1)) != 0) return failure(errno);
+  if (::rename(temporary_.c_str(), file_.c_str()) != 0) return failure(errno);
+  temporary_.clear();
+  return {};
+}
+
+Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name) {
+  std::vector<RecordingRow> rows;
+  std::size_t line_number = 0;
+  while (!csv.empty()) {
+    ++line_number;
+    const std::size_t end = csv.find('\n');
+    const std::string where = name + ": line " + std::to_string(line_number);
+    if (end == std::string_view::npos) return refused(where + ": has no end");
+    const std::string_view line = csv.substr(0, end);
+    csv.remove_prefix(end + 1);
+    if (line_number == 1) {
+      if (line != recording_header()) return refused(where + ": is not a recording's header");
+      continue;
+    }
+    RecordingRow row;
+    RowReader reader(line);
+    reader.finite(row.t_s);
+    reader.finite(row.p_m);
+    reader.finite(row.q);
+    reader.finite(row.tool_m);
+    reader.finite(row.wrench_wanted);
+    reader.finite(row.wrench_delivered);
+    reader.finite(row.tau_Nm);
+    for (double& angle : row.encoder_rad)
+      reader.number(angle);
+    reader.word(row.phase, kPhaseWords);
+    reader.number(row.active_slice);
+    reader.finite(row.penetration_m);
+    reader.finite(row.wrench_scale);
+    reader.finite(row.pose_residual_m);
+    reader.number(row.cuts_published);
+    reader.number(row.response_sheet);
+    reader.number(row.response_stiffness_N_per_m);
+    for (double& offset_m : row.response_offset_m)
+      reader.number(offset_m);
+    reader.word(row.fault, kFaultWords);
+    reader.word(row.device_read, kAnswerWords);
+    reader.word(row.device_write, kAnswerWords);
+    reader.word(row.outside_fault, kFaultWords);
+    reader.flag(row.recovery_asked);
+    reader.word(row.safety, kSafetyWords);
+    reader.finite(row.authority);
+    reader.finite(row.passivity_J);
+    reader.finite(row.passivity_N_s_per_m);
+    reader.finite(row.motor_heat_max);
+    if (!reader.ok()) {
+      return refused(where + ": " + columns().at(reader.field() - 1) + " " + reader.why());
+    }
+    if (!reader.at_end()) return refused(where + ": has too many fields");
+    if (!rows.empty() && !(row.t_s > rows.back().t_s)) {
+      return refused(where + ": t_s is not later than in the row before");
+    }
+    rows.push_back(row);
+  }
+  if (rows.empty()) return refused(name + ": no row");
+  return rows;
+}
+
+Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file) {
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file);
+  if (!bytes) return bytes.error();
+  return parse_recording(
+      std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string());
+}
+
+}  // namespace trocar

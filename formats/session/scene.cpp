@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+#include "formats/base/file_io.h"
+#include "formats/geometry/slice_mesh.h"
+#include "formats/base/strict_json.h"
+
+namespace trocar {
+namespace {
+
+constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20;
+constexpr double kMaxPosition_m = 1.0;    // of anything in the device's frame
+constexpr double kMaxAnchor_mm = 4096.0;  // keeps lattice coordinates far below kMaxCoordinate
+constexpr double kMaxAngle_deg = 360.0;
+constexpr double kMaxToolSize_m = 0.05;
+
+void read_placement(const nlohmann::json& value, JsonErrors& errors, Placement& placement) {
+  StrictObject object(value, "/placement", errors);
+  if (object.has("anchor") && object.has("anchor_mm")) {
+    errors.add("/placement", "has both anchor and anchor_mm");
+  }
+  if (object.has("anchor")) {
+    if (object.string("anchor") != "centroid") {
+      errors.add(object.path("anchor"), "must be \"centroid\" (a point is given by anchor_mm)");
+    }
+  } else {
+    std::array<double, 2> anchor_mm{};
+    object.numbers("anchor_mm", anchor_mm, -kMaxAnchor_mm, kMaxAnchor_mm, true);
+    placement.anchor_mm = anchor_mm;
+  }
+  object.numbers("at_m", placement.at_m, -kMaxPosition_m, kMaxPosition_m, false);
+  placement.rotation_deg = object.number("rotation_deg", -kMaxAngle_deg, kMaxAngle_deg, 0.0);
+  object.finish();
+}
+
+void read_slices(const nlohmann::json& array, JsonErrors& errors, std::vector<SceneSlice>& slices) {
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    StrictObject object(array[i], "/slices/" + std::to_string(i), errors);
+    SceneSlice slice;
+    slice.index = static_cast<int>(object.integer("index", 0, 1'000'000));
+    slice.z_m = object.number("z_m", -kMaxPosition_m, kMaxPosition_m);
+    if (object.has("tissue")) slice.tissue = object.string("tissue");
+    object.finish();
+    for (std::size_t j = 0; j < slices.size(); ++j) {
+      if (std::abs(slices[j].z_m - slice.z_m) < kMinSliceGap_m) {
+        errors.add(object.path("z_m"), "is within 0.1 mm of /slices/" + std::to_string(j));
+      }
+    }
+    slices.push_back(slice);
+  }
+}
+
+ShaftTissue read_shaft(const nlohmann::json& value, const std::string& path, JsonErrors& errors) {
+  StrictObject object(value, path, errors);
+  ShaftTissue shaft;
+  shaft.dry_friction_N = object.number("dry_friction_N", 0.0, 100.0, 0.0);
+  shaft.viscous_friction_N_s_per_m = object.number("viscous_friction_N_s_per_m", 0.0, 1000.0, 0.0);
+  shaft.presliding_m = object.number("presliding_m", 1e-5, 0.01, shaft.presliding_m);
+  shaft.rim_stiffness_N_per_m = object.number("rim_stiffness_N_per_m", 0.0, 1e5, 0.0);
+  object.finish();
+  return shaft;
+}
+
+// The fields of a tissue; the caller has more, and finishes.
+Tissue read_tissue_fields(StrictObject& object, JsonErrors& errors) {
+  Tissue tissue;
+  tissue.stiffness_N_per_m = object.number("stiffness_N_per_m", 1.0, 1e5, tissue.stiffness_N_per_m);
+  tissue.threshold_N = object.number("threshold_N", 0.01, 1000.0, tissue.threshold_N);
+  tissue.damping_N_s_per_m =
+      object.number("damping_N_s_per_m", 0.0, 1000.0, tissue.damping_N_s_per_m);
+  if (const auto* value = object.optional_value("shaft")) {
+    tissue.shaft = read_shaft(*value, object.path("shaft"), errors);
+  }
+  return tissue;
+}
+
+Tissue read_tissue(const nlohmann::json& value, JsonErrors& errors) {
+  StrictObject object(value, "/tissue", errors);
+  const Tissue tissue = read_tissue_fields(object, errors);
+  object.finish();
+  return tissue;
+}
+
+void read_tissues(const nlohmann::json& array, JsonErrors& errors,
+                  std::vector<NamedTissue>& tissues) {
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    StrictObject object(array[i], "/tissues/" + std::to_string(i), errors);
+    NamedTissue tissue;
+    tissue.name = object.string("name");
+    if (object.has("labels") && object.has("hu")) {
+      errors.add("/tissues/" + std::to_string(i), "has both labels and hu");
+    }
+    if (object.has("labels")) {
+      const nlohmann::json* labels = object.array("labels", 1, 256);
+      for (std::size_t k = 0; labels != nullptr && k < labels->size(); ++k) {
+        const nlohmann::json& label = (*labels)[k];
+        if (!label.is_number_integer() || label < 0 || label > 65535) {
+          errors.add(object.path("labels"), "must be integers from 0 to 65535");
+          break;
+        }
+        tissue.labels.push_back(label.get<int>());
+      }
+    }
+    if (object.has("hu")) {
+      std::array<double, 2> hu{};
+      object.numbers("hu", hu, -32768, 32767, true);
+      if (!(hu[0] <= hu[1])) errors.add(object.path("hu"), "must be [lowest, highest]");
+      tissue.hu = hu;
+    }
+    tissue.tissue = read_tissue_fields(object, errors);
+    object.finish();
+    for (const NamedTissue& other : tissues) {
+      if (other.name == tissue.name) errors.add(object.path("name"), "is there twice");
+    }
+    tissues.push_back(std::move(tissue));
+  }
+}
+
+void check_tissue_names(const Scene& scene, JsonErrors& errors) {
+  for (std::size_t i = 0; i < scene.slices.size(); ++i) {
+    const std::optional<std::string>& wanted = scene.slices[i].tissue;
+    if (wanted && std::none_of(scene.tissues.begin(), scene.tissues.end(),
+                               [&](const NamedTissue& t) { return t.name == *wanted; })) {
+      errors.add("/slices/" + std::to_string(i) + "/tissue", "is not in /tissues");
+    }
+  }
+}
+
+// Nanometres, so that the exact predicates serve.
+LatticePoint in_nm(const std::array<double, 2>& p_m) {
+  return {static_cast<std::int32_t>(std::lrint(p_m[0] * 1e9)),
+          static_cast<std::int32_t>(std::lrint(p_m[1] * 1e9))};
+}
+
+bool is_simple(const Ring& ring) {
+  const std::size_t n = ring.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    if (ring[i] == ring[(i + 1) % n]) return false;
+    for (std::size_t j = i + 1; j < n; ++j) {
+      if (segments_cross(ring[i], ring[(i + 1) % n], ring[j], ring[(j + 1) % n])) return false;
+      if (j > i + 1 && ring[i] == ring[j]) return false;
+    }
+  }
+  return true;
+}
+
+void read_outline(const nlohmann::json& array, const std::string& path, JsonErrors& errors,
+                  SceneTool& tool) {
+  Ring ring;
+  for (const nlohmann::json& corner : array) {
+    std::array<double, 2> p_m{};
+    const bool is_pair =
+        corner.is_array() && corner.size() == 2 && corner[0].is_number() && corner[1].is_number();
+    for (std::size_t k = 0; k < 2; ++k) {
+      if (is_pair) p_m[k] = corner[k].get<double>();
+      if (!is_pair || !(std::abs(p_m[k]) <= kMaxToolSize_m)) {
+        return errors.add(path, "must be pairs of numbers within -0.05 and 0.05");
+      }
+    }
+    tool.outline_m.push_back(p_m);
+    ring.push_back(in_nm(p_m));
+  }
+  if (!is_simple(ring) || doubled_area(ring) == 0) {
+    return errors.add(path, "must be a simple polygon");
+  }
+  if (doubled_area(ring) < 0) std::reverse(tool.outline_m.begin(), tool.outline_m.end());
+}
+
+SceneTool read_tool(const nlohmann::json& value, JsonErrors& errors) {
+  StrictObject object(value, "/tool", errors);
+  SceneTool tool;
+  if (object.has("outline_m")) {
+    if (object.has("sides") || object.has("radius_m")) {
+      errors.add("/tool", "has both outline_m and sides or radius_m");
+    }
+    if (const nlohmann::json* array = object.array("outline_m", 3, kMaxToolSides)) {
+      read_outline(*array, object.path("outline_m"), errors, tool);
+    }
+    tool.sides = static_cast<int>(tool.outline_m.size());
+  }
+  tool.sides = static_cast<int>(object.integer("sides", 3, kMaxToolSides, tool.sides));
+  tool.radius_m = object.number("radius_m", 1e-4, kMaxToolSize_m, tool.radius_m);
+  tool.rotation_deg = object.number("rotation_deg", -kMaxAngle_deg, kMaxAngle_deg, 0.0);
+  tool.tilt_deg = object.number("tilt_deg", 0.0, kMaxTilt_deg, 0.0);
+  tool.tilt_azimuth_deg = object.number("tilt_azimuth_deg", -kMaxAngle_deg, kMaxAngle_deg, 0.0);
+  object.numbers("tip_in_plate_m", tool.tip_in_plate_m, -0.5, 0.5, false);
+  object.finish();
+  return tool;
+}
+
+SceneHand read_hand(const nlohmann::json& value, JsonErrors& errors) {
+  StrictObject object(value, "/hand", errors);
+  SceneHand hand;
+  const auto optional = [&](const char* key, double lowest,
+                            double highest) -> std::optional<double> {
+    if (!object.has(key)) return std::nullopt;
+    return object.number(key, lowest, highest);
+  };
+  hand.stiffness_N_per_m = optional("stiffness_N_per_m", 0.0, 1e5);
+  hand.damping_N_s_per_m = optional("damping_N_s_per_m", 0.0, 1e4);
+  hand.rotation_stiffness_Nm_per_rad = optional("rotation_stiffness_Nm_per_rad", 0.0, 1e4);
+  hand.rotation_damping_Nm_s_per_rad = optional("rotation_damping_Nm_s_per_rad", 0.0, 1e3);
+  hand.mass_kg = optional("mass_kg", 0.0, 10.0);
+  hand.let_go_t_s = optional("let_go_t_s", 0.0, kMaxDuration_s);
+  if (object.has("grip")) {
+    const std::string grip = object.string("grip");
+    if (grip != "firm" && grip != "light" && grip != "stiff") {
+      errors.add(object.path("grip"), "must be \"firm\", \"light\" or \"stiff\"");
+    }
+    hand.grip = grip == "light"   ? HandGrip::kLight
+                : grip == "stiff" ? HandGrip::kStiff
+                                  : HandGrip::kFirm;
+  }
+  if (const nlohmann::json* frames = object.array("trajectory", 1, kMaxKeyframes)) {
+    for (std::size_t i = 0; i < frames->size(); ++i) {
+      StrictObject frame((*frames)[i], object.path("trajectory") + "/" + std::to_string(i), errors);
+      TipKeyframe keyframe;
+      keyframe.t_s = frame.number("t_s", 0.0, kMaxDuration_s);
+      frame.numbers("tip_m", keyframe.tip_m, -kMaxPosition_m, kMaxPosition_m, true);
+      frame.numbers("rotation_deg", keyframe.rotation_deg, -kMaxAngle_deg, kMaxAngle_deg, false);
+      frame.finish();
+      if (i == 0 && keyframe.t_s != 0.0) errors.add(frame.path("t_s"), "must be 0 in the first");
+      if (i > 0 && !(keyframe.t_s > hand.trajectory.back().t_s)) {
+        errors.add(frame.path("t_s"), "must be later than the keyframe before it");
+      }
+      hand.trajectory.push_back(keyframe);
+    }
+  }
+  object.finish();
+  return hand;
+}
+
+ForceLaw read_force_law(const nlohmann::json& value, JsonErrors& errors) {
+  StrictObject object(value, "/force_law", errors);
+  ForceLaw law;
+  const std::string kind = object.string("kind");
+  if (kind != "hooke" && kind != "network") {
+    errors.add(object.path("kind"), "must be \"hooke\" or \"network\"");
+  }
+  if (kind == "network") {
+    law.kind = ForceLawKind::kNetwork;
+    const std::string solver = object.has("solver") ? object.string("solver") : "auto";
+    constexpr std::array<const char*, 4> kSolvers{"auto", "local", "global", "propagation"};
+    const auto* const found = std::find(kSolvers.begin(), kSolvers.end(), solver);
+    if (found == kSolvers.end()) {
+      errors.add(object.path("solver"), "must be auto, local, global or propagation");
+    } else {
+      law.solver = static_cast<NetworkSolver>(found - kSolvers.begin());
+    }
+    law.reach_m = object.number("reach_m", 5e-4, 0.2, law.reach_m);
+    if (law.solver == NetworkSolver::kAuto) {
+      law.error_bound = object.number("error_bound", 1e-4, 0.5, law.error_bound);
+    } else if (law.solver == NetworkSolver::kLocal) {
+      law.radius_m = object.number("radius_m", 1e-3, 0.5, law.radius_m);
+    } else if (law.solver == NetworkSolver::kPropagation) {
+      law.depth = static_cast<int>(object.integer("depth", 1, 64, law.depth));
+    }
+  }
+  object.finish();
+  return law;
+}
+
+}  // namespace
+
+Result<Scene> parse_scene(std::string_view text, const std::string& name,
+                          const std::filesystem::path& folder) {
+  const Result<nlohmann::json> document = parse_strict_json(text, name);
+  if (!document) return document.error();
+  JsonErrors errors{name, std::nullopt};
+  StrictObject object(*document, "", errors);
+  Scene scene;
+  if (object.string("schema") != kSceneSchema) {
+    errors.add(object.path("schema"), std::string("must be \"") + kSceneSchema + "\"");
+  }
+  scene.name = object.string("name");
+  scene.asset = folder / object.string("asset");
+  if (object.has("device")) scene.device = folder / object.string("device");
+  scene.duration_s = object.number("duration_s", 1e-3, kMaxDuration_s);
+  if (object.has("rate_Hz")) scene.rate_Hz = object.number("rate_Hz", kMinRate_Hz, kMaxRate_Hz);
+  if (const auto* value = object.optional_value("placement")) {
+    read_placement(*value, errors, scene.placement);
+  }
+  if (const auto* value = object.array("slices", 1, kMaxSceneSlices)) {
+    read_slices(*value, errors, scene.slices);
+  }
+  if (const auto* value = object.optional_value("tissue")) {
+    scene.tissue = read_tissue(*value, errors);
+  }
+  if (object.has("tissues")) {
+    if (const auto* value = object.array("tissues", 1, kMaxTissues)) {
+      read_tissues(*value, errors, scene.tissues);
+    }
+  }
+  check_tissue_names(scene, errors);
+  if (const auto* value = object.optional_value("force_law")) {
+    scene.force_law = read_force_law(*value, errors);
+  }
+  if (const auto* value = object.optional_value("tool")) scene.tool = read_tool(*value, errors);
+  if (const auto* value = object.optional_value("hand")) {
+    scene.hand = read_hand(*value, errors);
+  } else {
+    errors.add(object.path("hand"), "is missing");
+  }
+  object.finish();
+  if (errors.first) return *errors.first;
+  return scene;
+}
+
+Result<Scene> read_scene(const std::filesystem::path& file) {
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxSceneBytes);
+  if (!bytes) return bytes.error();
+  return parse_scene(std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()),
+                     file.string(), file.has_parent_path() ? file.parent_path() : ".");
+}
+
+}  // namespace trocar

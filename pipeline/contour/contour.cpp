@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/contour/contour.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <opencv2/imgproc.hpp>
+
+#include "pipeline/contour/contour_crossing.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Marching squares (Lorensen and Cline's idea in the plane), saddles by the asymptotic decider
+// (Nielson and Hamann). Why the rings are sound by construction:
+//  - A grid edge is crossed iff exactly one of its ends is inside (half-open test), so it has one
+//    crossing point; the cell on one side enters it and the cell on the other leaves it: with one
+//    successor an edge, loops close.
+//  - The image is padded by one pixel of outside, so no loop leaves it.
+//  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points, and
+//  all
+//    points of one grid line snap to one lattice line in order: snapped segments of a cell keep
+//    their order on the cell's border, so two of them cannot cross.
+// Where on its grid edge a crossing lies is contour_crossing.h's.
+class MarchingSquares {
+ public:
+  MarchingSquares(const Field& field, const PixelGrid& grid)
+      : image_(field.image),
+        iso_(field.iso),
+        is_mask_(field.is_mask),
+        grid_(grid),
+        columns_(image_.width + 2),
+        rows_(image_.height + 2) {}
+
+  Pslg run() {
+    scan();
+    // The successor of each edge, in a table that is only ever read where it was just written.
+    thread_local std::vector<std::uint32_t> segment_from;
+    segment_from.resize(
+        std::max(segment_from.size(), static_cast<std::size_t>(columns_) * rows_ * 2));
+    for (std::uint32_t s = 0; s < segments_.size(); ++s)
+      segment_from[segments_[s].from] = s;
+    Pslg out;
+    std::vector<Crossing> crossings;
+    for (const Segment& first : segments_) {
+      if (first.done) continue;
+      crossings.clear();
+      for (std::uint32_t s = segment_from[first.from]; !segments_[s].done;) {
+        segments_[s].done = true;
+        crossings.push_back(crossing_of(segments_[s].from));
+        s = segment_from[segments_[s].to];
+      }
+      if (!is_mask_) restore_chord_areas(crossings);
+      Ring ring;
+      ring.reserve(crossings.size());
+      for (const Crossing& c : crossings)
+        ring.push_back(snapped(c));
+      out.rings.push_back(std::move(ring));
+    }
+    return out;
+  }
+
+ private:
+  struct Segment {
+    std::uint32_t from, to;  // grid edges, material on the left
+    bool done = false;
+  };
+
+  // Finds the cells that the outline passes: rows of inside flags first, then only where two
+  // neighbouring rows are not all the same, eight columns at a time.
+  void scan() {
+    std::vector<std::uint8_t> below(static_cast<std::size_t>(columns_) + 8, 0), above = below;
+    for (int y = 0; y + 1 < rows_; ++y) {
+      const bool padded = y + 2 == rows_;
+      const float* row =
+          padded ? nullptr : &image_.values[static_cast<std::size_t>(y) * image_.width];
+      for (int x = 0; x < image_.width; ++x) {
+        above[static_cast<std::size_t>(x) + 1] = !padded && row[x] >= iso_ ? 1 : 0;
+      }
+      for (int x = 0; x + 1 < columns_;) {
+        std::uint64_t lower = 0, upper = 0;
+        std::memcpy(&lower, &below[static_cast<std::size_t>(x)], 8);
+        std::memcpy(&upper, &above[static_cast<std::size_t>(x)], 8);
+        constexpr std::uint64_t kOnes = 0x0101010101010101;
+        if (lower == upper && (lower == 0 || lower == kOnes)) {
+          x += 7;  // seven cells between eight equal columns
+          continue;
+        }
+        for (const int end = std::min(x + 7, columns_ - 1); x < end; ++x) {
+          const auto i = static_cast<std::size_t>(x);
+          const unsigned in = unsigned{below[i]} | unsigned{below[i + 1]} << 1 |
+                              unsigned{above[i + 1]} << 2 | unsigned{above[i]} << 3;
+          if (in != 0 && in != 15) cell(x, y, in);
+        }
+      }
+      std::swap(below, above);
+    }
+  }
+
+  // Padded grid: point (x, y) is pixel (x - 1, y - 1).
+  bool padding(int x, int y) const {
+    return x == 0 || y == 0 || x == columns_ - 1 || y == rows_ - 1;
+  }
+  float value(int x, int y) const { return padding(x, y) ? iso_ - 1.0F : image_.at(x - 1, y - 1); }
+  // Grid edges: (x,y)-(x+1,y) is horizontal, (x,y)-(x,y+1) vertical.
+  std::uint32_t horizontal(int x, int y) const {
+    return 2U * (static_cast<std::uint32_t>(y) * columns_ + x);
+  }
+  std::uint32_t vertical(int x, int y) const { return horizontal(x, y) + 1; }
+
+  // Corners a b c d counter-clockwise from (x, y). Going round, a segment starts on the edge that
+  // leaves the material and ends on the one that enters it: material on its left.
+  void cell(int x, int y, unsigned in) {
+    const std::array<float, 4> f = {value(x, y), value(x + 1, y), value(x + 1, y + 1),
+                                    value(x, y + 1)};
+    const std::array<std::uint32_t, 4> edge = {horizontal(x, y), vertical(x + 1, y),
+                                               horizontal(x, y + 1), vertical(x, y)};
+    const auto inside = [in](unsigned k) { return (in >> (k & 3)) & 1; };
+    const bool saddle = in == 5 || in == 10;
+    for (unsigned k = 0; k < 4; ++k) {
+      if (!inside(k) || inside(k + 1)) continue;
+      if (saddle) {
+        // Joined through the middle: the segment turns about the outside corner k+1;
+        // apart: about the inside corner k.
+        segments_.push_back({edge[k], edge[(joined(f) ? k + 1 : k + 3) & 3]});
+      } else {
+        unsigned j = k + 1;
+        while (inside(j) || !inside(j + 1))
+          ++j;
+        segments_.push_back({edge[k], edge[j & 3]});
+      }
+    }
+  }
+
+  // Is the bilinear interpolant's saddle value inside?
+  bool joined(const std::array<float, 4>& f) const {
+    const double a = double{f[0]} - iso_, b = double{f[1]} - iso_, c = double{f[2]} - iso_,
+                 d = double{f[3]} - iso_;
+    const double denominator = a + c - b - d;  // > 0 iff a, c are the inside corners
+    const double numerator = a * c - b * d;
+    return denominator > 0 ? numerator >= 0 : numerator <= 0;
+  }
+
+  // At the image's border the material ends at the pixel's edge, whatever its value; in a mask half
+  // way between two pixels.
+  Crossing crossing_of(std::size_t edge) const {
+    const int x = static_cast<int>(edge / 2 % columns_), y = static_cast<int>(edge / 2 / columns_);
+    Crossing out{x, y, edge % 2 == 1, false, 0.5};
+    const int dx = out.along_v ? 0 : 1, dy = 1 - dx;
+    out.fixed = padding(x, y) || padding(x + dx, y + dy);
+    if (out.fixed || is_mask_) return out;
+    GridLine line;
+    const int at = out.along_v ? y : x, end = (out.along_v ? rows_ : columns_) - 2;
+    line.first = std::max(0, 4 - at);
+    line.last = std::min(7, 3 + end - at);
+    for (int i = line.first; i <= line.last; ++i) {
+      line.value[static_cast<std::size_t>(i)] =
+          double{image_.at(x - 1 + dx * (i - 3), y - 1 + dy * (i - 3))} - iso_;
+    }
+    out.t = crossing(line);
+    return out;
+  }
+
+  LatticePoint snapped(const Crossing& c) const {
+    const auto along = [&](int from, double spacing) {
+      const std::int32_t low = grid_.lattice.snap_mm(from * spacing),
+                         high = grid_.lattice.snap_mm((from + 1) * spacing);
+      const std::int32_t at = grid_.lattice.snap_mm((from + c.t) * spacing);
+      const std::int32_t margin = std::max(2, (high - low) / 32);
+      return std::clamp(at, low + margin, high - margin);
+    };
+    const int px = c.x - 1 + grid_.offset_x, py = c.y - 1 + grid_.offset_y;
+    if (c.along_v)
+      return {grid_.lattice.snap_mm(px * grid_.spacing_u_mm), along(py, grid_.spacing_v_mm)};
+    return {along(px, grid_.spacing_u_mm), grid_.lattice.snap_mm(py * grid_.spacing_v_mm)};
+  }
+
+  const Image& image_;
+  float iso_;
+  bool is_mask_;
+  PixelGrid grid_;
+  int columns_, rows_;
+  std::vector<Segment> segments_;
+};
+
+using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
+
+// Is direction b met before c when turning clockwise from a? (All nonzero, from one point.)
+bool clockwise_before(LatticePoint a, LatticePoint b, LatticePoint c) {
+  const LatticePoint o{0, 0};
+  const auto half =
+      [&](LatticePoint p) {  // 0: strictly right of a, or along a; 1: opposite or left
+        const std::int64_t s = orient2d(o, a, p);
+        if (s < 0) return 1;
+        if (s > 0) return 3;
+        return diametral_dot(a, p, o) > 0 ? 4 : 2;  // straight back comes last
+      };
+  if (half(b) != half(c)) return half(b) < half(c);
+  return orient2d(o, b, c) < 0;
+}
+
+// A soup of directed boundary edges (as many in as out at every point) as simple rings that touch
+// at most in vertices. Opposite edges cancel: a wall of no thickness is no wall. At a point with
+// several ways out, the ring keeps to its own wedge of material.
+std::vector<Ring> simple_rings(std::vector<DirectedEdge> edges) {
+  std::map<LatticePoint, std::vector<LatticePoint>> out;
+  std::sort(edges.begin(), edges.end());
+  std::map<DirectedEdge, int> count;
+  for (const DirectedEdge& e : edges)
+    ++count[e];
+  for (const auto& [e, n] : count) {
+    const auto opposite = count.find({e.second, e.first});
+    const int left = n - (opposite == count.end() ? 0 : opposite->second);
+    for (int i = 0; i < left; ++i)
+      out[e.first].push_back(e.second);
+  }
+  std::vector<Ring> rings;
+  for (auto& [start, ways] : out) {
+    while (!ways.empty()) {
+      // Walk until back at the start; a point met twice closes a ring of its own.
+      std::vector<LatticePoint> path{start};
+      std::map<LatticePoint, std::size_t> seen{{start, 0}};
+      LatticePoint from = start, at = ways.back();
+      ways.pop_back();
+      while (true) {
+        if (const auto it = seen.find(at); it != seen.end()) {
+          const std::size_t first = it->second;
+          Ring ring(path.begin() + static_cast<std::ptrdiff_t>(first), path.end());
+          for (const LatticePoint& p : ring)
+            seen.erase(p);
+          path.resize(first);
+          if (ring.size() >= 3 && doubled_area(ring) != 0) rings.push_back(std::move(ring));
+          if (path.empty()) break;
+        }
+        seen[at] = path.size();
+        path.push_back(at);
+        std::vector<LatticePoint>& next = out[at];
+        const LatticePoint back{from.x - at.x, from.y - at.y};
+        auto best = next.begin();
+        for (auto it = next.begin(); it != next.end(); ++it) {
+          if (clockwise_before(back, {it->x - at.x, it->y - at.y},
+                               {best->x - at.x, best->y - at.y}))
+            best = it;
+        }
+        from = at;
+        at = *best;
+        next.erase(best);
+      }
+    }
+  }
+  return rings;
+}
+
+Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
+  const Image& image = field.image;
+  cv::Mat mask(image.height, image.width, CV_8U);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x)
+      mask.at<std::uint8_t>(y, x) = image.at(x, y) >= field.iso ? 1 : 0;
+  }
+  std::vector<std::vector<cv::Point>> chains;
+  std::vector<cv::Vec4i> hierarchy;
+  cv::findContours(mask, chains, hierarchy, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
+  std::vector<DirectedEdge> soup;
+  for (std::size_t c = 0; c < chains.size(); ++c) {
+    Ring ring;
+    for (const cv::Point& p : chains[c]) {
+      ring.push_back({grid.lattice.snap_mm((p.x + grid.offset_x) * grid.spacing_u_mm),
+                      grid.lattice.snap_mm((p.y + grid.offset_y) * grid.spacing_v_mm)});
+    }
+    // OpenCV runs outer chains one way round and hole chains the other; make it ours.
+    const bool hole = hierarchy[c][3] >= 0;
+    if ((doubled_area(ring) < 0) != hole) std::reverse(ring.begin(), ring.end());
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+      if (a != b) soup.emplace_back(a, b);
+    }
+  }
+  Pslg out;
+  out.rings = simple_rings(std::move(soup));
+  return out;
+}
+
+}  // namespace
+
+Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind) {
+  Pslg out =
+      kind == ContourKind::kPixel ? pixel_chains(field, grid) : MarchingSquares(field, grid).run();
+  for (Ring& ring : out.rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(out.rings.begin(), out.rings.end());
+  return out;
+}
+
+Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice) {
+  const double steps2 = 2 * min_area_mm2 / (lattice.step_mm() * lattice.step_mm());
+  std::erase_if(contours.rings, [steps2](const Ring& ring) {
+    return std::abs(static_cast<double>(doubled_area(ring))) < steps2;
+  });
+  return contours;
+}
+
+}  // namespace trocar::pipeline

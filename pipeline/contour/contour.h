@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The outline of the material as rings on the lattice, holes and nesting included.
+#pragma once
+
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/contour/segmentation.h"
+
+namespace trocar::pipeline {
+
+enum class ContourKind {
+  kSubpixel,  ///< iso-contour by marching squares, its crossings by contour_crossing.h
+  kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
+};
+
+/// Pixel position -> lattice: u = (x + offset_x) * spacing_u, likewise v.
+struct PixelGrid {
+  double spacing_u_mm = 1, spacing_v_mm = 1;
+  int offset_x = 0, offset_y = 0;  ///< of a cropped image in the whole one
+  Lattice lattice;
+};
+
+/// A pixel must be at least this many lattice steps wide for the guarantees below.
+inline constexpr int kMinStepsPerPixel = 8;
+
+/// Material on the left: outer rings counter-clockwise in (u, v), holes clockwise. Rings are
+/// simple, touch at most in vertices and never cross: see contour.cpp for why. The image's
+/// border counts as outside. O(pixels + vertices log vertices).
+Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
+
+/// Drops rings of less than `min_area_mm2`: smaller islands vanish and smaller holes are
+/// filled. (What lies inside a dropped ring is smaller still, so it goes with it.)
+Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/contour/segmentation.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <opencv2/imgproc.hpp>
+
+namespace trocar::pipeline {
+namespace {
+
+// cv::equalizeHist on 8 bits, as in the paper's time. The levels of an image file are used as they
+// are; a calibrated slice is first mapped from its own range.
+void equalize(Image& image, Calibration calibration) {
+  const auto [low, high] = std::minmax_element(image.values.begin(), image.values.end());
+  const float offset = calibration == Calibration::kGrey ? 0.0F : *low;
+  const float scale =
+      calibration == Calibration::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
+  cv::Mat levels(image.height, image.width, CV_8U);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      levels.at<std::uint8_t>(y, x) =
+          cv::saturate_cast<std::uint8_t>((image.at(x, y) - offset) * scale);
+    }
+  }
+  cv::equalizeHist(levels, levels);
+  std::copy(levels.begin<std::uint8_t>(), levels.end<std::uint8_t>(), image.values.begin());
+}
+
+}  // namespace
+
+std::optional<double> mean_of_material(const Field& field) {
+  // Eight sums side by side: what vector units do at once, in an order that is always the same.
+  constexpr std::size_t kLanes = 8;
+  std::array<double, kLanes> sum{};
+  std::array<std::int32_t, kLanes> count{};
+  const std::vector<float>& values = field.image.values;
+  const float iso = field.iso;
+  std::size_t i = 0;
+  for (; i + kLanes <= values.size(); i += kLanes) {
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const float value = values[i + k];
+      sum[k] += value >= iso ? static_cast<double>(value) : 0.0;
+      count[k] += value >= iso ? 1 : 0;
+    }
+  }
+  for (; i < values.size(); ++i) {
+    sum[0] += values[i] >= iso ? static_cast<double>(values[i]) : 0.0;
+    count[0] += values[i] >= iso ? 1 : 0;
+  }
+  const std::int64_t pixels = std::accumulate(count.begin(), count.end(), std::int64_t{0});
+  if (pixels == 0) return std::nullopt;
+  return std::accumulate(sum.begin(), sum.end(), 0.0) / static_cast<double>(pixels);
+}
+
+Field segment(Image image, Calibration calibration, const Segmentation& how) {
+  Field field{std::move(image), 0};
+  if (const auto* threshold = std::get_if<Threshold>(&how)) {
+    field.iso = static_cast<float>(threshold->value);
+  } else if (const auto* paper = std::get_if<Equalize>(&how)) {
+    equalize(field.image, calibration);
+    field.iso = static_cast<float>(paper->level);
+  } else {
+    const auto& labels = std::get<Labels>(how).labels;
+    float last = 0;
+    for (float& v : field.image.values) {
+      const float nearest = std::rint(v);
+      const bool in =
+          nearest == v && std::abs(v) < 1e9F && labels.contains(static_cast<int>(nearest));
+      if (in && (field.labels.empty() || v != last))
+        field.labels.insert(static_cast<int>(last = v));
+      v = in ? 1.0F : 0.0F;
+    }
+    field.iso = 0.5F;
+    field.is_mask = true;
+  }
+  return field;
+}
+
+}  // namespace trocar::pipeline

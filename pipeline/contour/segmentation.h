@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What is material: a scalar field and the value that bounds it.
+#pragma once
+
+#include <optional>
+#include <set>
+#include <variant>
+
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+
+struct Threshold {
+  double value = 226;  ///< HU on calibrated input, grey level 0..255 on images
+};
+/// The paper's way: histogram equalisation (of the slice's whole range, mapped to 0..255), then
+/// a threshold on the equalised levels.
+struct Equalize {
+  double level = 230;
+};
+/// A label map: material is these labels.
+struct Labels {
+  std::set<int> labels;
+};
+using Segmentation = std::variant<Threshold, Equalize, Labels>;
+
+/// Material is where field >= iso.
+struct Field {
+  Image image;
+  float iso = 0;
+  bool is_mask = false;       ///< 0 and 1 only: nothing to interpolate
+  std::set<int> labels = {};  ///< those of the wanted that the image has
+};
+
+/// Mean of the values that are material; none if there is no such pixel. The same sum, to the
+/// bit, everywhere.
+std::optional<double> mean_of_material(const Field& field);
+
+/// Takes the image over. O(pixels).
+Field segment(Image image, Calibration calibration, const Segmentation& how);
+
+}  // namespace trocar::pipeline

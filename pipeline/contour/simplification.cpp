@@ -1,0 +1,280 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/contour/simplification.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <tuple>
+
+#include "formats/geometry/mesh_validity.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Squared distance from p to the segment ab, in steps^2.
+double segment_distance2(LatticePoint a, LatticePoint b, LatticePoint p) {
+  const double abx = static_cast<double>(b.x) - a.x, aby = static_cast<double>(b.y) - a.y;
+  const double apx = static_cast<double>(p.x) - a.x, apy = static_cast<double>(p.y) - a.y;
+  const double length2 = abx * abx + aby * aby;
+  const double along = apx * abx + apy * aby;
+  if (along <= 0 || length2 == 0) return apx * apx + apy * apy;
+  if (along >= length2) {
+    const double bpx = apx - abx, bpy = apy - aby;
+    return bpx * bpx + bpy * bpy;
+  }
+  const double cross = abx * apy - aby * apx;
+  return cross * cross / length2;
+}
+
+// A contour and which of its vertices are kept. A span runs from one kept vertex to the next,
+// round the end of the ring.
+struct Simplified {
+  const Ring* contour;
+  std::vector<std::uint32_t> kept;  // ascending
+
+  std::uint32_t size() const { return static_cast<std::uint32_t>(contour->size()); }
+  LatticePoint at(std::uint32_t i) const { return (*contour)[i % size()]; }
+
+  // The vertex of the open span (i, j), j may exceed the size, that is farthest from the chord.
+  std::pair<std::uint32_t, double> farthest(std::uint32_t i, std::uint32_t j) const {
+    std::pair<std::uint32_t, double> best{i, -1.0};
+    for (std::uint32_t k = i + 1; k < j; ++k) {
+      const double d = segment_distance2(at(i), at(j), at(k));
+      if (d > best.second) best = {k, d};
+    }
+    return best;
+  }
+
+  std::uint32_t span_end(std::size_t k) const {
+    return k + 1 < kept.size() ? kept[k + 1] : kept[0] + size();
+  }
+
+  Ring ring() const {
+    Ring out;
+    for (std::uint32_t k : kept)
+      out.push_back((*contour)[k]);
+    return out;
+  }
+};
+
+void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t last,
+                     double tolerance2, std::vector<std::uint32_t>& kept) {
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> spans{{first, last}};
+  while (!spans.empty()) {
+    const auto [i, j] = spans.back();
+    spans.pop_back();
+    const auto [k, d2] = s.farthest(i, j);
+    if (d2 <= tolerance2) continue;
+    kept.push_back(k % s.size());
+    spans.emplace_back(i, k);
+    spans.emplace_back(k, j);
+  }
+}
+
+// The vertices farthest from the mean of all; if it is one, also those farthest from that. All of
+// like ones are taken, and all is exact, so that it does not matter where the outline starts,
+// where it lies or how it is turned.
+std::vector<std::uint32_t> extreme_vertices(const Ring& contour) {
+  const auto n = static_cast<std::int64_t>(contour.size());
+  const LatticePoint origin = contour[0];
+  std::int64_t sum_x = 0, sum_y = 0;
+  for (const LatticePoint p : contour) {
+    sum_x += std::int64_t{p.x} - origin.x;
+    sum_y += std::int64_t{p.y} - origin.y;
+  }
+  std::vector<std::uint32_t> out;
+  const auto add_farthest = [&](auto distance2_of) {
+    Int128 most = -1;
+    std::vector<std::uint32_t> farthest;
+    for (std::uint32_t i = 0; i < contour.size(); ++i) {
+      const Int128 d = distance2_of(contour[i]);
+      if (d > most) farthest.clear();
+      if (d >= most) farthest.push_back(i);
+      most = std::max(most, d);
+    }
+    out.insert(out.end(), farthest.begin(), farthest.end());
+  };
+  add_farthest([&](LatticePoint p) {
+    const Int128 x = n * (std::int64_t{p.x} - origin.x) - sum_x,
+                 y = n * (std::int64_t{p.y} - origin.y) - sum_y;
+    return x * x + y * y;
+  });
+  if (out.size() == 1) {
+    const LatticePoint first = contour[out[0]];
+    add_farthest([first](LatticePoint p) { return Int128{distance2(first, p)}; });
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+Simplified simplify_ring(const Ring& contour, double tolerance2) {
+  Simplified s{&contour, extreme_vertices(contour)};
+  const std::vector<std::uint32_t> from = s.kept;
+  for (std::size_t k = 0; k < from.size(); ++k) {
+    const std::uint32_t to = k + 1 < from.size() ? from[k + 1] : from[0] + s.size();
+    douglas_peucker(s, from[k], to, tolerance2, s.kept);
+  }
+  std::sort(s.kept.begin(), s.kept.end());
+  return s;
+}
+
+struct Edge {
+  LatticePoint a, b;
+  std::uint32_t ring, span;
+};
+
+// Marks every span whose chord crosses another. Sweep over x.
+bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
+  std::vector<Edge> edges;
+  for (std::uint32_t r = 0; r < rings.size(); ++r) {
+    for (std::uint32_t k = 0; k < rings[r].kept.size(); ++k) {
+      edges.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
+    }
+  }
+  std::sort(edges.begin(), edges.end(), [](const Edge& e, const Edge& f) {
+    return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} <
+           std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
+  });
+  bool any = false;
+  std::vector<const Edge*> active;
+  for (const Edge& e : edges) {
+    const std::int32_t x = std::min(e.a.x, e.b.x);
+    std::erase_if(active, [x](const Edge* o) { return std::max(o->a.x, o->b.x) < x; });
+    const auto [lo, hi] = std::minmax(e.a.y, e.b.y);
+    for (const Edge* o : active) {
+      if (std::max(o->a.y, o->b.y) < lo || std::min(o->a.y, o->b.y) > hi) continue;
+      if (segments_cross(e.a, e.b, o->a, o->b)) {
+        marks[e.ring][e.span] = marks[o->ring][o->span] = 1;
+        any = true;
+      }
+    }
+    active.push_back(&e);
+  }
+  return any;
+}
+
+struct Box {
+  LatticePoint low, high;
+  explicit Box(const Ring& ring) : low(ring[0]), high(ring[0]) {
+    for (LatticePoint p : ring) {
+      low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+      high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+    }
+  }
+  bool meets(const Box& o) const {
+    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y;
+  }
+};
+
+// Is the ring q inside the simple ring r, which it does not cross? The middle of an edge of q lies
+// on no edge of r and speaks for all of q, even if all vertices of q touch r.
+bool is_inside(const Ring& q, const Ring& r) {
+  return is_inside_ring(std::int64_t{q[0].x} + q[1].x, std::int64_t{q[0].y} + q[1].y, r);
+}
+
+// A simplified ring may not jump over another, though nothing crosses: marks both.
+bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
+  bool any = false;
+  std::vector<Ring> now;
+  std::vector<Box> boxes;
+  for (const Simplified& s : rings) {
+    now.push_back(s.ring());
+    boxes.emplace_back(*s.contour);
+  }
+  const auto jumps = [&](std::size_t q, std::size_t r) {
+    return is_inside(*rings[q].contour, *rings[r].contour) != is_inside(now[q], now[r]);
+  };
+  // By x, so that of ten thousand specks only those above one another meet.
+  std::vector<std::size_t> order(rings.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&boxes](std::size_t r, std::size_t q) { return boxes[r].low.x < boxes[q].low.x; });
+  for (auto i = order.begin(); i != order.end(); ++i) {
+    for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[*i].high.x; ++j) {
+      if (!boxes[*i].meets(boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
+      std::fill(marks[*i].begin(), marks[*i].end(), char{1});
+      std::fill(marks[*j].begin(), marks[*j].end(), char{1});
+      any = true;
+    }
+  }
+  return any;
+}
+
+}  // namespace
+
+Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
+  const double tolerance = options.tolerance_mm / lattice.step_mm();
+  std::vector<Simplified> rings;
+  for (const Ring& contour : contours.rings)
+    rings.push_back(simplify_ring(contour, tolerance * tolerance));
+
+  // Split every span that breaks something at its farthest vertex, until nothing does. At the
+  // latest this ends with the contours themselves, which are valid.
+  while (true) {
+    std::vector<std::vector<char>> marks;
+    marks.reserve(rings.size());
+    for (const Simplified& s : rings)
+      marks.emplace_back(s.kept.size(), char{0});
+    bool any = false;
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+      const bool collapsed = rings[r].kept.size() < 3 || (doubled_area(rings[r].ring()) > 0) !=
+                                                             (doubled_area(*rings[r].contour) > 0);
+      if (collapsed) {
+        std::fill(marks[r].begin(), marks[r].end(), char{1});
+        any = true;
+      }
+    }
+    any = mark_crossings(rings, marks) || any;
+    if (!any) any = mark_jumps(rings, marks);
+    if (!any) break;
+    bool split = false;
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+      Simplified& s = rings[r];
+      const std::vector<std::uint32_t> before = s.kept;
+      for (std::size_t k = 0; k < before.size(); ++k) {
+        if (marks[r][k] == 0) continue;
+        const std::uint32_t i = before[k],
+                            j = k + 1 < before.size() ? before[k + 1] : before[0] + s.size();
+        if (j - i < 2) continue;
+        const std::uint32_t m = s.farthest(i, j).first;
+        s.kept.push_back(m % s.size());
+        // The halves' chords are new ones: they owe the tolerance too.
+        douglas_peucker(s, i, m, tolerance * tolerance, s.kept);
+        douglas_peucker(s, m, j, tolerance * tolerance, s.kept);
+        split = true;
+      }
+      std::sort(s.kept.begin(), s.kept.end());
+    }
+    if (!split) break;  // the contours themselves were at fault; the caller's check says so
+  }
+
+  Pslg out;
+  for (const Simplified& s : rings)
+    out.rings.push_back(s.ring());
+  return out;
+}
+
+double hausdorff_mm(const Pslg& contours, const Pslg& simplified, const Lattice& lattice) {
+  // Each chord stands for the contour span between its ends. The span is a path from end to end,
+  // so it passes every foot of a perpendicular: the chord is as near to the span as the span's
+  // farthest vertex is to the chord.
+  double worst2 = 0;
+  for (std::size_t r = 0; r < contours.rings.size(); ++r) {
+    const Ring& contour = contours.rings[r];
+    const Ring& ring = simplified.rings[r];
+    const std::size_t n = contour.size();
+    std::size_t at = static_cast<std::size_t>(std::find(contour.begin(), contour.end(), ring[0]) -
+                                              contour.begin());
+    for (std::size_t k = 0; k < ring.size(); ++k) {
+      const LatticePoint a = ring[k], b = ring[(k + 1) % ring.size()];
+      for (std::size_t steps = 0; steps < n && contour[(at + 1) % n] != b; ++steps) {
+        at = (at + 1) % n;
+        worst2 = std::max(worst2, segment_distance2(a, b, contour[at]));
+      }
+      at = (at + 1) % n;
+    }
+  }
+  return std::sqrt(worst2) * lattice.step_mm();
+}
+
+}  // namespace trocar::pipeline

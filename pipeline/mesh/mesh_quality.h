@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Angles and areas of a refined mesh, measured on the result.
+#pragma once
+
+#include <vector>
+
+#include "pipeline/mesh/refinement.h"
+
+namespace trocar::pipeline {
+
+/// A triangle with an angle below the wanted one, and the input angle that it sits at.
+struct SharpTriangle {
+  std::uint32_t triangle = 0;
+  double angle_deg = 0;
+  double input_angle_deg = 360;  ///< the smallest below 60 that it touches; 360 if none
+  LatticePoint input_corner;     ///< its vertex, if there is one
+};
+
+struct MeshQuality {
+  double min_angle_deg = 0;  ///< 0 for an empty mesh
+  double max_area_mm2 = 0;
+  std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
+  /// How many of these sit at an input angle below 60 degrees: a corner of the triangle is an
+  /// input vertex with such an angle in the material, or its shortest edge joins the two input
+  /// segments that meet in one. There no mesh can do better, or only at the price of more such.
+  std::uint32_t below_at_small_input_angle = 0;
+  /// How many sit at no input angle below the wanted one (plus kLatticeAllowance_deg): where the
+  /// input allows it and refinement still failed. Zero unless it ran out of vertices or into the
+  /// lattice's step.
+  std::uint32_t below_unexplained = 0;
+  std::vector<SharpTriangle> sharp;  ///< all of them, one by one
+  /// Edges whose membrane stiffness (the sum of the cotangents of the angles opposite) is negative,
+  /// by exact integers. Inside the mesh Delaunay leaves none; on the outline they are the edges
+  /// that their triangle's apex encroaches upon: where an input angle of a few degrees, or an edge
+  /// of a few steps, leaves no lattice point that does not.
+  std::uint32_t negative_stiffness_edges = 0;
+};
+
+/// Of a valid mesh. O(n).
+std::uint32_t count_negative_stiffness_edges(const SliceMesh& mesh);
+
+MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, double min_angle_deg);
+
+}  // namespace trocar::pipeline

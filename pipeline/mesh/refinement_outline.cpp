@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/mesh/refinement_outline.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr double kSmallInputAngle_deg = 60;
+// Corners below this pull splits of their segments onto concentric shells.
+constexpr double kAcute_deg = 75;
+
+double distance(LatticePoint a, LatticePoint b) {
+  return std::sqrt(static_cast<double>(distance2(a, b)));
+}
+
+// The shells around a corner, the same for every segment: the powers of two, between them their
+// ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between
+// segments that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in
+// this order that lies well inside (near, far).
+double shell_between(double near, double far) {
+  const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
+  double power = 1;
+  while (power * 2 <= high)
+    power *= 2;
+  if (power >= low) return power;
+  double from = power, to = 2 * power, middle = power * std::numbers::sqrt2;
+  for (int depth = 0; depth < 20; ++depth) {
+    if (middle >= low && middle <= high) return middle;
+    (middle < low ? from : to) = middle;
+    middle = 0.5 * (from + to);
+  }
+  return 0.5 * (near + far);
+}
+
+}  // namespace
+
+void RefinementOutline::clear(std::size_t vertices) {
+  segments_.clear();
+  into_.assign(vertices, -1);
+  angle_deg_.assign(vertices, 360);
+}
+
+std::uint32_t RefinementOutline::add(std::uint32_t from, std::uint32_t to) {
+  const auto s = static_cast<std::uint32_t>(segments_.size());
+  segments_.push_back({from, to, -1, 360});
+  into_[to] = static_cast<std::int32_t>(s);
+  return s;
+}
+
+void RefinementOutline::close(const std::vector<LatticePoint>& points) {
+  for (Refined::Segment& s : segments_) {
+    s.previous = into_[s.from];
+    const LatticePoint v = points[s.from], n = points[s.to],
+                       p = points[segments_[static_cast<std::size_t>(s.previous)].from];
+    const std::int64_t cross = orient2d(v, n, p), dot = diametral_dot(n, p, v);
+    if (cross <= 0 || dot <= 0) continue;
+    s.angle_at_from_deg =
+        std::atan2(static_cast<double>(cross), static_cast<double>(dot)) * 180 / std::numbers::pi;
+    angle_deg_[s.from] = s.angle_at_from_deg;
+  }
+}
+
+bool RefinementOutline::is_acute(std::uint32_t vertex) const {
+  return angle_deg_[vertex] < kAcute_deg;
+}
+
+std::uint32_t RefinementOutline::small_corner_of_two(std::int32_t s, std::int32_t t) const {
+  const Refined::Segment &from_s = segments_[static_cast<std::size_t>(s)],
+                         &from_t = segments_[static_cast<std::size_t>(t)];
+  if (from_s.previous == t && from_s.angle_at_from_deg < kSmallInputAngle_deg) return from_s.from;
+  if (from_t.previous == s && from_t.angle_at_from_deg < kSmallInputAngle_deg) return from_t.from;
+  return kNoCorner;
+}
+
+double RefinementOutline::shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
+                                         const std::vector<LatticePoint>& points) const {
+  double fraction = 0.5, nearest = std::numeric_limits<double>::max();
+  for (const std::uint32_t corner : {segments_[segment].from, segments_[segment].to}) {
+    if (!is_acute(corner)) continue;
+    const double da = distance(a, points[corner]), db = distance(b, points[corner]);
+    const double near = std::min(da, db), far = std::max(da, db);
+    if (near >= nearest) continue;
+    nearest = near;
+    fraction = (shell_between(near, far) - near) / (far - near);
+    if (db < da) fraction = 1 - fraction;
+  }
+  return fraction;
+}
+
+}  // namespace trocar::pipeline

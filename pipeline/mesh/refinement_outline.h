@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What refinement knows of its input: segments, the angles between them, and where to split them
+// near an acute one (concentric shells: Ruppert, 1995; Shewchuk).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "pipeline/mesh/refinement.h"
+
+namespace trocar::pipeline {
+
+class RefinementOutline {
+ public:
+  static constexpr std::uint32_t kNoCorner = 0xffffffff;
+  /// Distances from a corner that differ by no more than this many steps are one shell.
+  static constexpr double kSameShell = 2;
+
+  /// Starts anew and keeps the memory: segments are numbered as they are added.
+  void clear(std::size_t vertices);
+  std::uint32_t add(std::uint32_t from, std::uint32_t to);
+  /// Once all are added: measures the angles between them.
+  void close(const std::vector<LatticePoint>& points);
+
+  const std::vector<Refined::Segment>& segments() const { return segments_; }
+  /// Of an input vertex: the angle in the material; 360 for all of 90 and more.
+  double angle_deg(std::uint32_t vertex) const { return angle_deg_[vertex]; }
+
+  /// The corner where two segments (as in VertexOrigin: negative for none) meet under an angle
+  /// below 60 degrees in the material, or kNoCorner.
+  std::uint32_t small_corner(std::int32_t s, std::int32_t t) const {
+    return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
+  }
+
+  /// Does a segment end in an acute angle, so that its splits belong onto shells around it?
+  bool has_shells(std::uint32_t segment) const {
+    return is_acute(segments_[segment].from) || is_acute(segments_[segment].to);
+  }
+  /// How far from a to b to split this piece of a segment that has shells, so that pieces of the
+  /// two segments that meet in the nearer acute corner end at equal distances from it.
+  double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
+                        const std::vector<LatticePoint>& points) const;
+
+ private:
+  bool is_acute(std::uint32_t vertex) const;
+  std::uint32_t small_corner_of_two(std::int32_t s, std::int32_t t) const;
+
+  std::vector<Refined::Segment> segments_;
+  std::vector<std::int32_t> into_;  // by input vertex: the segment that ends there
+  std::vector<double> angle_deg_;
+};
+
+}  // namespace trocar::pipeline

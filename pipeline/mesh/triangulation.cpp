@@ -1,0 +1,411 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A plane sweep triangulates the material (Hertel and Mehlhorn, 1983), then flips make it
+// constrained Delaunay (Lawson, 1977). The outside is never triangulated, constraints never have to
+// be recovered, and both steps decide in exact integers only.
+#include "pipeline/mesh/triangulation.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "pipeline/mesh/mesh_adjacency.h"
+#include "pipeline/mesh/quarter_turn.h"
+
+namespace trocar::pipeline {
+namespace {
+
+constexpr std::uint32_t kNone = kNoSide;
+// A side that lies on a diagonal whose triangles are still to come: this flag and the diagonal's
+// number.
+constexpr std::uint32_t kDiagonal = 0x80000000;
+
+struct Swept {
+  Triangulation out;
+  bool has_pinches = false;
+};
+
+// Sweeps over the points in lexicographic order (left to right, on a vertical from below). The
+// status holds the outline's edges that the sweep line cuts, from below, and with each edge that
+// has material above it the chain: the right border of what is triangulated of that material, as
+// far as it can be without points to the right. It runs from the left end of the edge below to that
+// of the edge above, and bulges to the right: no corner of it can be cut off. A new point right of
+// it therefore sees it where it turns towards the point, and nothing else has to be checked.
+class Sweep {
+ public:
+  /// In the plane after that turn.
+  Sweep(const Pslg& pslg, QuarterTurn turn) : pslg_(pslg), turn_(turn) {}
+
+  Result<Swept> run() {
+    sort_points();
+    sort_edges();
+    const auto n = static_cast<std::uint32_t>(points_.size());
+    mesh_.triangles.reserve(n + n / 4);
+    beyond_.reserve(n + n / 4);
+    nodes_.reserve(2 * n);
+    for (std::uint32_t p = 0; p < n; ++p) {
+      if (!add(p)) return bug("triangulation: the outline crosses itself");
+    }
+    if (!status_.empty()) return bug("triangulation: the outline does not close");
+    mesh_.vertices = std::move(points_);
+    return Swept{{std::move(mesh_), std::move(beyond_)}, has_pinches_};
+  }
+
+ private:
+  // An edge of the outline from its left end to its right end.
+  struct Edge {
+    std::uint32_t left, right;
+    bool material_above;
+  };
+  // A point on a chain, and the triangle's side, or kNone for the outline, that joins it to the
+  // next one.
+  struct Node {
+    std::uint32_t point;
+    Side side = kNone;
+    std::uint32_t previous = kNone, next = kNone;
+  };
+  struct Active {
+    std::uint32_t left = 0, right = 0;
+    LatticePoint a, b;
+    std::uint32_t front = kNone, back = kNone;  // the chain above it
+    bool material_above = false;
+  };
+
+  void sort_points() {
+    std::size_t total = 0;
+    for (const Ring& ring : pslg_.rings)
+      total += ring.size();
+    struct Item {
+      std::uint64_t key;
+      std::uint32_t corner;
+    };
+    const auto key = [](LatticePoint p) {
+      return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x) ^ 0x80000000U) << 32) |
+             (static_cast<std::uint32_t>(p.y) ^ 0x80000000U);
+    };
+    std::vector<Item> items;
+    items.reserve(total);
+    std::uint32_t corner = 0;
+    for (const Ring& ring : pslg_.rings) {
+      for (const LatticePoint p : ring)
+        items.push_back({key(turn_(p)), corner++});
+    }
+    std::sort(items.begin(), items.end(),
+              [](const Item& a, const Item& b) { return a.key < b.key; });
+    vertex_of_corner_.resize(total);
+    points_.reserve(total);
+    for (std::size_t i = 0; i < total; ++i) {
+      if (i == 0 || items[i].key != items[i - 1].key) {
+        points_.push_back(
+            {static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key >> 32) ^
+                                       0x80000000U),
+             static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key) ^ 0x80000000U)});
+      }
+      vertex_of_corner_[items[i].corner] = static_cast<std::uint32_t>(points_.size() - 1);
+    }
+    has_pinches_ = points_.size() != total;
+  }
+
+  // Edges grouped by their left ends; at one point from below.
+  void sort_edges() {
+    first_edge_.assign(points_.size() + 1, 0);
+    const std::size_t total = vertex_of_corner_.size();
+    std::vector<Edge> unsorted;
+    unsorted.reserve(total);
+    std::size_t start = 0;
+    for (const Ring& ring : pslg_.rings) {
+      std::uint32_t a = vertex_of_corner_[start + ring.size() - 1];
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        const std::uint32_t b = vertex_of_corner_[start + i];
+        unsorted.push_back(a < b ? Edge{a, b, true} : Edge{b, a, false});
+        ++first_edge_[std::min(a, b) + 1];
+        a = b;
+      }
+      start += ring.size();
+    }
+    for (std::size_t v = 1; v < first_edge_.size(); ++v)
+      first_edge_[v] += first_edge_[v - 1];
+    edges_.resize(total);
+    std::vector<std::uint32_t> at(first_edge_.begin(), first_edge_.end() - 1);
+    for (const Edge& e : unsorted)
+      edges_[at[e.left]++] = e;
+    for (std::uint32_t v = 0; v < points_.size(); ++v) {
+      if (first_edge_[v + 1] - first_edge_[v] < 2) continue;
+      std::sort(edges_.begin() + first_edge_[v], edges_.begin() + first_edge_[v + 1],
+                [&](const Edge& e, const Edge& f) {
+                  return orient2d(points_[v], points_[e.right], points_[f.right]) > 0;
+                });
+    }
+  }
+
+  std::uint32_t add_node(std::uint32_t point) {
+    nodes_.push_back({point});
+    return static_cast<std::uint32_t>(nodes_.size() - 1);
+  }
+  void join(std::uint32_t node, std::uint32_t next, std::uint32_t side) {
+    nodes_[node].next = next;
+    nodes_[node].side = side;
+    nodes_[next].previous = node;
+  }
+
+  // Triangle (a, p, b), the chain's nodes a and its next one b. `side_ap` and `side_pb`, where
+  // known, lie beyond its other sides. Side i is opposite vertex i: 0 is pb, 1 is ba, 2 is ap.
+  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, Side side_ap,
+                     Side side_pb) {
+    const auto t = static_cast<std::uint32_t>(mesh_.triangles.size());
+    mesh_.triangles.push_back({nodes_[a].point, p, nodes_[b].point});
+    beyond_.push_back({kNone, kNone, kNone});
+    link(side_number(t, 1), nodes_[a].side);
+    link(side_number(t, 2), side_ap);
+    link(side_number(t, 0), side_pb);
+    return t;
+  }
+  void link(Side side, Side beyond) {
+    if (beyond == kNone) return;
+    if ((beyond & kDiagonal) != 0) {
+      const Side other = std::exchange(diagonals_[beyond ^ kDiagonal], side);
+      if (other == kNone) return;
+      beyond = other;
+    }
+    beyond_[triangle_of(side)][index_of(side)] = beyond;
+    beyond_[triangle_of(beyond)][index_of(beyond)] = side;
+  }
+  bool sees(std::uint32_t a, std::uint32_t b, std::uint32_t p) const {
+    return orient2d(points_[nodes_[a].point], points_[p], points_[nodes_[b].point]) > 0;
+  }
+
+  // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end
+  // itself.
+  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, Side side = kNone) {
+    while (back != front && sees(nodes_[back].previous, back, p)) {
+      const std::uint32_t a = nodes_[back].previous;
+      side = side_number(emit(a, p, back, kNone, side), 2);
+      back = a;
+    }
+    const std::uint32_t node = add_node(p);
+    join(back, node, side);
+    back = node;
+  }
+  // The same from the lower end.
+  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, Side side = kNone) {
+    while (front != back && sees(front, nodes_[front].next, p)) {
+      const std::uint32_t b = nodes_[front].next;
+      side = side_number(emit(front, p, b, side, kNone), 0);
+      front = b;
+    }
+    const std::uint32_t node = add_node(p);
+    join(node, front, side);
+    front = node;
+  }
+  // p is joined to both ends: what is left of this material ends here.
+  bool close(std::uint32_t front, std::uint32_t back, std::uint32_t p) {
+    Side side = kNone;
+    for (; front != back; front = nodes_[front].next) {
+      if (!sees(front, nodes_[front].next, p)) return false;
+      side = side_number(emit(front, p, nodes_[front].next, side, kNone), 0);
+    }
+    return true;
+  }
+
+  bool add(std::uint32_t p) {
+    const LatticePoint at = points_[p];
+    // The edges that end in p are neighbours in the status.
+    std::size_t low = 0, count = status_.size();
+    while (count > 0) {
+      const std::size_t half = count / 2;
+      if (orient2d(status_[low + half].a, status_[low + half].b, at) > 0) {
+        low += half + 1, count -= half + 1;
+      } else {
+        count = half;
+      }
+    }
+    std::size_t high = low;
+    while (high < status_.size() && status_[high].right == p)
+      ++high;
+
+    std::uint32_t lower_front = kNone, lower_back = kNone, upper_front = kNone, upper_back = kNone;
+    const bool below = low > 0 && status_[low - 1].material_above;
+    const bool above = high > low ? status_[high - 1].material_above : below;
+    if (below) lower_front = status_[low - 1].front, lower_back = status_[low - 1].back;
+    if (high > low) {
+      if (below) close_back(lower_front, lower_back, p);
+      for (std::size_t i = low; i + 1 < high; ++i) {
+        if (status_[i].material_above && !close(status_[i].front, status_[i].back, p)) return false;
+      }
+      if (above) {
+        upper_front = status_[high - 1].front, upper_back = status_[high - 1].back;
+        close_front(upper_front, upper_back, p);
+      }
+    } else if (below) {
+      // A hole begins. The last point of the chain sees p, as nothing lies between them.
+      std::uint32_t last = lower_front;
+      for (std::uint32_t k = lower_front;; k = nodes_[k].next) {
+        if (nodes_[k].point > nodes_[last].point) last = k;
+        if (k == lower_back) break;
+      }
+      upper_front = add_node(nodes_[last].point);
+      if (last == lower_back) {
+        upper_back = upper_front;
+      } else {
+        join(upper_front, nodes_[last].next, nodes_[last].side);
+        upper_back = lower_back;
+        lower_back = last;
+      }
+      // Both halves are joined to p by the diagonal from that point.
+      const std::uint32_t diagonal = kDiagonal | static_cast<std::uint32_t>(diagonals_.size());
+      diagonals_.push_back(kNone);
+      close_back(lower_front, lower_back, p, diagonal);
+      close_front(upper_front, upper_back, p, diagonal);
+    }
+
+    // The edges that start in p take the place of those that end there.
+    const std::uint32_t first = first_edge_[p], last_edge = first_edge_[p + 1];
+    if (first == last_edge) {
+      if (below != above) return false;
+      if (below) {
+        // Both halves end in p: one chain.
+        if (high == low) return false;
+        if (upper_front != upper_back) {
+          join(lower_back, nodes_[upper_front].next, nodes_[upper_front].side);
+          lower_back = upper_back;
+        }
+      }
+      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low),
+                    status_.begin() + static_cast<std::ptrdiff_t>(high));
+      if (below) status_[low - 1].front = lower_front, status_[low - 1].back = lower_back;
+      return true;
+    }
+    const std::size_t more = last_edge - first, less = high - low;
+    if (more > less) {
+      status_.insert(status_.begin() + static_cast<std::ptrdiff_t>(high), more - less, Active{});
+    } else if (less > more) {
+      status_.erase(status_.begin() + static_cast<std::ptrdiff_t>(low + more),
+                    status_.begin() + static_cast<std::ptrdiff_t>(high));
+    }
+    if (below) status_[low - 1].front = lower_front, status_[low - 1].back = lower_back;
+    bool material = below;
+    for (std::size_t i = 0; i < more; ++i) {
+      const Edge& e = edges_[first + i];
+      if (e.material_above == material)
+        return false;  // two edges on each other, or a ring the wrong way round
+      material = e.material_above;
+      Active& active = status_[low + i];
+      active = {e.left, e.right, at, points_[e.right], kNone, kNone, material};
+      if (!material) continue;
+      if (i + 1 < more) {
+        active.front = active.back = add_node(p);
+      } else {
+        active.front = upper_front, active.back = upper_back;
+      }
+    }
+    return material == above;
+  }
+
+  const Pslg& pslg_;
+  QuarterTurn turn_;
+  std::vector<LatticePoint> points_;
+  std::vector<std::uint32_t> vertex_of_corner_, first_edge_;
+  std::vector<Edge> edges_;
+  std::vector<Node> nodes_;
+  std::vector<Active> status_;
+  std::vector<Side> diagonals_;  // the first side on each, or kNone
+  SliceMesh mesh_;
+  Neighbours beyond_;
+  bool has_pinches_ = false;
+};
+
+// Of the triangles abc and dcb. The angles opposite bc sum to at most 180 degrees: two that are not
+// obtuse do, and two obtuse ones do not, without in_circle().
+bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  const bool obtuse_a = diametral_dot(b, c, a) < 0, obtuse_d = diametral_dot(b, c, d) < 0;
+  if (obtuse_a == obtuse_d) return !obtuse_a;
+  return in_circle(a, b, c, d) <= 0;
+}
+
+// Flips edges until every one that is not on the outline is locally Delaunay.
+void flip_to_delaunay(Triangulation& out) {
+  std::vector<Triangle>& triangles = out.mesh.triangles;
+  Neighbours& beyond = out.beyond;
+  std::vector<Side> stack;
+  stack.reserve(triangles.size() * 3);
+  for (std::uint32_t t = 0; t < triangles.size(); ++t) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (beyond[t][i] != kNone && beyond[t][i] > side_number(t, i))
+        stack.push_back(side_number(t, i));
+    }
+  }
+  const auto connect = [&](Side side, Side other) {
+    beyond[triangle_of(side)][index_of(side)] = other;
+    if (other != kNone) beyond[triangle_of(other)][index_of(other)] = side;
+  };
+  while (!stack.empty()) {
+    const std::uint32_t t = triangle_of(stack.back()), i = index_of(stack.back());
+    stack.pop_back();
+    if (beyond[t][i] == kNone) continue;  // the side has since become another one
+    const std::uint32_t u = triangle_of(beyond[t][i]), j = index_of(beyond[t][i]);
+    const std::uint32_t a = triangles[t][i], b = triangles[t][after(i)],
+                        c = triangles[t][before(i)], d = triangles[u][j];
+    if (is_locally_delaunay(out.mesh.vertices[a], out.mesh.vertices[b], out.mesh.vertices[c],
+                            out.mesh.vertices[d]))
+      continue;
+    // abc, dcb become abd, adc.
+    const Side beyond_ca = beyond[t][after(i)], beyond_ab = beyond[t][before(i)];
+    const Side beyond_bd = beyond[u][after(j)], beyond_dc = beyond[u][before(j)];
+    triangles[t] = {a, b, d};
+    triangles[u] = {a, d, c};
+    connect(side_number(t, 0), beyond_bd);
+    connect(side_number(t, 1), side_number(u, 2));
+    connect(side_number(t, 2), beyond_ab);
+    connect(side_number(u, 0), beyond_dc);
+    connect(side_number(u, 1), beyond_ca);
+    for (const Side side :
+         {side_number(t, 0), side_number(t, 2), side_number(u, 0), side_number(u, 1)}) {
+      if (beyond[triangle_of(side)][index_of(side)] != kNone) stack.push_back(side);
+    }
+  }
+}
+
+// Gives each fan of triangles around a point a vertex of its own, drops unused vertices.
+void split_pinches(Triangulation& out) {
+  // Corners (triangle, k) around one vertex are joined across shared sides; each group is a fan.
+  const SliceMesh mesh = std::move(out.mesh);
+  const auto corners = static_cast<std::uint32_t>(mesh.triangles.size() * 3);
+  std::vector<std::uint32_t> vertex_of_corner(corners, kNone), stack;
+  out.mesh = {{}, mesh.triangles};
+  for (std::uint32_t c = 0; c < corners; ++c) {
+    if (vertex_of_corner[c] != kNone) continue;
+    const std::uint32_t v = mesh.triangles[c / 3][c % 3];
+    const auto vertex = static_cast<std::uint32_t>(out.mesh.vertices.size());
+    out.mesh.vertices.push_back(mesh.vertices[v]);
+    vertex_of_corner[c] = vertex;
+    stack.assign(1, c);
+    while (!stack.empty()) {
+      const std::uint32_t t = stack.back() / 3, k = stack.back() % 3;
+      stack.pop_back();
+      out.mesh.triangles[t][k] = vertex;
+      for (const std::uint32_t side : {after(k), before(k)}) {
+        if (out.beyond[t][side] == kNone) continue;
+        const std::uint32_t n = triangle_of(out.beyond[t][side]);
+        const Triangle& u = mesh.triangles[n];
+        const std::uint32_t d = 3 * n + (u[0] == v ? 0U : u[1] == v ? 1U : 2U);
+        if (vertex_of_corner[d] == kNone) vertex_of_corner[d] = vertex, stack.push_back(d);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+Result<Triangulation> triangulate(const Pslg& pslg) {
+  const QuarterTurn turn = own_turn(pslg);
+  auto swept = Sweep(pslg, turn).run();
+  if (!swept) return swept.error();
+  flip_to_delaunay(swept->out);
+  if (doubled_area(swept->out.mesh) != doubled_area(pslg))
+    return bug("triangulation: its area is not the outline's");
+  if (swept->has_pinches) split_pinches(swept->out);
+  for (LatticePoint& p : swept->out.mesh.vertices)
+    p = turn.back()(p);
+  return std::move(swept->out);
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/dicom_parse.h"
+
+#include <dcmtk/dcmdata/dcistrmf.h>
+#include <dcmtk/dcmdata/dcrledrg.h>
+#include <dcmtk/dcmjpeg/djdecode.h>
+#include <dcmtk/dcmjpls/djdecode.h>
+#include <dcmtk/oflog/oflog.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <mutex>
+
+namespace trocar::pipeline {
+namespace {
+
+// DCMTK parses nested sequences by recursion. The only part of ours inside that recursion is the
+// stream, so the stream watches the stack: real files nest a dozen levels, a kilobyte each.
+constexpr std::ptrdiff_t kMaxParserStack = 512 << 10;
+// Values are left in the file, but those of a deflated one go to memory, a thousand times its size.
+constexpr offile_off_t kMaxParsedBytes = offile_off_t{1} << 29;
+
+class GuardedStream final : public DcmInputFileStream {
+ public:
+  explicit GuardedStream(const OFFilename& file)
+      : DcmInputFileStream(file), base_(static_cast<char*>(__builtin_frame_address(0))) {}
+
+  OFBool good() const override { return !is_over() && DcmInputFileStream::good(); }
+  OFCondition status() const override {
+    if (!is_over()) return DcmInputFileStream::status();
+    return makeOFCondition(OFM_dcmdata, 0x7ff, OF_error, over_);
+  }
+  bool was_over() const { return over_ != nullptr; }
+  OFBool eos() override { return is_over() || DcmInputFileStream::eos(); }
+  offile_off_t avail() override { return is_over() ? 0 : DcmInputFileStream::avail(); }
+  offile_off_t read(void* to, offile_off_t bytes) override {
+    if (is_over()) return 0;
+    const offile_off_t got = DcmInputFileStream::read(to, bytes);
+    parsed_ += got;
+    return got;
+  }
+  offile_off_t skip(offile_off_t bytes) override {
+    return is_over() ? 0 : DcmInputFileStream::skip(bytes);
+  }
+
+ private:
+  // Once over a limit, always: the parser must not go on from a place it lost.
+  bool is_over() const {
+    if (std::abs(base_ - static_cast<char*>(__builtin_frame_address(0))) > kMaxParserStack)
+      over_ = "sequences nested too deep";
+    if (parsed_ > kMaxParsedBytes) over_ = "more than 512 MiB of values";
+    return over_ != nullptr;
+  }
+
+  char* base_;
+  offile_off_t parsed_ = 0;
+  mutable const char* over_ = nullptr;
+};
+
+}  // namespace
+
+void set_up_dcmtk() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    OFLog::configure(OFLogger::OFF_LOG_LEVEL);
+    DcmRLEDecoderRegistration::registerCodecs();
+    DJDecoderRegistration::registerCodecs();
+    DJLSDecoderRegistration::registerCodecs();
+  });
+}
+
+OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format) {
+  GuardedStream stream(OFFilename(file.c_str()));
+  if (stream.status().bad()) return stream.status();
+  format.transferInit();
+  OFCondition done = format.read(stream, EXS_Unknown, EGL_noChange, 4096);
+  format.transferEnd();
+  return stream.was_over() ? stream.status() : done;
+}  // NOLINT(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+
+std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
+  OFString value;
+  if (item == nullptr || item->findAndGetOFString(tag, value).bad()) return {};
+  std::string out(value.c_str());
+  for (char& c : out) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';  // messages stay one line
+  }
+  return out;
+}
+
+bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count) {
+  if (item == nullptr) return false;
+  for (unsigned i = 0; i < count; ++i) {
+    if (item->findAndGetFloat64(tag, out[i], i).bad() || !std::isfinite(out[i])) return false;
+  }
+  return true;
+}
+
+int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise) {
+  Uint16 value = 0;
+  return item != nullptr && item->findAndGetUint16(tag, value).good() ? value : otherwise;
+}
+
+DcmPixelData* dicom_pixel_data(DcmFileFormat& format) {
+  DcmElement* element = nullptr;
+  if (format.getDataset()->findAndGetElement(DCM_PixelData, element).bad()) return nullptr;
+  return dynamic_cast<DcmPixelData*>(element);
+}
+
+}  // namespace trocar::pipeline

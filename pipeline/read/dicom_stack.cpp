@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A folder of DICOM files as a stack: headers first (dicom_headers), then which of them are the
+// scan and in which order (dicom_series), pixels when a slice is asked for (dicom_pixels).
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <mutex>
+#include <set>
+
+#include "pipeline/read/dicom_headers.h"
+#include "pipeline/read/dicom_pixels.h"
+#include "pipeline/read/dicom_series.h"
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Parsed multi-frame files that no thread is using, so that not every frame parses them anew. A
+// file that is taken out belongs to its thread: there are never more of them than threads.
+class ParsedFiles {
+ public:
+  Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {
+    {
+      const std::lock_guard lock(mutex_);
+      for (auto it = idle_.begin(); it != idle_.end(); ++it) {
+        if (it->first != h.file) continue;
+        auto out = std::move(it->second);
+        idle_.erase(it);
+        return out;
+      }
+      if (!idle_.empty()) idle_.erase(idle_.begin());
+    }
+    auto format = std::make_unique<DcmFileFormat>();
+    if (load_dicom(h.file, *format).bad()) return refused(h.name() + ": cannot be read");
+    return format;
+  }
+  void give_back(const DicomFrame& h, std::unique_ptr<DcmFileFormat> format) {
+    if (h.frames == 1) return;
+    const std::lock_guard lock(mutex_);
+    idle_.emplace_back(h.file, std::move(format));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::pair<std::filesystem::path, std::unique_ptr<DcmFileFormat>>> idle_;
+};
+
+class DicomStack final : public SliceStack {
+ public:
+  int size() const override { return static_cast<int>(slices_.size()); }
+  int width() const override { return slices_[0].columns; }
+  int height() const override { return slices_[0].rows; }
+  Calibration calibration() const override { return Calibration::kHounsfield; }
+  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
+  std::string name(int slice) const override { return slices_[slice].name(); }
+
+  Result<Image> read(int slice) const override {
+    const DicomFrame& h = slices_[slice];
+    auto format = parsed_.take(h);
+    if (!format) return format.error();
+    auto image = read_dicom_frame(h, **format);
+    parsed_.give_back(h, std::move(*format));
+    return image;
+  }
+
+  std::vector<DicomFrame> slices_;
+  std::vector<SlicePlane> planes_;
+  mutable ParsedFiles parsed_;
+};
+
+// What became of --spacing.
+Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string& where) {
+  const auto without = std::count_if(slices.begin(), slices.end(),
+                                     [](const DicomFrame& h) { return !h.has_spacing; });
+  if (without == 0) {
+    return {"spacing_ignored", where,
+            "--spacing is for input without a pixel size; the files' own is used"};
+  }
+  return {"no_pixel_spacing", where,
+          std::to_string(without) +
+              " slices have no pixel spacing; X and Y of --spacing are taken, and the files' own "
+              "positions"};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
+                                               const OpenOptions& options) {
+  auto stack = std::make_unique<DicomStack>();
+  const std::filesystem::path folder = files[0].parent_path();
+  const std::string where = ((folder.empty() ? "." : folder) / "").string();
+  std::vector<DicomFile> headers;
+  headers.reserve(files.size());
+  for (const std::filesystem::path& file : files)
+    headers.push_back(read_dicom_headers(file, options.spacing_mm));
+  auto chosen = choose_series(headers, options.series_uid, where, stack->warnings);
+  if (!chosen) return chosen.error();
+  stack->slices_ = std::move(*chosen);
+  if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) return ok.error();
+  if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
+  std::set<std::filesystem::path> used;
+  for (const DicomFrame& h : stack->slices_)
+    used.insert(h.file);
+  std::copy_if(files.begin(), files.end(), std::back_inserter(stack->files),
+               [&used](const std::filesystem::path& file) { return used.count(file) > 0; });
+  const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
+  for (const DicomFrame& h : stack->slices_) {
+    SlicePlane plane{h.spacing_u_mm, h.spacing_v_mm, Eigen::Affine3d::Identity(), 0};
+    plane.T_lps_plane.linear() << h.u, h.v, h.u.cross(h.v);
+    plane.T_lps_plane.translation() = h.position;
+    plane.z_mm = normal.dot(h.position);
+    stack->planes_.push_back(plane);
+  }
+  return std::unique_ptr<SliceStack>(std::move(stack));
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// NIfTI-1 and -2 headers, checked before anything is allocated. libnifti2 swaps and interprets
+// them; it is never given the file itself.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/read/slice_stack.h"
+
+namespace trocar::pipeline {
+
+struct NiftiHeader {
+  std::array<std::int64_t, 3> n{};  ///< voxels along the array's axes, the first fastest
+  int datatype = 0;                 ///< a NIFTI_TYPE_... of one real number a voxel
+  int bytes_per_voxel = 0;
+  bool swapped = false;         ///< the voxels' bytes are in the other order
+  std::int64_t data_start = 0;  ///< byte offset in the (unpacked) file
+  double slope = 1, intercept = 0;
+  bool has_voxel_size = true;  ///< else lengths of 1 stand in for it in T_lps_voxel
+  Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< mm
+
+  std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }
+};
+
+/// From the first bytes of a file (NIfTI-1 needs 348, NIfTI-2 540). `file` is for messages.
+/// Errors (refused): not NIfTI, a pair of files, not three dimensions, not a real scalar type,
+/// sides or offset out of range, an affine that is not finite. Warnings: no_orientation.
+Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
+                                       const std::string& file, std::vector<Warning>& warnings);
+
+inline constexpr std::size_t kNiftiHeadBytes = 540;
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// NIfTI-1 and -2, plain or gzipped, any axis order. Slices run along the array axis that is
+// nearest to the chosen anatomical axis; rows and columns are turned to the view's usual
+// directions by reading in another order, never by resampling. Voxels stay on disk.
+#include <nifti1.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "pipeline/read/nifti_header.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/read/volume_file.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Where u, v and the slices should run, in LPS: as in DICOM's images of each kind.
+std::array<Eigen::Vector3d, 3> view_directions(SliceAxis axis) {
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(),
+                        z = Eigen::Vector3d::UnitZ();
+  switch (axis) {
+    case SliceAxis::kCoronal:
+      return {x, -z, y};  // from front to back
+    case SliceAxis::kSagittal:
+      return {y, -z, -x};  // from left to right
+    case SliceAxis::kTransverse:
+      break;
+  }
+  return {x, y, z};  // from the feet to the head
+}
+
+class NiftiStack final : public SliceStack {
+ public:
+  int size() const override { return static_cast<int>(planes_.size()); }
+  int width() const override { return static_cast<int>(n_[0]); }
+  int height() const override { return static_cast<int>(n_[1]); }
+  Calibration calibration() const override { return Calibration::kHounsfield; }
+  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
+  std::string name(int slice) const override { return file_ + " slice " + std::to_string(slice); }
+
+  Result<Image> read(int slice) const override {
+    Image out{width(), height(), {}};
+    out.values.resize(static_cast<std::size_t>(n_[0] * n_[1]));
+    const std::int64_t fixed = flipped_[2] ? n_[2] - 1 - slice : slice;
+    // Along the array's slowest axis a slice is one block; else a row or a column of each plane.
+    const int slowest_used = axis_[2] == 2 ? 1 : 2;
+    const std::int64_t runs = axis_[2] == 2 ? 1 : header_.n[2];
+    const std::int64_t block =
+        (axis_[2] == 1 ? header_.n[0] : header_.n[0] * header_.n[1]) * header_.bytes_per_voxel;
+    std::vector<char> bytes(static_cast<std::size_t>(block));
+    for (std::int64_t run = 0; run < runs; ++run) {
+      const std::int64_t plane = axis_[2] == 2 ? fixed : run;
+      const std::int64_t row = axis_[2] == 1 ? fixed : 0;
+      const std::int64_t at = (plane * header_.n[1] + row) * header_.n[0] * header_.bytes_per_voxel;
+      if (!voxels_.read(at, bytes)) return refused(name(slice) + ": the file has become shorter");
+      place(bytes, fixed, slowest_used == 2 ? run : -1, out);
+    }
+    for (float v : out.values) {
+      if (!std::isfinite(v)) return refused(name(slice) + ": a voxel that is not a finite number");
+    }
+    return out;
+  }
+
+  // Converts what was read (one plane, or one row of it, of the array) and puts it where it
+  // belongs in the image. `plane` is the place along the slowest axis, -1 if that is the slices'.
+  void place(const std::vector<char>& bytes, std::int64_t fixed, std::int64_t plane,
+             Image& out) const {
+    const std::int64_t columns = header_.n[0];
+    const std::int64_t rows = axis_[2] == 1 ? 1 : header_.n[1];
+    // The steps in the image that one step along the array's axes makes.
+    std::array<std::int64_t, 3> step{};
+    std::int64_t first = 0;
+    for (int k = 0; k < 2; ++k) {
+      const std::int64_t stride = k == 0 ? 1 : n_[0];
+      step[axis_[k]] = flipped_[k] ? -stride : stride;
+      if (flipped_[k]) first += stride * (n_[k] - 1);
+    }
+    if (plane >= 0) first += plane * step[2];
+    const bool column_only = axis_[2] == 0;
+    dispatch([&](auto zero) {
+      using T = decltype(zero);
+      for (std::int64_t j = 0; j < rows; ++j) {
+        for (std::int64_t i = column_only ? fixed : 0; i < (column_only ? fixed + 1 : columns);
+             ++i) {
+          T value;
+          char raw[sizeof(T)];
+          std::memcpy(raw, bytes.data() + (j * columns + i) * static_cast<std::int64_t>(sizeof(T)),
+                      sizeof(T));
+          if (header_.swapped) std::reverse(raw, raw + sizeof(T));
+          std::memcpy(&value, raw, sizeof(T));
+          const double number = static_cast<double>(value) * header_.slope + header_.intercept;
+          // A cast out of float's range is undefined; let it be found as not finite.
+          out.values[static_cast<std::size_t>(first + i * step[0] + j * step[1])] =
+              std::abs(number) <= 3e38 ? static_cast<float>(number) : INFINITY;
+        }
+      }
+    });
+  }
+
+  // Calls f with a zero of the voxel type; parse_nifti_header() lets no other through.
+  template <typename F>
+  void dispatch(F f) const {
+    switch (header_.datatype) {
+      case NIFTI_TYPE_UINT8:
+        return f(std::uint8_t{});
+      case NIFTI_TYPE_INT8:
+        return f(std::int8_t{});
+      case NIFTI_TYPE_UINT16:
+        return f(std::uint16_t{});
+      case NIFTI_TYPE_INT16:
+        return f(std::int16_t{});
+      case NIFTI_TYPE_UINT32:
+        return f(std::uint32_t{});
+      case NIFTI_TYPE_INT32:
+        return f(std::int32_t{});
+      case NIFTI_TYPE_UINT64:
+        return f(std::uint64_t{});
+      case NIFTI_TYPE_INT64:
+        return f(std::int64_t{});
+      case NIFTI_TYPE_FLOAT32:
+        return f(float{});
+      default:
+        return f(double{});
+    }
+  }
+
+  std::string file_;
+  NiftiHeader header_;
+  VolumeFile voxels_;
+  std::array<std::int64_t, 3> n_{};  // of u, v and the slices
+  std::array<int, 3> axis_{};        // the array's axis of each
+  std::array<bool, 3> flipped_{};    // that one is read backwards
+  std::vector<SlicePlane> planes_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
+                                               const OpenOptions& options) {
+  const std::string file = path.string();
+  auto stack = std::make_unique<NiftiStack>();
+  stack->file_ = file;
+  const auto head = VolumeFile::head(path, kNiftiHeadBytes);
+  if (!head) return head.error();
+  const auto header = parse_nifti_header(*head, file, stack->warnings);
+  if (!header) return header.error();
+  stack->header_ = *header;
+  Eigen::Matrix4d T = header->T_lps_voxel;
+  if (!header->has_voxel_size) {
+    if (!options.spacing_mm)
+      return usage(file + ": carries no voxel size: give --spacing X,Y,Z in mm");
+    for (int k = 0; k < 3; ++k)
+      T.col(k).head<3>() *= (*options.spacing_mm)[k] / T.col(k).head<3>().norm();
+  } else if (options.spacing_mm) {
+    stack->warnings.push_back(
+        {"spacing_ignored", file,
+         "--spacing is for input without a voxel size; the file's own is used"});
+  }
+
+  // Array axes for u, v, slices: the assignment whose unit vectors lie closest to the view's.
+  const std::array<Eigen::Vector3d, 3> wanted = view_directions(options.axis);
+  std::array<int, 3> axis{0, 1, 2};
+  double best_score = -1;
+  do {
+    double score = 0;
+    for (int k = 0; k < 3; ++k)
+      score += std::abs(T.col(axis[k]).head<3>().normalized().dot(wanted[k]));
+    if (score > best_score) best_score = score, stack->axis_ = axis;
+  } while (std::next_permutation(axis.begin(), axis.end()));
+
+  Eigen::Vector3d origin = T.col(3).head<3>();
+  std::array<Eigen::Vector3d, 3> direction;
+  for (int k = 0; k < 3; ++k) {
+    const int a = stack->axis_[k];
+    stack->n_[k] = header->n[a];
+    direction[k] = T.col(a).head<3>();
+    stack->flipped_[k] = direction[k].dot(wanted[k]) < 0;
+    if (stack->flipped_[k]) {
+      origin += direction[k] * static_cast<double>(header->n[a] - 1);
+      direction[k] = -direction[k];
+    }
+  }
+  const double su = direction[0].norm(), sv = direction[1].norm();
+  if (!(su > 1e-6 && sv > 1e-6 && direction[2].norm() > 1e-6))
+    return refused(file + ": a voxel size of zero");
+  const Eigen::Vector3d u = direction[0] / su;
+  Eigen::Vector3d v = direction[1] / sv;
+  if (!(std::abs(u.dot(v)) <= 1e-3))
+    return refused(file + ": its rows and columns are not at right angles");
+  v = (v - u * u.dot(v)).normalized();
+  const Eigen::Vector3d normal = u.cross(v);
+  if (!(normal.dot(direction[2]) > 0)) return refused(file + ": its affine has no volume");
+  if (stack->n_[0] < 2 || stack->n_[1] < 2)
+    return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
+                   std::to_string(stack->n_[1]) + " voxels");
+  if (stack->n_[0] * stack->n_[1] > kMaxSlicePixels)
+    return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
+                   std::to_string(stack->n_[1]) + " voxels");
+
+  for (std::int64_t i = 0; i < stack->n_[2]; ++i) {
+    SlicePlane plane{su, sv, Eigen::Affine3d::Identity(), 0};
+    plane.T_lps_plane.linear() << u, v, normal;
+    plane.T_lps_plane.translation() = origin + direction[2] * static_cast<double>(i);
+    plane.z_mm = normal.dot(plane.T_lps_plane.translation());
+    stack->planes_.push_back(plane);
+  }
+  auto voxels = VolumeFile::open(path, header->data_start, header->data_bytes());
+  if (!voxels) return voxels.error();
+  stack->voxels_ = std::move(*voxels);
+  return std::unique_ptr<SliceStack>(std::move(stack));
+}
+
+}  // namespace trocar::pipeline

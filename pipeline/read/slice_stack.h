@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A scan as a stack of slices, whatever it was stored as. Slices are ordered along
+// the slice normal and each keeps its own plane: nothing is resampled.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::pipeline {
+
+/// One channel, row-major: value(x, y) = values[y * width + x].
+struct Image {
+  int width = 0, height = 0;
+  std::vector<float> values;
+  float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
+};
+
+/// Something the user should know, that did not stop the work.
+struct Warning {
+  std::string code;   ///< stable, for scripts
+  std::string where;  ///< files or slices
+  std::string sentence;
+};
+
+enum class Calibration {
+  kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
+  kGrey,        ///< image files: 0..255 whatever their depth, or labels
+};
+
+/// Where a slice lies. Plane coordinates are (u, v) in mm: u along a row, v along a
+/// column, origin at the centre of pixel (0, 0); u x v is the normal.
+struct SlicePlane {
+  double spacing_u_mm = 0, spacing_v_mm = 0;
+  Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();  ///< orthonormal, mm
+  double z_mm = 0;  ///< origin along the first slice's normal
+};
+
+/// Read-only and safe to read from several threads at once.
+class SliceStack {
+ public:
+  virtual ~SliceStack() = default;
+  virtual int size() const = 0;
+  virtual int width() const = 0;
+  virtual int height() const = 0;
+  virtual Calibration calibration() const = 0;
+  virtual const SlicePlane& plane(int slice) const = 0;
+  virtual std::string name(int slice) const = 0;  ///< for messages: file or volume and index
+  /// Errors (refused) name file, slice and reason.
+  virtual Result<Image> read(int slice) const = 0;
+
+  std::vector<Warning> warnings;  ///< what was noticed on opening
+  /// All that the slices come from, in order: see digest_input().
+  std::vector<std::filesystem::path> files;
+};
+
+/// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
+/// transverse u left, v back, from the feet up; coronal u left, v down, from front to back;
+/// sagittal u back, v down, from left to right.
+enum class SliceAxis { kTransverse, kCoronal, kSagittal };
+
+struct OpenOptions {
+  std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
+  std::string series_uid;                           ///< of a DICOM folder; empty: the largest
+  SliceAxis axis = SliceAxis::kTransverse;          ///< of a volume; others keep their slices
+  bool as_labels = false;                           ///< levels of 16-bit images as they are stored
+};
+
+/// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
+/// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
+/// missing, an axis asked of what is not a volume, a series of what is not DICOM, images and DICOM
+/// files in one folder. Warnings: those of the readers.
+Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
+                                               const OpenOptions& options);
+
+/// By its name an image or a NIfTI, or by what is in it a DICOM file: nothing to write over.
+bool is_scan_file(const std::filesystem::path& file);
+
+// The readers behind open_stack().
+Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
+                                                const OpenOptions& options);
+Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
+                                               const OpenOptions& options);
+Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
+                                               const OpenOptions& options);
+
+inline constexpr int kMaxImageSide = 1 << 15;
+/// Slices of more pixels (8192 x 8192) are refused: what a few hostile bytes can claim.
+inline constexpr long kMaxSlicePixels = 1L << 26;
+
+/// BLAKE2b-256 of a file's bytes, hex.
+Result<std::string> digest_file(const std::filesystem::path& file);
+/// An input's digest: that of its file, or of several the BLAKE2b-256 of their digests one after
+/// the other (b2sum -l 256 FILES | cut -c-64 | tr -d '\n' | b2sum -l 256), so that files can be
+/// read side by side. Empty if there are none.
+std::string digest_input(const std::vector<std::string>& file_digests);
+
+}  // namespace trocar::pipeline

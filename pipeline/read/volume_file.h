@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A volume's bytes on disk, read piece by piece. A gzipped one is unpacked once, as a stream, to
+// a temporary file that has no name (nothing is left behind, however the program ends): memory
+// does not grow with the volume.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::pipeline {
+
+class VolumeFile {
+ public:
+  /// The first `bytes` of the (unpacked) file, or as many as there are.
+  static Result<std::vector<std::uint8_t>> head(const std::filesystem::path& file,
+                                                std::size_t bytes);
+
+  /// Bytes start .. start + size of the (unpacked) file, which must all be there. Errors
+  /// (refused): truncated, damaged gzip, no room in the folder for temporary files (TMPDIR).
+  /// Never unpacks more than asked for, and refuses at once what gzip cannot hold in the file.
+  static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
+                                 std::int64_t size);
+
+  /// Bytes at `at` of the piece into `to`; false if the file has shrunk meanwhile. Thread-safe.
+  bool read(std::int64_t at, std::span<char> to) const;
+
+  VolumeFile() = default;
+  VolumeFile(VolumeFile&& other) noexcept;
+  VolumeFile& operator=(VolumeFile&& other) noexcept;
+  ~VolumeFile();
+
+ private:
+  int descriptor_ = -1;
+  std::int64_t start_ = 0;
+};
+
+}  // namespace trocar::pipeline

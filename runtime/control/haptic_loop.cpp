@@ -1,0 +1,358 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/control/haptic_loop.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace trocar::runtime {
+namespace {
+
+/// A motor that was overloaded rests until it has this of its budget back.
+constexpr double kCooled = 0.5;
+
+DeviceAnswer answer_of(DeviceStatus status) noexcept {
+  switch (status) {
+    case DeviceStatus::kOk:
+    case DeviceStatus::kEndOfData:
+      return DeviceAnswer::kOk;
+    case DeviceStatus::kNoData:
+      return DeviceAnswer::kNoData;
+    case DeviceStatus::kEmergencyStop:
+      return DeviceAnswer::kEmergencyStop;
+    case DeviceStatus::kMotorFault:
+      return DeviceAnswer::kMotorFault;
+    case DeviceStatus::kLinkLost:
+      break;
+  }
+  return DeviceAnswer::kLinkLost;
+}
+
+/// What an answer other than `ok` and `no_data` means.
+Fault fault_of(DeviceAnswer answer) noexcept {
+  if (answer == DeviceAnswer::kEmergencyStop) return Fault::kEmergencyStop;
+  return answer == DeviceAnswer::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
+}
+
+/// The device's state in `read`, the last one where there is no new one.
+Fault read_device(const LoopModel& model, Device& device, LoopState& state, TickResult& result,
+                  DeviceState& read, bool& fresh) noexcept {
+  read = state.device;
+  const DeviceStatus status = device.read(read);
+  result.end_of_data = status == DeviceStatus::kEndOfData;
+  result.row.device_read = answer_of(status);
+  fresh = status == DeviceStatus::kOk;
+  if (fresh || result.end_of_data) return Fault::kNone;
+  read = state.device;
+  ++state.no_data_ticks;
+  if (status != DeviceStatus::kNoData) return fault_of(result.row.device_read);
+  // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
+  const double silent_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
+  return silent_s < model.limits.silence_max_s - 0.5 / model.rate_Hz ? Fault::kNone
+                                                                     : Fault::kNoData;
+}
+
+/// What the clock or the caller found.
+Fault outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
+  if (inputs.outside != Fault::kNone) return inputs.outside;
+  if (limits.gap_max_s == 0) return Fault::kNone;
+  const bool late = !(inputs.gap_s <= limits.gap_max_s);  // nan is late
+  const bool missed = inputs.missed_in_row > limits.missed_deadlines_max;
+  return late || missed ? Fault::kDeadlineMissed : Fault::kNone;
+}
+
+Fault check_encoders(const LoopModel& model, const LoopState& state,
+                     const DeviceState& read) noexcept {
+  for (const double angle : read.encoder_rad) {
+    if (!std::isfinite(angle)) return Fault::kEncoderNotFinite;
+  }
+  if (state.has_state) {
+    const double step_max_rad =
+        model.limits.encoder_rate_max_rad_per_s * (1 + state.no_data_ticks) / model.rate_Hz;
+    for (int i = 0; i < kEncoders; ++i) {
+      // A limit that is nan is kept by nothing.
+      if (!(std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]) <= step_max_rad)) {
+        return Fault::kEncoderJump;
+      }
+    }
+  }
+  return check_joint_limits(model.device, read.encoder_rad) ? Fault::kNone : Fault::kJointLimit;
+}
+
+/// The pose and what the torques need of it. The lower chains' passive joints and theta4 follow
+/// from the pose, so the measured theta4 are a check of their own.
+Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
+                double& residual_m) noexcept {
+  const ForwardResult forward = forward_kinematics(model.device, read.encoder_rad);
+  if (!forward.status || !(forward.residual_m <= model.limits.pose_residual_max_m)) {
+    return Fault::kPoseResidual;
+  }
+  const InverseResult inverse = inverse_kinematics(model.device, forward.T_device_plate);
+  if (!inverse.status) return Fault::kPoseResidual;
+  const MotorVector difference = motor_angles(inverse.joints) - motor_angles(read.encoder_rad);
+  for (int motor = 1; motor < kMotors; motor += 2) {
+    if (!(std::abs(difference[motor]) <= model.limits.theta4_residual_max_rad)) {
+      return Fault::kPoseResidual;
+    }
+  }
+  const JacobianResult motion = jacobian(model.device, forward.T_device_plate, inverse.joints);
+  if (!motion.status) return Fault::kSingularity;
+  const Singularity singularity =
+      measure_singularity(model.device, forward.T_device_plate, inverse.joints, motion.G);
+  if (const Fault f = check_singularity(model.limits, singularity); f != Fault::kNone) return f;
+  state.T_device_plate = forward.T_device_plate;
+  state.G = motion.G;
+  residual_m = forward.residual_m;
+  return Fault::kNone;
+}
+
+/// All that can be judged without a torque being wanted, in every state alike.
+Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
+                   TickResult& result) noexcept {
+  if (const Fault f = check_encoders(model, state, read); f != Fault::kNone) return f;
+  if (const Fault f = find_pose(model, read, state, result.row.pose_residual_m);
+      f != Fault::kNone) {
+    return f;
+  }
+  if (state.moved_over_s > 0) {
+    const Fault speed =
+        check_speed(model.limits, state.T_device_plate, state.moved_over_s, state.limits);
+    if (speed != Fault::kNone) return speed;
+  }
+  if (const Fault f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone) {
+    return f;
+  }
+  return is_upright(model.contact.tool, state.T_device_plate) ? Fault::kNone : Fault::kToolTilt;
+}
+
+/// Does no sheet bear the tool, or would bear it if forces were rendered now?
+bool in_free_space(const LoopModel& model, const TickInputs& inputs,
+                   const LoopState& state) noexcept {
+  const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
+  for (std::size_t i = 0; i < inputs.sheets.size(); ++i) {
+    const SheetTrack& track = state.contact.tracks[i];
+    const bool bears = track.was_above && track.state != SheetState::kPunctured &&
+                       track.state != SheetState::kBeside;
+    if (bears && tip_z_m < inputs.sheets[i]->z_m) return false;
+  }
+  return true;
+}
+
+void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
+  std::copy(wrench.data(), wrench.data() + 6, out.begin());
+}
+
+bool is_finite(const SheetResponse& response) noexcept {
+  return std::isfinite(response.stiffness_N_per_m) && std::isfinite(response.offset_m[0]) &&
+         std::isfinite(response.offset_m[1]);
+}
+
+/// What the hand is to feel: contact by way of the coupling, the share that safety allows, passive.
+Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
+                    TickResult& result, Wrench& wanted) noexcept {
+  const double share = state.safety.authority;
+  // It would be blended into all that follows, and be felt as nothing.
+  if (model.contact.law == ForceLawKind::kNetwork && !is_finite(inputs.response)) {
+    return Fault::kTorqueNotFinite;
+  }
+  const bool couples = model.coupling.on;
+  const Pose T_device_tool =
+      couples ? move_proxy(model.coupling, state.moved_over_s, state.T_device_plate, state.coupling)
+              : state.T_device_plate;
+  ContactOutput& contact = result.contact;
+  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool, state.moved_over_s,
+                 state.contact, contact);
+  if (contact.not_upright) return Fault::kToolTilt;
+  if (contact.backlog) return Fault::kRemeshBacklog;
+
+  PassivityInput input;
+  input.wrench_device = contact.wrench_device;
+  input.stored_J = 0.5 * contact.stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
+  if (couples) {
+    const ProxyEnvironment environment{contact.wrench_device, contact.stiffness_N_per_m,
+                                       contact.damping_N_s_per_m, contact.rate_m_per_s};
+    input.wrench_device = felt_wrench(model.coupling, environment, state.coupling);
+    input.stored_J +=
+        0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
+  }
+  input.T_device_plate = state.T_device_plate;
+  input.wrench_device *= share;
+  input.stored_J *= share;
+  input.planned_release = contact.gave_way;
+  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, state.moved_over_s, input,
+                        state.passivity);
+  return Fault::kNone;
+}
+
+/// What hides the device's friction and weight, from nothing on at the beginning.
+MotorVector compensation(const LoopModel& model, const MotorModel& motor,
+                         LoopState& state) noexcept {
+  state.compensation_share =
+      std::min(1.0, state.compensation_share + rise_per_tick(model.limits.timing, model.rate_Hz));
+  const MotorVector rate_rad_per_s = state.G * state.limits.twist_device;
+  return state.compensation_share *
+         compensation_torques(model.device, motor, state.G, rate_rad_per_s, model.compensation);
+}
+
+/// Contact, allocation, limits.
+Fault compute_torques(const LoopModel& model, const MotorModel& motor, const TickInputs& inputs,
+                      LoopState& state, TickResult& result, MotorVector& tau_motor_Nm) noexcept {
+  RecordingRow& row = result.row;
+  Wrench wanted = Wrench::Zero();
+  if (const Fault f = wanted_wrench(model, inputs, state, result, wanted); f != Fault::kNone) {
+    return f;
+  }
+  const double dt_s = 1 / model.rate_Hz;
+  const MotorVector limit_Nm = available_torque(motor, state.limits.load);
+  const bool compensates = model.compensation.friction || model.compensation.gravity;
+  const MotorVector beside_Nm =
+      compensates ? compensation(model, motor, state) : MotorVector::Zero();
+  if (!((limit_Nm - beside_Nm.cwiseAbs()).minCoeff() > 0)) return Fault::kMotorOverload;
+  const AllocationResult allocation =
+      compensates ? allocate_torques_beside(state.G, wanted, limit_Nm, beside_Nm)
+                  : allocate_torques(state.G, wanted, limit_Nm);
+  if (allocation.kind == Allocation::kRefused) {
+    return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
+  }
+  const Fault overload = check_overload(model.limits, motor, allocation.scale, dt_s, state.limits);
+  if (overload != Fault::kNone) return overload;
+  MotorVector tau = allocation.tau_motor_Nm;
+  const Fault limited =
+      limit_torques(model.limits, limit_Nm, state.tau_motor_Nm, dt_s, tau, state.limits);
+  if (limited != Fault::kNone) return limited;
+  tau_motor_Nm = tau;
+  state.beside_Nm = beside_Nm;
+
+  row.phase = result.contact.phase;
+  row.active_slice = result.contact.active_sheet < 0
+                         ? -1
+                         : inputs.sheets[result.contact.active_sheet]->slice_index;
+  row.penetration_m = result.contact.penetration_m;
+  row.wrench_scale = allocation.scale;
+  put_wrench(wanted, row.wrench_wanted);
+  return Fault::kNone;
+}
+
+/// What the hand feels of the torques: what compensates is used up by the device itself.
+Wrench rendered_wrench(const LoopState& state) noexcept {
+  return state.G.transpose() * (state.tau_motor_Nm - state.beside_Nm);
+}
+
+/// What is known whatever the tick's outcome.
+void describe(const LoopModel& model, const MotorModel& motor, const LoopState& state,
+              const DeviceState& read, RecordingRow& row) noexcept {
+  const Pose& pose = state.T_device_plate;
+  const Eigen::Vector3d tip = pose * model.contact.tool.tip_plate_m;
+  row.p_m = {pose.p_m.x(), pose.p_m.y(), pose.p_m.z()};
+  row.q = {pose.q.w(), pose.q.x(), pose.q.y(), pose.q.z()};
+  row.tool_m = {tip.x(), tip.y(), tip.z()};
+  row.encoder_rad = read.encoder_rad;
+  std::copy(state.tau_motor_Nm.data(), state.tau_motor_Nm.data() + kMotors, row.tau_Nm.begin());
+  put_wrench(rendered_wrench(state), row.wrench_delivered);
+  row.safety = state.safety.state;
+  row.fault = state.safety.fault;
+  const bool stopped = row.safety == SafetyState::kFault || row.safety == SafetyState::kRecovering;
+  if (stopped) row.phase = ContactPhase::kFault;
+  row.authority = row.safety == SafetyState::kRunning ? state.safety.authority : 0;
+  row.passivity_J = state.passivity.balance_J;
+  row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
+  row.motor_heat_max = budget_spent(motor, state.limits.load);
+}
+
+/// Outside of `running` nothing is met and nothing is owed.
+void forget_contact(LoopState& state) noexcept {
+  const double given_max_J = state.passivity.given_max_J;
+  state.passivity = {};
+  state.passivity.given_max_J = given_max_J;
+  state.coupling = {};
+  forget_motion(state.contact);
+  state.limits.rise_s = state.limits.overload_s = 0;
+  state.beside_Nm.setZero();
+  state.compensation_share = 0;
+}
+
+}  // namespace
+
+void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& device, LoopState& state,
+                 TickResult& result) noexcept {
+  result = TickResult{};
+  RecordingRow& row = result.row;
+  Safety& safety = state.safety;
+  const SafetyTiming& timing = model.limits.timing;
+  const double dt_s = 1 / model.rate_Hz;
+  const MotorModel motor = make_motor_model(model.device);
+  row.t_s = static_cast<double>(state.tick) / model.rate_Hz;
+  row.response_sheet = inputs.response.sheet;
+  row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
+  row.response_offset_m = inputs.response.offset_m;
+
+  // Health.
+  DeviceState read;
+  bool fresh = false;
+  Fault fault = read_device(model, device, state, result, read, fresh);
+  if (result.end_of_data) return;
+  state.moved_over_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
+  row.outside_fault = outside_fault(model.limits, inputs);
+  if (fault == Fault::kNone) fault = row.outside_fault;
+  row.recovery_asked = inputs.recover ? 1 : 0;
+  if (inputs.recover) recover(safety, timing, model.rate_Hz);
+  const bool seen = state.has_state || fresh;
+  if (fault == Fault::kNone && seen) fault = check_health(model, read, state, result);
+  if (fault != Fault::kNone) state.limits.has_pose = false;
+  const bool finite = std::all_of(read.encoder_rad.begin(), read.encoder_rad.end(),
+                                  [](double angle) { return std::isfinite(angle); });
+  if (fresh && finite) {
+    state.device = read;
+    state.has_state = true;
+  }
+  if (fresh) state.no_data_ticks = 0;
+
+  // State.
+  const SafetyState before = safety.state;
+  const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
+  const bool hot = safety.state == SafetyState::kRecovering &&
+                   safety.fault == Fault::kMotorOverload &&
+                   budget_spent(motor, state.limits.load) > kCooled;
+  if (fault == Fault::kNone && (heat != Fault::kNone || hot)) fault = Fault::kMotorOverload;
+  const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
+  advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
+  const bool is_away =
+      row.device_read == DeviceAnswer::kLinkLost || row.device_read == DeviceAnswer::kMotorFault;
+  if (safety.state == SafetyState::kRecovering && is_away) device.restore();
+
+  // Torques.
+  MotorVector tau_motor_Nm = MotorVector::Zero();
+  if (safety.state == SafetyState::kRunning) {
+    fault = compute_torques(model, motor, inputs, state, result, tau_motor_Nm);
+    if (fault != Fault::kNone) raise(safety, fault, row.t_s);
+  }
+  if (safety.state != SafetyState::kRunning) {
+    if (before == SafetyState::kRunning) state.tau_at_stop_Nm = state.tau_motor_Nm;
+    tau_motor_Nm = ramp_factor(safety, timing, model.rate_Hz) * state.tau_at_stop_Nm;
+    forget_contact(state);
+  }
+
+  // Out.
+  DeviceCommand command;
+  std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
+  const DeviceStatus written = device.write(command);
+  row.device_write = answer_of(written);
+  if (written != DeviceStatus::kOk) {
+    // The device may or may not have taken these torques; the ramp starts from them.
+    const bool was_running = safety.state == SafetyState::kRunning;
+    raise(safety,
+          written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(row.device_write),
+          row.t_s);
+    if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
+  }
+  state.tau_motor_Nm = tau_motor_Nm;
+  note_delivered(rendered_wrench(state), state.passivity);
+  const bool stopped =
+      safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
+  const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
+  if (stopped && !was_stopped) result.new_fault = safety.fault;
+  result.at_rest = at_rest(safety, timing, model.rate_Hz);
+  describe(model, motor, state, read, row);
+  ++state.tick;
+}
+
+}  // namespace trocar::runtime

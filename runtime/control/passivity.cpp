@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/control/passivity.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+Twist displacement(const Pose& from, const Pose& to) noexcept {
+  Twist step;
+  step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
+  return step;
+}
+
+}  // namespace
+
+double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept {
+  return std::min(options.damping_max_N_s_per_m, options.damping_share * plate_mass_kg / dt_s);
+}
+
+Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double moved_over_s,
+                    const PassivityInput& input, PassivityState& state) noexcept {
+  const Twist step = state.has_last ? displacement(state.T_device_plate, input.T_device_plate)
+                                    : Twist(Twist::Zero());
+  const bool gives = state.environment.dot(step) > 0;
+  state.balance_J -= state.delivered.dot(step);
+  if (input.planned_release) {
+    state.balance_J = 0;
+  } else {
+    state.balance_J -= input.stored_J - state.stored_J;
+  }
+  state.has_last = true;
+  state.T_device_plate = input.T_device_plate;
+  state.environment = input.wrench_device;
+  state.stored_J = input.stored_J;
+  const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
+  if (input.stored_J == 0) state.given_max_J = std::max(state.given_max_J, -state.balance_J);
+  if (input.wrench_device.isZero(0)) {
+    state.balance_J = 0;  // nothing is met: the book is closed
+    return input.wrench_device;
+  }
+  state.balance_J = std::min(state.balance_J, options.credit_max_J);
+
+  if (!(moved_over_s > 0)) {
+    state.damping_N_s_per_m = acting_N_s_per_m;
+    return input.wrench_device - acting_N_s_per_m * state.against;
+  }
+  const double owed_J = -options.reserve_J - state.balance_J;
+  if (!options.on || !gives || !(owed_J > 0)) return input.wrench_device;
+  state.against << step.head<3>() / moved_over_s,
+      options.length_m * options.length_m * step.tail<3>() / moved_over_s;
+  const double most = damping_max(options, plate_mass_kg, moved_over_s);
+  const double taken_J = state.against.dot(step);  // in a tick like the last, by 1 N s/m
+  state.damping_N_s_per_m = owed_J < most * taken_J ? owed_J / taken_J : most;
+  return input.wrench_device - state.damping_N_s_per_m * state.against;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/control/safety.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace trocar::runtime {
+namespace {
+
+using enum SafetyState;
+
+// Rows: states; columns: kSeen, kFree, kFault, kRecover, kSettled.
+constexpr std::array<std::array<SafetyState, kSafetyEvents>, kSafetyStates> kNext = {{
+    {kReady, kIdle, SafetyState::kFault, kIdle, kIdle},
+    {kReady, kRunning, SafetyState::kFault, kReady, kReady},
+    {kRunning, kRunning, SafetyState::kFault, kRunning, kRunning},
+    {SafetyState::kFault, SafetyState::kFault, SafetyState::kFault, kRecovering,
+     SafetyState::kFault},
+    {kRecovering, kRecovering, kRecovering, kRecovering, kReady},
+}};
+
+}  // namespace
+
+SafetyState next_state(SafetyState state, SafetyEvent event) noexcept {
+  return kNext[static_cast<std::size_t>(state)][static_cast<std::size_t>(event)];
+}
+
+int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept {
+  // Written so that nan is no time at all.
+  const double ramp_s = timing.ramp_s > 0 ? std::min(timing.ramp_s, kRampMax_s) : 0;
+  return std::max(1, static_cast<int>(std::floor(ramp_s * rate_Hz + 1e-9)));
+}
+
+double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept {
+  if (timing.ramp_up_s <= 0) return 1;
+  return std::isnan(timing.ramp_up_s) ? 0 : 1 / (timing.ramp_up_s * rate_Hz);
+}
+
+bool raise(Safety& safety, Fault fault, double t_s) noexcept {
+  const bool latches = safety.state != SafetyState::kFault && safety.state != kRecovering;
+  if (latches) {
+    safety.fault = fault;
+    safety.fault_t_s = t_s;
+    if (safety.state == kRunning) safety.ramp_ticks_done = 0;
+  }
+  safety.quiet_ticks = 0;
+  safety.state = next_state(safety.state, SafetyEvent::kFault);
+  return latches;
+}
+
+bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
+  if (safety.state != SafetyState::kFault || !at_rest(safety, timing, rate_Hz)) return false;
+  safety.state = next_state(safety.state, SafetyEvent::kRecover);
+  safety.quiet_ticks = 0;
+  return true;
+}
+
+void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,
+             bool seen, bool free) noexcept {
+  if (fault != Fault::kNone) {
+    raise(safety, fault, t_s);
+    return;
+  }
+  switch (safety.state) {
+    case kIdle:
+      if (seen) safety.state = next_state(safety.state, SafetyEvent::kSeen);
+      break;
+    case kReady:
+      if (!free) break;
+      safety.state = next_state(safety.state, SafetyEvent::kFree);
+      safety.authority = safety.recovered ? 0 : 1;
+      break;
+    case kRunning:
+      safety.authority = std::min(1.0, safety.authority + rise_per_tick(timing, rate_Hz));
+      break;
+    case SafetyState::kFault:
+      break;
+    case kRecovering:
+      safety.quiet_ticks = free ? safety.quiet_ticks + 1 : 0;
+      if (!(static_cast<double>(safety.quiet_ticks) >= timing.quiet_s * rate_Hz)) break;
+      safety.state = next_state(safety.state, SafetyEvent::kSettled);
+      safety.fault = Fault::kNone;
+      safety.recovered = true;
+      break;
+  }
+}
+
+double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
+  const int ticks = ramp_ticks(timing, rate_Hz);
+  ++safety.ramp_ticks_done;
+  return std::max(0.0, 1 - static_cast<double>(safety.ramp_ticks_done) / ticks);
+}
+
+bool at_rest(const Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
+  return safety.state == SafetyState::kFault &&
+         safety.ramp_ticks_done >= static_cast<std::uint64_t>(ramp_ticks(timing, rate_Hz));
+}
+
+}  // namespace trocar::runtime

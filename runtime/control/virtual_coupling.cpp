@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/control/virtual_coupling.h"
+
+namespace trocar::runtime {
+
+Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
+                CouplingState& state) noexcept {
+  Pose proxy = T_device_plate;
+  if (!(moved_over_s > 0)) {
+    proxy.p_m += state.offset_m;
+    return proxy;
+  }
+  const Eigen::Vector3d moved_m = state.has_last
+                                      ? Eigen::Vector3d(T_device_plate.p_m - state.device_m)
+                                      : Eigen::Vector3d(Eigen::Vector3d::Zero());
+  state.has_last = true;
+  state.damper_N_per_m = options.damping_N_s_per_m / moved_over_s;
+  state.device_m = T_device_plate.p_m;
+  state.last_offset_m = state.offset_m;
+  const ProxyEnvironment& environment = state.environment;
+  const Eigen::Vector3d last_N = environment.wrench_device.head<3>();
+  if (const double force_N = last_N.norm(); force_N > 0) {
+    // Along the environment's force it yields with its stiffness and damping, whose force of the
+    // last move does not stay; across it not at all.
+    const Eigen::Vector3d n = last_N / force_N;
+    const double d = state.damper_N_per_m;
+    const double k = environment.stiffness_N_per_m + environment.damping_N_s_per_m / moved_over_s;
+    const double stays_N = force_N - environment.damping_N_s_per_m * environment.rate_m_per_s;
+    const Eigen::Vector3d across =
+        d / (options.stiffness_N_per_m + d) * (state.offset_m - n.dot(state.offset_m) * n);
+    const double along = (stays_N - k * n.dot(moved_m) + (k + d) * n.dot(state.offset_m)) /
+                         (k + options.stiffness_N_per_m + d);
+    state.offset_m = across + along * n;
+  } else {
+    state.offset_m.setZero();
+  }
+  proxy.p_m += state.offset_m;
+  return proxy;
+}
+
+Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
+                   CouplingState& state) noexcept {
+  state.environment = environment;
+  const double force_N = environment.wrench_device.head<3>().norm();
+  if (!(force_N > 0)) {
+    state.offset_m.setZero();
+    return environment.wrench_device;
+  }
+  const Eigen::Vector3d n = environment.wrench_device.head<3>() / force_N;
+  Eigen::Vector3d felt_N = options.stiffness_N_per_m * state.offset_m +
+                           state.damper_N_per_m * (state.offset_m - state.last_offset_m);
+  const double pull_N = n.dot(felt_N);
+  if (pull_N < 0) felt_N -= pull_N * n;  // the damper does not hold the tool back
+  Wrench felt = environment.wrench_device;
+  felt.head<3>() = felt_N;
+  return felt;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// First stage of a cut (paper, II.C: "search all meshes that are across the
+// hexagon by intersection test and all vertices inside the hexagon"): which
+// triangles the tool meets, and the rim of the cavity that they leave. All
+// decisions are exact in 64- and 128-bit integers.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+#include "runtime/mesh/flat_table.h"
+#include "runtime/mesh/sheet_mesh.h"
+#include "runtime/mesh/triangle_grid.h"
+
+namespace trocar::runtime {
+
+inline constexpr std::size_t kMaxToolCorners = 32;
+
+/// A simple polygon, counter-clockwise.
+using Outline = std::span<const LatticePoint>;
+
+/// One of its edges, with the box around it.
+struct OutlineEdge {
+  LatticePoint a, b;
+  LatticeBox box;
+};
+
+/// How a stage of a cut ended.
+enum class Stage : std::uint8_t {
+  kDone,
+  kAgain,     ///< rounding ran into triangles that were to stay: repeat with them in the cavity
+  kCapacity,  ///< the workspace is too small
+  kBug,       ///< an invariant does not hold
+};
+
+enum class Contact : std::uint8_t {
+  kApart,     ///< the closed triangle and the closed tool have no point in common
+  kTouches,   ///< common points, all on both boundaries
+  kOverlaps,  ///< a common area
+};
+
+/// How the triangle (counter-clockwise) and the tool meet. O(tool size).
+Contact contact(const std::array<LatticePoint, 3>& triangle,
+                std::span<const OutlineEdge> tool) noexcept;
+
+/// The same for a single question; the tool has at most kMaxToolCorners.
+Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
+
+/// Is p neither inside the polygon nor on it? O(tool size).
+bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
+
+/// A directed edge of the cavity's boundary, the cavity on its left.
+struct RimEdge {
+  std::uint32_t from, to;   ///< into Cavity::rim_vertices
+  std::uint32_t kept;       ///< the triangle that stays beyond it; kNone on the sheet's boundary
+  std::uint32_t kept_side;  ///< the edge, as a side of `kept`
+};
+
+struct Cavity {
+  std::vector<OutlineEdge> tool;  ///< what it was made for
+  LatticeBox tool_box;
+  std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes meet the tool's
+  std::vector<std::uint32_t> triangles;     ///< ascending
+  std::vector<RimEdge> rim;                 ///< in the order of `triangles`
+  std::vector<std::uint32_t> rim_vertices;  ///< each once
+  std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles go, off the rim
+  FlatTable members;                        ///< the triangles
+  FlatTable vertices;                       ///< places in rim_vertices, or kInner
+  static constexpr std::uint32_t kInner = kNone - 1;
+
+  void allocate(std::size_t max_triangles);
+  bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
+};
+
+/// The triangles that the tool meets, those it only touches among them, so that no tool edge ends
+/// or lies on the edge of a triangle that stays. No triangle at all if it overlaps none. Time
+/// proportional to the triangles near the tool.
+Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                  Cavity& cavity) noexcept;
+
+/// Takes more triangles into it; those that it has already do not count.
+Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
+
+/// Rim and vertices of the cavity.
+void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
+
+}  // namespace trocar::runtime

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/cut/cut.h"
+
+#include <string>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+bool on_lattice(LatticePoint p) {
+  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
+         p.y <= kMaxCoordinate;
+}
+
+bool is_tool(Outline tool) {
+  const std::size_t n = tool.size();
+  if (n < 3 || n > kMaxToolCorners) return false;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!on_lattice(tool[i])) return false;
+    for (std::size_t j = 0; j < i; ++j) {
+      if (tool[i] == tool[j]) return false;
+    }
+  }
+  std::int64_t area = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const LatticePoint a = tool[i], b = tool[(i + 1) % n];
+    area += orient2d(tool[0], a, b);
+    for (std::size_t j = 0; j < i; ++j) {
+      if (segments_cross(a, b, tool[j], tool[j + 1])) return false;
+    }
+  }
+  return area > 0;
+}
+
+// Cavity, overlay and patch; again with a larger cavity where rounding ran into a triangle that was
+// to stay. Each round adds triangles, so this ends.
+Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                 CutWorkspace& work) noexcept {
+  Stage stage = find_cavity(mesh, grid, tool, work.cavity);
+  if (work.cavity.triangles.empty()) return stage;
+  while (stage == Stage::kDone) {
+    trace_rim(mesh, work.cavity);
+    stage = settle_overlay(mesh, grid, work.cavity, work.overlay);
+    std::span<const std::uint32_t> absorb = work.overlay.absorb;
+    if (stage == Stage::kDone) {
+      stage = make_patch(work.overlay, work.patch);
+      absorb = work.patch.absorb;
+    }
+    if (stage != Stage::kAgain) return stage;
+    stage = enlarge_cavity(absorb, work.cavity);
+  }
+  return stage;
+}
+
+// `bug`: what a stage that ends in kBug has run into.
+CutReport failure(Stage stage, const char* bug) noexcept {
+  CutReport report;
+  report.outcome = stage == Stage::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;
+  if (report.outcome == CutOutcome::kBug) report.bug = bug;
+  return report;
+}
+
+}  // namespace
+
+std::string_view to_word(CutOutcome outcome) noexcept {
+  switch (outcome) {
+    case CutOutcome::kCut:
+      return "cut";
+    case CutOutcome::kNothingMet:
+      return "nothing met";
+    case CutOutcome::kNotATool:
+      return "not a tool";
+    case CutOutcome::kCapacity:
+      return "capacity";
+    case CutOutcome::kBug:
+      break;
+  }
+  return "bug";
+}
+
+std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
+  std::uint32_t count = 0;
+  for (const SheetEdit::OldTriangle& written : edit.triangles()) {
+    if (!mesh.in_use(written.slot)) continue;
+    const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (mesh.across[written.slot][i] == kNone &&
+          diametral_dot(p[i], p[(i + 1) % 3], p[(i + 2) % 3]) < 0)
+        ++count;
+    }
+  }
+  return count;
+}
+
+CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, CutWorkspace& work,
+                       SheetEdit& edit) noexcept {
+  edit.begin(mesh);
+  work.hole.points.clear();
+  work.hole.ring_end.clear();
+  work.stitch.created.clear();
+  CutReport report;
+  if (!is_tool(tool)) {
+    report.outcome = CutOutcome::kNotATool;
+    return report;
+  }
+  Stage stage = plan_patch(mesh, grid, tool, work);
+  if (stage != Stage::kDone) return failure(stage, "rim and tool are not planar");
+  if (work.cavity.triangles.empty()) return report;
+
+  stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
+  if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
+  const Proof proof =
+      prove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof);
+  if (proof.full) return failure(Stage::kCapacity, nullptr);
+  if (proof.bug != nullptr) return failure(Stage::kBug, proof.bug);
+
+  stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
+  if (stage == Stage::kDone)
+    stage = restore_delaunay(mesh, work.stitch.rim_sides, work.flips, edit, report.flips);
+  if (stage != Stage::kDone) {
+    edit.undo(mesh);
+    return failure(stage, nullptr);
+  }
+  report.outcome = CutOutcome::kCut;
+  report.doubled_area_removed = proof.doubled_area_removed;
+  report.triangles_removed = static_cast<std::uint32_t>(work.cavity.triangles.size());
+  report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
+  report.obtuse_boundary_sides = count_obtuse_boundary_sides(mesh, edit);
+  return report;
+}
+
+std::vector<Ring> to_rings(const HoleOutline& hole) {
+  std::vector<Ring> rings;
+  for (std::size_t r = 0; r < hole.rings(); ++r) {
+    const std::span<const LatticePoint> ring = hole.ring(r);
+    rings.emplace_back(ring.begin(), ring.end());
+  }
+  return rings;
+}
+
+Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
+  for (std::size_t spare = 64;; spare *= 8) {
+    Result<SheetMesh> mesh = make_sheet_mesh(sheet, spare, 2 * spare);
+    if (!mesh) return mesh.error();
+    const std::size_t slots = mesh->triangles.size();
+    CutWorkspace work({slots, mesh->vertices.size() + spare, 3 * slots + spare});
+    SheetEdit edit(*mesh);
+    CutResult result;
+    static_cast<CutReport&>(result) = cut_in_place(*mesh, TriangleGrid(*mesh), tool, work, edit);
+    switch (result.outcome) {
+      case CutOutcome::kNothingMet:
+        result.mesh = sheet;
+        return result;
+      case CutOutcome::kCut:
+        result.mesh = to_slice_mesh(*mesh);
+        result.hole = to_rings(work.hole);
+        return result;
+      case CutOutcome::kNotATool:
+        return refused("tool polygon: not simple, counter-clockwise and on the lattice, of 3 to " +
+                       std::to_string(kMaxToolCorners) + " corners");
+      case CutOutcome::kBug:
+        return bug(std::string("cut: ") + result.bug);
+      case CutOutcome::kCapacity:
+        if (spare > 1'000'000) return bug("cut: no capacity suffices");
+    }
+  }
+}
+
+}  // namespace trocar::runtime

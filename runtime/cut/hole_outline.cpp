@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/cut/hole_outline.h"
+
+#include <algorithm>
+
+namespace trocar::runtime {
+namespace {
+
+// Turning clockwise at v from the direction of u, does p come before q? Neither
+// lies in the direction of u.
+bool sooner_clockwise(LatticePoint v, LatticePoint u, LatticePoint p, LatticePoint q) {
+  const bool p_first = orient2d(v, u, p) <= 0, q_first = orient2d(v, u, q) <= 0;  // (0, 180] deg
+  if (p_first != q_first) return p_first;
+  return orient2d(v, p, q) < 0;
+}
+
+bool add(HoleOutline& hole, std::uint32_t from, std::uint32_t to) noexcept {
+  const auto [a, b] = std::minmax(from, to);
+  const auto fresh = static_cast<std::uint32_t>(hole.edges.size());
+  const std::uint32_t* at = hole.edge_at.insert(pair_key(a, b), fresh);
+  if (at == nullptr) return false;
+  if (*at == fresh && !push_within(hole.edges, {a, b, 0})) return false;
+  hole.edges[*at].count += from < to ? 1 : -1;
+  return true;
+}
+
+// A rim edge in pieces, where points of the overlay lie on it: it was bent there, or beside there.
+bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
+                   HoleOutline& hole) noexcept {
+  const std::vector<LatticePoint>& points = overlay.points;
+  const LatticePoint a = points[from], b = points[to];
+  hole.stops.clear();
+  hole.stops.push_back(from);
+  for (std::uint32_t p = 0; p < points.size(); ++p) {
+    if (orient2d(a, b, points[p]) == 0 && diametral_dot(a, b, points[p]) < 0)
+      hole.stops.push_back(p);
+  }
+  hole.stops.push_back(to);
+  std::sort(hole.stops.begin(), hole.stops.end(), [&](std::uint32_t p, std::uint32_t q) {
+    return a < b ? points[p] < points[q] : points[q] < points[p];
+  });
+  bool fits = true;
+  for (std::size_t i = 0; i + 1 < hole.stops.size(); ++i)
+    fits = fits && add(hole, hole.stops[i], hole.stops[i + 1]);
+  return fits;
+}
+
+// Rim, less the patch's own boundary.
+bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                   HoleOutline& hole) noexcept {
+  hole.edges.clear();
+  hole.edge_at.clear();
+  bool fits = true;
+  for (std::size_t e = 0; e < cavity.rim.size(); ++e) {
+    const std::uint32_t from = overlay.rim_point[cavity.rim[e].from];
+    const std::uint32_t to = overlay.rim_point[cavity.rim[e].to];
+    const bool whole = !overlay.strands[overlay.rim_strand[e]].gone;
+    fits = fits && (whole ? add(hole, from, to) : add_in_pieces(overlay, from, to, hole));
+  }
+  for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (patch.across[t][i] == kNone)
+        fits = fits && add(hole, patch.triangles[t][(i + 1) % 3], patch.triangles[t][i]);
+    }
+  }
+  return fits;
+}
+
+// The edges that are left, by the point they leave; those points in ascending order.
+bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
+  hole.out.clear();
+  hole.starts.clear();
+  hole.first_out.assign(points.size(), kNone);
+  hole.place.assign(points.size(), kNone);
+  for (const HoleOutline::Edge& e : hole.edges) {
+    const std::uint32_t from = e.count > 0 ? e.a : e.b, to = e.count > 0 ? e.b : e.a;
+    for (std::int32_t n = std::abs(e.count); n > 0; --n) {
+      if (hole.first_out[from] == kNone) hole.starts.push_back(from);
+      if (!push_within(hole.out, {to, hole.first_out[from]})) return false;
+      hole.first_out[from] = static_cast<std::uint32_t>(hole.out.size() - 1);
+    }
+  }
+  std::sort(hole.starts.begin(), hole.starts.end(),
+            [&points](std::uint32_t p, std::uint32_t q) { return points[p] < points[q]; });
+  return true;
+}
+
+// Takes the next edge of the walk off the list at v, coming from u (kNone: from nowhere).
+std::uint32_t take_next(const std::vector<LatticePoint>& points, std::uint32_t u, std::uint32_t v,
+                        HoleOutline& hole) noexcept {
+  std::uint32_t* chosen = &hole.first_out[v];
+  for (std::uint32_t* at = chosen; *at != kNone; at = &hole.out[*at].next) {
+    const LatticePoint p = points[hole.out[*at].to], best = points[hole.out[*chosen].to];
+    if (u == kNone ? p < best : sooner_clockwise(points[v], points[u], p, best)) chosen = at;
+  }
+  const HoleOutline::Out taken = hole.out[*chosen];
+  *chosen = taken.next;
+  return taken.to;
+}
+
+// Walks along the edges, always round the same piece of area, and takes off a ring wherever
+// the walk comes back to a point.
+bool walk(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
+  hole.unsorted.clear();
+  hole.unsorted_rings.clear();
+  for (const std::uint32_t start : hole.starts) {
+    while (hole.first_out[start] != kNone) {
+      hole.path.clear();
+      hole.path.push_back(start);
+      hole.place[start] = 0;
+      while (true) {
+        const std::uint32_t v = hole.path.back();
+        if (hole.first_out[v] == kNone) {
+          if (hole.path.size() > 1) return false;  // it does not close
+          break;
+        }
+        const std::uint32_t u = hole.path.size() > 1 ? hole.path[hole.path.size() - 2] : kNone;
+        const std::uint32_t to = take_next(points, u, v, hole);
+        if (hole.place[to] == kNone) {
+          hole.place[to] = static_cast<std::uint32_t>(hole.path.size());
+          hole.path.push_back(to);
+          continue;
+        }
+        const auto ring = static_cast<std::uint32_t>(hole.unsorted.size());
+        const std::uint32_t from = hole.place[to];
+        for (std::size_t i = from; i < hole.path.size(); ++i) {
+          hole.unsorted.push_back(hole.path[i]);
+          if (i > from) hole.place[hole.path[i]] = kNone;
+        }
+        hole.path.resize(from + 1);
+        hole.unsorted_rings.emplace_back(ring, hole.unsorted.size());
+      }
+      hole.place[start] = kNone;
+    }
+  }
+  return true;
+}
+
+void write_sorted(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
+  const auto less = [&points](std::uint32_t p, std::uint32_t q) { return points[p] < points[q]; };
+  for (const auto& [start, end] : hole.unsorted_rings) {
+    const auto first = hole.unsorted.begin() + start, last = hole.unsorted.begin() + end;
+    std::rotate(first, std::min_element(first, last, less), last);
+  }
+  std::sort(hole.unsorted_rings.begin(), hole.unsorted_rings.end(),
+            [&](const auto& r, const auto& s) {
+              return std::lexicographical_compare(
+                  hole.unsorted.begin() + r.first, hole.unsorted.begin() + r.second,
+                  hole.unsorted.begin() + s.first, hole.unsorted.begin() + s.second, less);
+            });
+  for (const auto& [start, end] : hole.unsorted_rings) {
+    for (std::uint32_t i = start; i < end; ++i)
+      hole.points.push_back(points[hole.unsorted[i]]);
+    hole.ring_end.push_back(static_cast<std::uint32_t>(hole.points.size()));
+  }
+}
+
+}  // namespace
+
+void HoleOutline::allocate(std::size_t max_points, std::size_t max_edges) {
+  reserve_touched(points, max_edges);
+  reserve_touched(ring_end, max_edges);
+  reserve_touched(edges, max_edges);
+  edge_at.allocate(max_edges);
+  reserve_touched(out, max_edges);
+  reserve_touched(first_out, max_points);
+  reserve_touched(place, max_points);
+  reserve_touched(starts, max_points);
+  reserve_touched(path, max_points);
+  reserve_touched(stops, max_points);
+  reserve_touched(unsorted, max_edges);
+  reserve_touched(unsorted_rings, max_edges);
+}
+
+Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                   HoleOutline& hole) noexcept {
+  hole.points.clear();
+  hole.ring_end.clear();
+  if (!collect_edges(cavity, overlay, patch, hole)) return Stage::kCapacity;
+  if (!list_by_point(overlay.points, hole)) return Stage::kCapacity;
+  if (!walk(overlay.points, hole)) return Stage::kBug;
+  write_sorted(overlay.points, hole);
+  return Stage::kDone;
+}
+
+}  // namespace trocar::runtime

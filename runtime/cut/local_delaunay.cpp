@@ -1,0 +1,350 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/cut/local_delaunay.h"
+
+#include <algorithm>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::uint32_t next(std::uint32_t i) {
+  return i == 2 ? 0 : i + 1;
+}
+constexpr std::uint32_t before(std::uint32_t i) {
+  return i == 0 ? 2 : i - 1;
+}
+
+}  // namespace
+
+void LocalTriangulation::allocate(std::size_t max_points) {
+  const std::size_t points = max_points + 4, cells = 2 * points;  // 2 n + 2 for n without the box
+  reserve_touched(points_, points);
+  reserve_touched(cells_, cells);
+  reserve_touched(cell_at_, points);
+  reserve_touched(suspects_, 3 * cells);
+  reserve_touched(waits_, cells);
+  reserve_touched(crossing_, 3 * cells);
+}
+
+LocalTriangulation::Status LocalTriangulation::triangulate(std::span<const LatticePoint> points,
+                                                           int first_corner) noexcept {
+  points_.clear();
+  cells_.clear();
+  last_ = 0;
+  if (points.size() + 4 > points_.capacity()) return Status::kCapacity;
+  points_.insert(points_.end(), points.begin(), points.end());
+  enclose(first_corner);
+  for (std::uint32_t v = 0; v < points.size(); ++v) {
+    if (!insert(v)) return Status::kNotPlanar;
+  }
+  return Status::kDone;
+}
+
+// Two cells over the box of the points, a step wider than they are. That is
+// still within what the predicates take.
+void LocalTriangulation::enclose(int first_corner) noexcept {
+  LatticeBox box;
+  if (!points_.empty()) box = box_around(points_);
+  const auto n = static_cast<std::uint32_t>(points_.size());
+  const std::array<LatticePoint, 4> around = {{{box.lowest.x - 1, box.lowest.y - 1},
+                                               {box.highest.x + 1, box.lowest.y - 1},
+                                               {box.highest.x + 1, box.highest.y + 1},
+                                               {box.lowest.x - 1, box.highest.y + 1}}};
+  for (int k = 0; k < 4; ++k)
+    points_.push_back(around[static_cast<std::size_t>((first_corner + k) % 4)]);
+  constexpr std::array<std::uint32_t, 3> kFree{kNone, kNone, kNone};
+  cells_.push_back({{n, n + 1, n + 2}, {kNone, kNone, 1}, kFree});
+  cells_.push_back({{n, n + 2, n + 3}, {0, kNone, kNone}, kFree});
+  cell_at_.assign(points_.size(), 0);
+  cell_at_[n + 3] = 1;
+}
+
+// False if the point is already there.
+bool LocalTriangulation::insert(std::uint32_t v) noexcept {
+  const LatticePoint p = points_[v];
+  // A visibility walk; it ends because the cells are Delaunay.
+  std::uint32_t c = last_;
+  for (bool moved = true; moved;) {
+    moved = false;
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (turn(c, i, p) < 0) {
+        c = cells_[c].across[i];
+        moved = true;
+        break;
+      }
+    }
+  }
+  last_ = c;
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    if (points_[cells_[c].vertex[i]] == p) return false;
+  }
+  std::uint32_t on_side = kNone;
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    if (turn(c, i, p) == 0) on_side = i;
+  }
+  suspects_.clear();
+  if (on_side != kNone) {
+    split_side(c, on_side, v);
+  } else {
+    split_cell(c, v);
+  }
+  legalise();
+  return true;
+}
+
+LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::uint32_t b,
+                                                         std::uint32_t name) noexcept {
+  crossing_.clear();
+  Side s = find(a, b);
+  if (s.cell == kNone) {
+    if (!find_crossing(a, b)) return Status::kNotPlanar;
+    // Sloan: flip what crosses ab until nothing does, first in, first out. A queue that comes
+    // round more often than this has met input that it was not made for.
+    const std::size_t n = crossing_.size();
+    std::size_t waiting = n, first = 0;
+    for (std::size_t budget = 64 + 64 * n * n; waiting > 0; --budget) {
+      if (budget == 0) return Status::kNotPlanar;
+      const auto [v, w] = crossing_[first];
+      first = first + 1 == n ? 0 : first + 1;
+      --waiting;
+      const auto put_back = [&](std::uint32_t from, std::uint32_t to) {
+        const std::size_t at = first + waiting;
+        crossing_[at >= n ? at - n : at] = {from, to};
+        ++waiting;
+      };
+      const Side between = find(v, w);
+      if (between.cell == kNone || cells_[between.cell].constraint[between.side] != kNone)
+        return Status::kNotPlanar;
+      const std::uint32_t c = apex(between), d = apex(opposite(between));
+      const std::int64_t at_v = orient2d(points_[c], points_[d], points_[v]);
+      const std::int64_t at_w = orient2d(points_[c], points_[d], points_[w]);
+      if (!((at_v > 0 && at_w < 0) || (at_v < 0 && at_w > 0))) {
+        put_back(v, w);
+        continue;
+      }
+      flip(between);
+      if (crosses(a, b, c, d)) put_back(c, d);
+    }
+    s = find(a, b);
+    if (s.cell == kNone) return Status::kNotPlanar;
+  }
+  const Side o = opposite(s);
+  cells_[s.cell].constraint[s.side] = name;
+  cells_[o.cell].constraint[o.side] = name;
+  return Status::kDone;
+}
+
+void LocalTriangulation::restore_delaunay(std::span<const std::uint8_t> part) noexcept {
+  // Cells wait at most once each.
+  suspects_.clear();
+  waits_.assign(cells_.size(), 0);
+  const auto suspect = [this](std::uint32_t c) {
+    if (waits_[c] != 0) return;
+    waits_[c] = 1;
+    suspects_.push_back({c, 0});
+  };
+  for (auto c = static_cast<std::uint32_t>(cells_.size()); c-- > 0;) {
+    if (part[c] != 0) suspect(c);
+  }
+  while (!suspects_.empty()) {
+    const std::uint32_t c = suspects_.back().cell;
+    suspects_.pop_back();
+    waits_[c] = 0;
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const std::uint32_t o = cells_[c].across[i];
+      if (o == kNone || part[o] != part[c] || is_delaunay({c, i})) continue;
+      flip({c, i});
+      suspect(o);
+      suspect(c);
+      break;
+    }
+  }
+}
+
+std::int64_t LocalTriangulation::turn(std::uint32_t c, std::uint32_t i,
+                                      LatticePoint p) const noexcept {
+  return orient2d(points_[cells_[c].vertex[i]], points_[cells_[c].vertex[next(i)]], p);
+}
+std::uint32_t LocalTriangulation::apex(Side s) const noexcept {
+  return cells_[s.cell].vertex[before(s.side)];
+}
+
+// The same side seen from the cell beyond it, which must exist.
+LocalTriangulation::Side LocalTriangulation::opposite(Side s) const noexcept {
+  const std::uint32_t u = cells_[s.cell].across[s.side];
+  const std::uint32_t to = cells_[s.cell].vertex[next(s.side)];
+  for (std::uint32_t j = 0; j < 2; ++j) {
+    if (cells_[u].vertex[j] == to) return {u, j};
+  }
+  return {u, 2};
+}
+
+void LocalTriangulation::link(Side s, std::uint32_t other, std::uint32_t constraint) noexcept {
+  cells_[s.cell].across[s.side] = other;
+  cells_[s.cell].constraint[s.side] = constraint;
+}
+
+// Cell c now has `s`'s old side i; tell the neighbour.
+void LocalTriangulation::adopt(Side s, const Cell& old, std::uint32_t i) noexcept {
+  link(s, old.across[i], old.constraint[i]);
+  if (old.across[i] == kNone) return;
+  Cell& beyond = cells_[old.across[i]];
+  const std::uint32_t to = old.vertex[next(i)];
+  for (std::uint32_t j = 0; j < 3; ++j) {
+    if (beyond.vertex[j] == to) beyond.across[j] = s.cell;
+  }
+}
+
+void LocalTriangulation::set(std::uint32_t c, std::uint32_t v0, std::uint32_t v1,
+                             std::uint32_t v2) noexcept {
+  cells_[c].vertex = {v0, v1, v2};
+  for (std::uint32_t v : cells_[c].vertex)
+    cell_at_[v] = c;
+}
+
+std::uint32_t LocalTriangulation::new_cell() noexcept {
+  cells_.push_back({{}, {kNone, kNone, kNone}, {kNone, kNone, kNone}});
+  return static_cast<std::uint32_t>(cells_.size() - 1);
+}
+
+void LocalTriangulation::split_cell(std::uint32_t c, std::uint32_t v) noexcept {
+  const Cell old = cells_[c];
+  const std::array<std::uint32_t, 3> part = {c, new_cell(), new_cell()};
+  for (std::uint32_t i = 0; i < 3; ++i)
+    set(part[i], old.vertex[i], old.vertex[next(i)], v);
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    adopt({part[i], 0}, old, i);
+    link({part[i], 1}, part[next(i)], kNone);
+    link({part[i], 2}, part[before(i)], kNone);
+    suspects_.push_back({part[i], 0});
+  }
+}
+
+// v lies inside side i of cell c, which is never a side of the box.
+void LocalTriangulation::split_side(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept {
+  const Side o = opposite({c, i});
+  const std::uint32_t u = o.cell, j = o.side;
+  const Cell oc = cells_[c], ou = cells_[u];
+  const std::uint32_t a = oc.vertex[i], b = oc.vertex[next(i)];
+  const std::uint32_t p = oc.vertex[before(i)], q = ou.vertex[before(j)];
+  const std::uint32_t c2 = new_cell(), u2 = new_cell();
+  const std::uint32_t constraint = oc.constraint[i];
+  set(c, p, a, v);   // sides: pa (old), av, vp
+  set(c2, b, p, v);  // bp (old), pv, vb
+  set(u, q, b, v);   // qb (old), bv, vq
+  set(u2, a, q, v);  // aq (old), qv, va
+  adopt({c, 0}, oc, before(i));
+  adopt({c2, 0}, oc, next(i));
+  adopt({u, 0}, ou, before(j));
+  adopt({u2, 0}, ou, next(j));
+  link({c, 1}, u2, constraint);
+  link({u2, 2}, c, constraint);
+  link({c, 2}, c2, kNone);
+  link({c2, 1}, c, kNone);
+  link({c2, 2}, u, constraint);
+  link({u, 1}, c2, constraint);
+  link({u, 2}, u2, kNone);
+  link({u2, 1}, u, kNone);
+  for (std::uint32_t k : {c, c2, u, u2})
+    suspects_.push_back({k, 0});
+}
+
+// Turns the diagonal of the two cells at s. Afterwards s.cell is (p, a, q).
+void LocalTriangulation::flip(Side s) noexcept {
+  const Side o = opposite(s);
+  const Cell oc = cells_[s.cell], ou = cells_[o.cell];
+  const std::uint32_t a = oc.vertex[s.side], b = oc.vertex[next(s.side)];
+  const std::uint32_t p = oc.vertex[before(s.side)], q = ou.vertex[before(o.side)];
+  set(s.cell, p, a, q);
+  set(o.cell, q, b, p);
+  adopt({s.cell, 0}, oc, before(s.side));
+  adopt({s.cell, 1}, ou, next(o.side));
+  adopt({o.cell, 0}, ou, before(o.side));
+  adopt({o.cell, 1}, oc, next(s.side));
+  link({s.cell, 2}, o.cell, kNone);
+  link({o.cell, 2}, s.cell, kNone);
+}
+
+bool LocalTriangulation::is_delaunay(Side s) const noexcept {
+  const Cell& c = cells_[s.cell];
+  return in_circle(points_[c.vertex[0]], points_[c.vertex[1]], points_[c.vertex[2]],
+                   points_[apex(opposite(s))]) <= 0;
+}
+
+// The sides opposite to the new point, which every flip leaves at side 0 of a
+// cell that ends in the point.
+void LocalTriangulation::legalise() noexcept {
+  while (!suspects_.empty()) {
+    const Side s = suspects_.back();
+    suspects_.pop_back();
+    if (cells_[s.cell].across[s.side] == kNone || is_delaunay(s)) continue;
+    const std::uint32_t u = cells_[s.cell].across[s.side];
+    // The point is the first corner of s.cell and the last of u after the flip.
+    flip(s);
+    suspects_.push_back({s.cell, 1});
+    suspects_.push_back({u, 0});
+  }
+}
+
+// The side from v to w, of the cell on its left; of cell kNone if there is none.
+LocalTriangulation::Side LocalTriangulation::find(std::uint32_t v, std::uint32_t w) const noexcept {
+  Side found{kNone, 0};
+  around(v, [&](std::uint32_t c, std::uint32_t i) {
+    if (cells_[c].vertex[next(i)] == w) found = {c, i};
+    return found.cell == kNone;
+  });
+  return found;
+}
+
+// Calls visit(cell, corner of v) for every cell at v until it says false. At
+// a corner of the box the cells do not close: then on from the start backwards.
+template <typename Visit>
+void LocalTriangulation::around(std::uint32_t v, Visit visit) const noexcept {
+  const std::uint32_t start = cell_at_[v];
+  for (const std::uint32_t turn : {2U, 0U}) {  // counter-clockwise, then clockwise
+    std::uint32_t c = start;
+    do {
+      const Cell& cell = cells_[c];
+      const std::uint32_t i = cell.vertex[0] == v ? 0 : cell.vertex[1] == v ? 1 : 2;
+      if (!visit(c, i)) return;
+      c = cell.across[(i + turn) % 3];
+    } while (c != start && c != kNone);
+    if (c == start) return;
+  }
+}
+
+bool LocalTriangulation::crosses(std::uint32_t a, std::uint32_t b, std::uint32_t c,
+                                 std::uint32_t d) const noexcept {
+  if (c == a || c == b || d == a || d == b) return false;
+  const std::int64_t at_c = orient2d(points_[a], points_[b], points_[c]);
+  const std::int64_t at_d = orient2d(points_[a], points_[b], points_[d]);
+  return (at_c < 0) != (at_d < 0);
+}
+
+// Walks from a to b and lists the sides in between, right end first.
+bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcept {
+  Side at{kNone, 0};
+  around(a, [&](std::uint32_t c, std::uint32_t i) {
+    const LatticePoint right = points_[cells_[c].vertex[next(i)]];
+    const LatticePoint left = points_[cells_[c].vertex[before(i)]];
+    if (orient2d(points_[a], points_[b], right) < 0 && orient2d(points_[a], points_[b], left) > 0)
+      at = {c, next(i)};
+    return at.cell == kNone;
+  });
+  while (at.cell != kNone) {
+    if (!push_within(crossing_,
+                     {cells_[at.cell].vertex[at.side], cells_[at.cell].vertex[next(at.side)]}))
+      return false;
+    const Side o = opposite(at);
+    const std::uint32_t ahead = apex(o);
+    if (ahead == b) return true;
+    const std::int64_t side = orient2d(points_[a], points_[b], points_[ahead]);
+    if (side == 0) return false;  // a point on the constraint
+    // o runs from the left end to the right end; go on through the side that
+    // has `ahead` and the end on the other side of ab.
+    at = Side{o.cell, side > 0 ? next(o.side) : before(o.side)};
+    if (cells_[at.cell].across[at.side] == kNone) return false;
+  }
+  return false;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,317 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/cut/overlay.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+bool strictly_between(LatticePoint a, LatticePoint b, LatticePoint p) {
+  return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) < 0;
+}
+
+bool boxes_apart(const Strand& s, const Strand& t) {
+  if (s.second.x < t.first.x || t.second.x < s.first.x) return true;
+  const auto [sl, sh] = std::minmax(s.first.y, s.second.y);
+  const auto [tl, th] = std::minmax(t.first.y, t.second.y);
+  return sh < tl || th < sl;
+}
+
+enum class Meeting { kApart, kTouches, kCrosses };
+
+// kTouches: `at` is an end of one of them, inside the other. kCrosses: in a point inside both.
+Meeting meet(const Strand& s, const Strand& t, LatticePoint& at) {
+  const std::int64_t t1 = orient2d(s.first, s.second, t.first);
+  const std::int64_t t2 = orient2d(s.first, s.second, t.second);
+  if ((t1 > 0 && t2 > 0) || (t1 < 0 && t2 < 0)) return Meeting::kApart;
+  const std::int64_t s1 = orient2d(t.first, t.second, s.first);
+  const std::int64_t s2 = orient2d(t.first, t.second, s.second);
+  if ((s1 > 0 && s2 > 0) || (s1 < 0 && s2 < 0)) return Meeting::kApart;
+  const auto inside = [&at](const Strand& other, std::int64_t side, LatticePoint p) {
+    if (side != 0 || diametral_dot(other.first, other.second, p) >= 0) return false;
+    at = p;
+    return true;
+  };
+  if (inside(s, t1, t.first) || inside(s, t2, t.second) || inside(t, s1, s.first) ||
+      inside(t, s2, s.second))
+    return Meeting::kTouches;
+  return t1 != 0 && t2 != 0 && s1 != 0 && s2 != 0 ? Meeting::kCrosses : Meeting::kApart;
+}
+
+// Is p on the material's side of the strand's piece of rim, or on it?
+bool recedes(const Strand& s, LatticePoint p) {
+  if (s.rim == 0) return true;
+  const std::int64_t side = orient2d(s.first, s.second, p);
+  return s.rim > 0 ? side >= 0 : side <= 0;
+}
+
+// Of all corners of rim and tool (law 5).
+OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
+  return OwnTurn([&](auto&& visit) {
+    for (const std::uint32_t v : cavity.rim_vertices)
+      visit(mesh.vertices[v]);
+    for (const OutlineEdge& e : cavity.tool)
+      visit(e.a);
+  });
+}
+
+// The bend of law 1 for two segments that cross properly.
+LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
+  const LatticePoint a = s.first, b = s.second, c = t.first, d = t.second;
+  const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
+  const std::int64_t dx = std::int64_t{d.x} - c.x, dy = std::int64_t{d.y} - c.y;
+  const std::int64_t cx = std::int64_t{c.x} - a.x, cy = std::int64_t{c.y} - a.y;
+  // The crossing is a + (b - a) n / m.
+  std::int64_t n = cx * dy - cy * dx, m = bx * dy - by * dx;
+  if (m < 0) n = -n, m = -m;
+  auto floor_div = [m](Int128 v) { return v >= 0 ? v / m : -((-v + m - 1) / m); };
+  const Int128 x_num = Int128{bx} * n, y_num = Int128{by} * n;  // over m, from a
+  const Int128 x0 = floor_div(x_num), y0 = floor_div(y_num);
+  std::optional<LatticePoint> nearest, nearest_receding;
+  Int128 best = 0, best_receding = 0;
+  for (int i = 0; i < 4; ++i) {
+    // Without a remainder the lower corner alone stands for the coordinate.
+    const Int128 px = x0 + (x0 * m == x_num ? 0 : i / 2), py = y0 + (y0 * m == y_num ? 0 : i % 2);
+    const Int128 ex = px * m - x_num, ey = py * m - y_num;
+    const Int128 distance = ex * ex + ey * ey;
+    const LatticePoint p{static_cast<std::int32_t>(a.x + px), static_cast<std::int32_t>(a.y + py)};
+    const auto closer = [&](const std::optional<LatticePoint>& than, Int128 its_distance) {
+      if (!than || distance != its_distance) return !than || distance < its_distance;
+      return turn(p) < turn(*than);
+    };
+    if (closer(nearest, best)) nearest = p, best = distance;
+    if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding)) {
+      nearest_receding = p, best_receding = distance;
+    }
+  }
+  return nearest_receding ? *nearest_receding : *nearest;
+}
+
+// The work on one overlay. Whatever finds no room sets `full`, and all ends at once.
+class Settling {
+ public:
+  Settling(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity, Overlay& out)
+      : mesh_(mesh), grid_(grid), cavity_(cavity), out_(out) {
+    out.points.clear();
+    out.strands.clear();
+    out.absorb.clear();
+    out.point_at.clear();
+    out.strand_at.clear();
+    out.pending.clear();
+    out.rim_point.clear();
+    out.rim_strand.clear();
+    out.turn = own_turn(mesh, cavity);
+  }
+
+  bool full() const { return full_; }
+
+  std::uint32_t point(LatticePoint p) {
+    const auto fresh = static_cast<std::uint32_t>(out_.points.size());
+    const std::uint32_t* at = out_.point_at.insert(Overlay::key(p), fresh);
+    if (at == nullptr || (*at == fresh && !push_within(out_.points, p))) {
+      full_ = true;
+      return 0;
+    }
+    return *at;
+  }
+
+  // `like` says what runs from one point to the other. The strand that stands for it now.
+  std::uint32_t add(std::uint32_t from, std::uint32_t to, const Strand& like) {
+    Strand strand = like;
+    strand.gone = false;
+    strand.a = from;
+    strand.b = to;
+    strand.first = out_.points[from];
+    strand.second = out_.points[to];
+    if (strand.second < strand.first) {
+      std::swap(strand.a, strand.b);
+      std::swap(strand.first, strand.second);
+      strand.rim = -strand.rim;
+      strand.tool = -strand.tool;
+      strand.kept_right = !strand.kept_right;
+    }
+    const auto fresh = static_cast<std::uint32_t>(out_.strands.size());
+    std::uint32_t* at = out_.strand_at.insert(pair_key(strand.a, strand.b), fresh);
+    if (at != nullptr && *at != fresh && !out_.strands[*at].gone) {
+      // Runs that cancel leave their edge: its ends stay points of the PSLG.
+      out_.strands[*at].rim += strand.rim;
+      out_.strands[*at].tool += strand.tool;
+    } else if (at == nullptr || !push_within(out_.strands, strand)) {
+      full_ = true;
+      return 0;
+    } else {
+      *at = fresh;
+    }
+    return *at;
+  }
+
+  // First in, first out; what has been taken out makes room when the list is full.
+  void wait(std::uint32_t strand) {
+    std::vector<std::uint32_t>& pending = out_.pending;
+    if (pending.size() == pending.capacity() && next_ > 0) {
+      pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(next_));
+      next_ = 0;
+    }
+    if (!push_within(pending, strand)) full_ = true;
+  }
+
+  // One strand after the other, each with the first in line of those that it meets.
+  void settle() {
+    std::sort(out_.pending.begin(), out_.pending.end(), [this](std::uint32_t s, std::uint32_t t) {
+      return comes_before(out_.strands[s], out_.strands[t]);
+    });
+    while (next_ < out_.pending.size() && !full_) {
+      const std::uint32_t s = out_.pending[next_++];
+      if (out_.strands[s].gone) continue;
+      std::uint32_t first = kNone;
+      Meeting how = Meeting::kApart;
+      LatticePoint where;
+      for (std::uint32_t t = 0; t < out_.strands.size(); ++t) {
+        const Strand &one = out_.strands[s], &other = out_.strands[t];
+        if (other.gone || s == t || boxes_apart(one, other)) continue;
+        LatticePoint p;
+        const Meeting meeting = meet(one, other, p);
+        if (meeting == Meeting::kApart) continue;
+        if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.turn);
+        if (is_held(one, other, meeting, p)) continue;
+        if (first != kNone && !comes_before(other, out_.strands[first])) continue;
+        first = t, how = meeting, where = p;
+      }
+      if (how != Meeting::kApart) resolve(s, first, where);
+    }
+  }
+
+ private:
+  void absorb(std::uint32_t triangle) {
+    if (!push_within(out_.absorb, triangle)) full_ = true;
+  }
+
+  // In the plane after its own turn.
+  bool comes_before(const Strand& s, const Strand& t) const {
+    const auto ends = [this](const Strand& strand) {
+      const LatticePoint a = out_.turn(strand.first), b = out_.turn(strand.second);
+      return a < b ? std::pair(a, b) : std::pair(b, a);
+    };
+    return ends(s) < ends(t);
+  }
+
+  // A shared edge stays; the bend waits for the next round, when its triangle has gone too.
+  bool is_held(const Strand& s, const Strand& t, Meeting meeting, LatticePoint p) {
+    bool held = false;
+    for (const Strand* strand : {&s, &t}) {
+      const bool is_split = p != strand->first && p != strand->second;
+      if (strand->kept == kNone || !(is_split || meeting == Meeting::kCrosses)) continue;
+      absorb(strand->kept);
+      held = true;
+    }
+    return held;
+  }
+
+  // Makes an end of p, where the two cross or touch.
+  void resolve(std::uint32_t i, std::uint32_t j, LatticePoint p) {
+    const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
+    const bool split_s = p != s.first && p != s.second;
+    const bool split_t = p != t.first && p != t.second;
+    if (split_s) split(i, s, p);
+    if (split_t) split(j, t, p);
+    if (!split_s) wait(i);
+    if (!split_t) wait(j);
+  }
+
+  void split(std::uint32_t index, const Strand& s, LatticePoint p) {
+    if (!recedes(s, p)) absorb_swept(s, p);
+    out_.strands[index].gone = true;
+    const std::uint32_t middle = point(p);
+    if (full_) return;
+    // The piece with the end that comes first.
+    const bool as_it_is = out_.turn(s.first) < out_.turn(s.second);
+    for (const bool piece : {as_it_is, !as_it_is}) {
+      wait(piece ? add(s.a, middle, s) : add(middle, s.b, s));
+      if (full_) return;
+    }
+  }
+
+  // The rare bend outwards (law 1) must not run over material that stays.
+  void absorb_swept(const Strand& s, LatticePoint p) {
+    std::array<LatticePoint, 3> swept = {s.first, p, s.second};
+    if (orient2d(swept[0], swept[1], swept[2]) < 0) std::swap(swept[0], swept[2]);
+    auto inside = [&swept, &s, p](LatticePoint q) {
+      return q != s.first && q != s.second && q != p && orient2d(swept[0], swept[1], q) >= 0 &&
+             orient2d(swept[1], swept[2], q) >= 0 && orient2d(swept[2], swept[0], q) >= 0;
+    };
+    grid_.for_each(box_around(swept), [&](std::uint32_t k) {
+      if (cavity_.contains(k)) return;
+      const std::array<LatticePoint, 3> c = corners(mesh_, k);
+      for (std::size_t i = 0; i < 3; ++i) {
+        if (mesh_.across[k][i] != kNone) continue;
+        const LatticePoint a = c[i], b = c[(i + 1) % 3];
+        if (inside(a) || inside(b) || segments_cross(a, b, s.first, p) ||
+            segments_cross(a, b, p, s.second)) {
+          absorb(k);
+          return;
+        }
+      }
+    });
+  }
+
+  const SheetMesh& mesh_;
+  const TriangleGrid& grid_;
+  const Cavity& cavity_;
+  Overlay& out_;
+  std::size_t next_ = 0;  // of `pending`
+  bool full_ = false;
+};
+
+}  // namespace
+
+void Overlay::allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands) {
+  reserve_touched(points, max_points);
+  reserve_touched(strands, max_strands);
+  reserve_touched(absorb, max_strands);
+  reserve_touched(pending, 2 * max_strands);
+  reserve_touched(rim_point, 3 * max_triangles);
+  reserve_touched(rim_strand, 3 * max_triangles);
+  point_at.allocate(max_points);
+  strand_at.allocate(max_strands);
+}
+
+Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                     Overlay& out) noexcept {
+  Settling settling(mesh, grid, cavity, out);
+  for (const std::uint32_t v : cavity.rim_vertices)
+    out.rim_point.push_back(settling.point(mesh.vertices[v]));
+  Strand rim;
+  rim.rim = 1;
+  rim.kept_right = true;
+  for (const RimEdge& e : cavity.rim) {
+    if (settling.full()) return Stage::kCapacity;
+    rim.kept = e.kept;
+    out.rim_strand.push_back(settling.add(out.rim_point[e.from], out.rim_point[e.to], rim));
+  }
+  Strand edge;
+  edge.tool = 1;
+  for (const OutlineEdge& e : cavity.tool) {
+    const std::uint32_t a = settling.point(e.a), b = settling.point(e.b);
+    if (settling.full()) return Stage::kCapacity;
+    settling.wait(settling.add(a, b, edge));
+  }
+  settling.settle();
+  if (settling.full()) return Stage::kCapacity;
+  if (!out.absorb.empty()) return Stage::kAgain;
+
+  // Vertices within the cavity that the tool does not cover stay for the mesh's
+  // sake, unless a bend ran through them.
+  for (const std::uint32_t v : cavity.inner) {
+    const LatticePoint p = mesh.vertices[v];
+    if (!strictly_outside(p, cavity.tool)) continue;
+    const bool on_edge = std::any_of(out.strands.begin(), out.strands.end(), [p](const Strand& s) {
+      return !s.gone && strictly_between(s.first, s.second, p);
+    });
+    if (!on_edge) settling.point(p);
+  }
+  return settling.full() ? Stage::kCapacity : Stage::kDone;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/link/link_key.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <string>
+#include <system_error>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::size_t kDigits = 2 * kLinkKeyBytes;
+
+std::string why(int error) {
+  return std::generic_category().message(error);
+}
+
+int value_of(char digit) noexcept {
+  if (digit >= '0' && digit <= '9') return digit - '0';
+  if (digit >= 'a' && digit <= 'f') return digit - 'a' + 10;
+  if (digit >= 'A' && digit <= 'F') return digit - 'A' + 10;
+  return -1;
+}
+
+/// What is wrong with an open key file, or an empty string and its text.
+std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes) {
+  struct stat status {};
+  if (::fstat(fd, &status) != 0) return why(errno);
+  if (!S_ISREG(status.st_mode)) return "not a regular file";
+  if (status.st_uid != ::geteuid()) return "a key must be its user's own file";
+  if ((status.st_mode & 077) != 0) return "others may read or write it; chmod 600 it";
+  const ssize_t got = ::read(fd, text.data(), text.size());
+  if (got < 0) return why(errno);
+  bytes = static_cast<std::size_t>(got);
+  return {};
+}
+
+}  // namespace
+
+Result<LinkKey> read_link_key(const std::filesystem::path& file) {
+  const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (fd < 0) return refused(file.string() + ": " + why(errno));
+  std::array<char, kDigits + 2> text{};
+  std::size_t bytes = 0;
+  const std::string wrong = read_guarded(fd, text, bytes);
+  ::close(fd);
+  if (!wrong.empty()) return refused(file.string() + ": " + wrong);
+
+  LinkKey key;
+  const bool ends = bytes == kDigits || (bytes == kDigits + 1 && text[kDigits] == '\n');
+  for (std::size_t i = 0; ends && i < kLinkKeyBytes; ++i) {
+    const int high = value_of(text[2 * i]), low = value_of(text[2 * i + 1]);
+    if (high < 0 || low < 0) return refused(file.string() + ": not 64 hexadecimal digits");
+    key.bytes[i] = static_cast<std::uint8_t>(16 * high + low);
+  }
+  if (!ends) return refused(file.string() + ": not 64 hexadecimal digits");
+  return key;
+}
+
+Result<LinkKey> make_link_key(const std::filesystem::path& file) {
+  const LinkKey key = random_link_key();
+  std::string text;
+  for (const std::uint8_t byte : key.bytes) {
+    text += "0123456789abcdef"[byte >> 4];
+    text += "0123456789abcdef"[byte & 15];
+  }
+  text += '\n';
+  // Made private from its first moment on: a temporary file of mode 0600, linked to its name
+  // whole, and only where nothing has that name.
+  std::string temporary = file.string() + ".XXXXXX";
+  const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
+  if (fd < 0) return unwritable(file.string() + ": " + why(errno));
+  const bool written = ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+                       ::fsync(fd) == 0;
+  const bool linked = written && ::link(temporary.c_str(), file.c_str()) == 0;
+  const int error = errno;
+  ::close(fd);
+  ::unlink(temporary.c_str());
+  if (!linked) return unwritable(file.string() + ": " + why(error));
+  return key;
+}
+
+}  // namespace trocar::runtime

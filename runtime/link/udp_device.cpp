@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/link/udp_device.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <ctime>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kRepeatHello_s = 0.05;
+constexpr auto kLookForRequests = std::chrono::milliseconds(5);
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+double since_s(std::int64_t then_ns) noexcept {
+  return static_cast<double>(now_ns() - then_ns) * 1e-9;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<UdpDevice>> UdpDevice::connect(const UdpDeviceOptions& options) {
+  if (Result<void> started = start_link(); !started) return started.error();
+  Result<UdpSocket> socket = UdpSocket::connect(options.peer);
+  if (!socket) return socket.error();
+  std::unique_ptr<UdpDevice> device(new UdpDevice(options, std::move(*socket)));
+  if (Result<void> shaken = device->shake_hands(options.fresh); !shaken) return shaken.error();
+  if (options.clock == LinkClock::kReal) {
+    device->restorer_ = std::thread([&device = *device] { device.restore_when_asked(); });
+  }
+  return device;
+}
+
+UdpDevice::~UdpDevice() {
+  close();
+}
+
+void UdpDevice::close() {
+  closing_.store(true);
+  if (restorer_.joinable()) restorer_.join();
+  if (session_ != 0) send(CommandMode::kStop, {});
+  session_ = 0;
+}
+
+void UdpDevice::restore() noexcept {
+  if (!is_away_ || given_up_) return;
+  is_away_ = false;
+  restoring_.store(true, std::memory_order_release);
+}
+
+void UdpDevice::restore_when_asked() {
+  while (!closing_.load()) {
+    if (restoring_.load(std::memory_order_acquire)) {
+      if (shake_hands_again()) {
+        restoring_.store(false, std::memory_order_release);
+      } else {
+        // It may have failed at once.
+        std::this_thread::sleep_for(std::chrono::duration<double>(kRepeatHello_s));
+      }
+    } else {
+      std::this_thread::sleep_for(kLookForRequests);
+    }
+  }
+}
+
+bool UdpDevice::shake_hands_again() {
+  const Result<void> done = shake_hands(false);
+  if (done) {
+    restore_error_.reset();
+  } else if (!closing_.load()) {  // an attempt that is broken off says nothing
+    restore_error_ = done.error();
+  }
+  return static_cast<bool>(done);
+}
+
+Result<void> UdpDevice::shake_hands(bool fresh) {
+  // What is left of an old session, or of an attempt at a new one, is over.
+  if (session_ != 0) send(CommandMode::kStop, {});
+  const std::int64_t start_ns = now_ns();
+  HelloPacket hello;
+  hello.host_nonce = random_nonce();
+  hello.period_s = options_.period_s;
+  hello.fresh = fresh;
+  std::array<std::uint8_t, kLargestPacketBytes> buffer{};
+  WelcomePacket welcome;
+  bool welcomed = false;
+  std::int64_t asked_ns = 0;
+  std::size_t bytes = 0;
+  Endpoint from;
+  const auto in_time = [&] {
+    return since_s(start_ns) < options_.connect_timeout_s && !closing_.load();
+  };
+  const auto silence = [&] {
+    return Error{ExitCode::kDeviceFault, to_string(options_.peer) +
+                                             ": no device answers there, or it has another key or "
+                                             "host"};
+  };
+  while (!welcomed) {
+    if (!in_time()) return silence();
+    if (asked_ns == 0 || since_s(asked_ns) > kRepeatHello_s) {
+      asked_ns = now_ns();
+      hello.time_ns = asked_ns;
+      const std::size_t size = encode(hello, options_.key, buffer);
+      socket_.send(std::span(buffer).first(size));
+    }
+    socket_.wait(kRepeatHello_s);
+    while (!welcomed && socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
+      const auto datagram = std::span(buffer).first(std::min(bytes, buffer.size()));
+      if (bytes > buffer.size() || claimed_kind(datagram) != PacketKind::kWelcome) continue;
+      const LinkRefusal refusal = decode(datagram, options_.key, hello.host_nonce, welcome);
+      counts_.add(refusal);
+      welcomed = refusal == LinkRefusal::kNone;
+    }
+  }
+  if (welcome.clock != options_.clock) {
+    return usage(to_string(options_.peer) +
+                 (welcome.clock == LinkClock::kLockStep
+                      ? ": this device goes in lock-step; run with --clock virtual"
+                      : ": this device goes by its own clock; run with --clock real"));
+  }
+  session_key_ = session_key(options_.key, welcome.host_nonce, welcome.drive_nonce);
+  session_ = session_number(welcome.drive_nonce);
+  drive_period_s_ = welcome.period_s;
+  last_command_ = last_state_ = 0;
+  newest_ = {};
+  fresh_state_ = has_written_ = counts_missed_ = false;
+  // The first command begins the session; it may be lost like any other.
+  for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
+    if (!in_time()) return silence();
+    if (asked_ns == 0 || since_s(asked_ns) > kRepeatHello_s) {
+      asked_ns = now_ns();
+      send(CommandMode::kHold, {});
+    }
+    drain();
+  }
+  answers_come_ = true;
+  ++sessions_;
+  return {};
+}
+
+UdpSocket::Outcome UdpDevice::send(CommandMode mode, const DeviceCommand& command) noexcept {
+  CommandPacket packet;
+  packet.session = session_;
+  packet.sequence = last_command_ + 1;
+  packet.time_ns = now_ns();
+  packet.mode = mode;
+  packet.state_seen = last_state_;
+  packet.tau_motor_Nm = command.tau_motor_Nm;
+  std::array<std::uint8_t, kCommandBytes> bytes;
+  if (encode(packet, session_key_, bytes) == 0) return UdpSocket::Outcome::kNothing;
+  ++last_command_;
+  return socket_.send(bytes);
+}
+
+bool UdpDevice::drain() noexcept {
+  std::array<std::uint8_t, kLargestPacketBytes> buffer;
+  queued_ = 0;
+  for (int i = 0; i < kMostDatagrams; ++i) {
+    std::size_t bytes = 0;
+    Endpoint from;
+    switch (socket_.receive(buffer, bytes, from)) {
+      case UdpSocket::Outcome::kNothing:
+        counts_missed_ = has_written_;
+        return true;
+      case UdpSocket::Outcome::kGone:
+        return false;
+      case UdpSocket::Outcome::kDone:
+        break;
+    }
+    if (bytes > buffer.size()) {
+      counts_.add(LinkRefusal::kSize);
+      continue;
+    }
+    const std::uint64_t before = last_state_;
+    const LinkRefusal refusal =
+        decode(std::span(buffer).first(bytes), session_key_, session_, last_state_, newest_);
+    counts_.add(refusal);
+    if (refusal == LinkRefusal::kNone) {
+      if (counts_missed_) states_missed_ += last_state_ - before - 1;
+      fresh_state_ = true;
+      ++queued_;
+      newest_ns_ = now_ns();
+    }
+  }
+  return true;
+}
+
+DeviceStatus UdpDevice::read(DeviceState& state) noexcept {
+  if (restoring_.load(std::memory_order_acquire)) return DeviceStatus::kLinkLost;
+  const bool open = drain();
+  if (!fresh_state_) {
+    is_away_ =
+        !open || options_.clock == LinkClock::kLockStep || since_s(newest_ns_) > options_.silence_s;
+    return is_away_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
+  }
+  fresh_state_ = false;
+  if (queued_ >= kLongQueue) return DeviceStatus::kNoData;
+  const DeviceStatus status = status_of_newest();
+  is_away_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
+  if (status != DeviceStatus::kOk) return status;
+  state.t_s = static_cast<double>(newest_.time_ns) * 1e-9;
+  state.encoder_rad = newest_.encoder_rad;
+  return status;
+}
+
+DeviceStatus UdpDevice::status_of_newest() const noexcept {
+  if (newest_.mode == DriveMode::kEmergencyStop) return DeviceStatus::kEmergencyStop;
+  if (newest_.motor_faults != 0) return DeviceStatus::kMotorFault;
+  if (!has_written_) return DeviceStatus::kOk;
+  // The way there counts too: the state says which of our torques the drive has heard of.
+  const std::uint64_t unheard = last_command_ - std::min(last_command_, newest_.command_taken);
+  const bool is_deaf = static_cast<double>(unheard) * options_.period_s >
+                       std::max(options_.silence_s, 2.5 * options_.period_s);
+  return is_deaf || newest_.mode == DriveMode::kWatchdog ? DeviceStatus::kLinkLost
+                                                         : DeviceStatus::kOk;
+}
+
+DeviceStatus UdpDevice::write(const DeviceCommand& command) noexcept {
+  if (restoring_.load(std::memory_order_acquire)) return DeviceStatus::kLinkLost;
+  switch (send(CommandMode::kTorque, command)) {
+    case UdpSocket::Outcome::kDone:
+      has_written_ = true;
+      return DeviceStatus::kOk;
+    case UdpSocket::Outcome::kNothing:
+      return DeviceStatus::kNoData;
+    case UdpSocket::Outcome::kGone:
+      break;
+  }
+  return DeviceStatus::kLinkLost;
+}
+
+bool UdpDevice::wait_for_answer() noexcept {
+  if (restoring_.load(std::memory_order_acquire)) {
+    given_up_ = !shake_hands_again();
+    restoring_.store(false, std::memory_order_release);
+    return !given_up_;
+  }
+  const std::int64_t start_ns = now_ns();
+  const double longest_s = answers_come_ ? options_.answer_s : options_.silence_s;
+  answers_come_ = false;
+  while (newest_.command_taken != last_command_ || !fresh_state_) {
+    const double left_s = longest_s - since_s(start_ns);
+    if (left_s <= 0 || !socket_.wait(left_s) || !drain()) return false;
+  }
+  answers_come_ = true;
+  return true;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// Position kinematics of the four-legged device (paper, section III.B; the
+// reading of its lengths stands in README.md). Every function is called from the
+// haptic thread: no allocation, no exception, bounded loops.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+
+#include "formats/session/device_description.h"
+#include "runtime/device/device.h"
+#include "runtime/mechanism/pose.h"
+
+namespace trocar::runtime {
+
+/// Leg-major th1, th4 of leg 1, of leg 2, ... (as DeviceCommand).
+using MotorVector = Eigen::Matrix<double, kMotors, 1>;
+
+/// Places in MotorVector and in the encoders' array; legs from 0, which = 0 for
+/// th1 and 1 for th4, joint = 0..3 for th1..th4.
+constexpr int motor_index(int leg, int which) noexcept {
+  return 2 * leg + which;
+}
+constexpr int encoder_index(int leg, int joint) noexcept {
+  return 4 * leg + joint;
+}
+
+enum class KinematicsFailure : std::uint8_t {
+  kOk,
+  kBadInput,      ///< not finite, or a quaternion that is not of unit length
+  kOutOfReach,    ///< the joint's two links cannot span the distance
+  kSingular,      ///< the joint's direction or rate is not determined
+  kBeyondLimit,   ///< outside the description's joint limits
+  kNotConverged,  ///< the iteration met its bound
+  kOtherBranch,   ///< the iteration ended on another assembly branch, or may have
+};
+/// A word for logs, such as "out of reach".
+const char* to_string(KinematicsFailure failure) noexcept;
+
+struct KinematicsStatus {
+  KinematicsFailure failure = KinematicsFailure::kOk;
+  std::int8_t leg = 0;    ///< 1..4; 0 where it is no single leg's failure
+  std::int8_t joint = 0;  ///< 1..6, theta's index; 0 likewise
+  explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
+};
+
+/// theta_rad[leg][joint], counted from 0.
+struct JointAngles {
+  std::array<std::array<double, kJointsPerLeg>, kLegs> theta_rad{};
+};
+/// th1, th4 of each leg.
+MotorVector motor_angles(const JointAngles& joints) noexcept;
+/// th1..th4 of each leg, as DeviceState::encoder_rad.
+std::array<double, kEncoders> encoder_angles(const JointAngles& joints) noexcept;
+/// The motors' part of the encoders.
+MotorVector motor_angles(const std::array<double, kEncoders>& encoder_rad) noexcept;
+
+struct InverseResult {
+  KinematicsStatus status;
+  JointAngles
+      joints;  ///< valid only if status holds; each within half a turn of its limits' middle
+};
+
+/// All 24 joint angles of a pose, in closed form, on the description's branches.
+/// Limits are not judged here: see check_joint_limits. A failure names the first
+/// leg and joint that cannot follow.
+InverseResult inverse_kinematics(const DeviceDescription& device,
+                                 const Pose& T_device_plate) noexcept;
+
+/// How a leg is assembled: the sign of acos in th1 and in th4 (DeviceGeometry).
+struct LegBranch {
+  int theta1 = 1, theta4 = 1;
+  friend bool operator==(const LegBranch&, const LegBranch&) = default;
+};
+inline constexpr int kBranchesPerLeg = 4;
+
+struct LegAssembly {
+  LegBranch branch;
+  KinematicsStatus status;
+  std::array<double, kJointsPerLeg> theta_rad{};  ///< valid only if status holds
+};
+
+/// Every way to assemble leg 0..3 at a pose: (th1, th4) = ++, +-, -+, --. The legs
+/// choose independently, so that a pose has up to 4^4 = 256 assemblies, of which
+/// the device is built in one; inverse_kinematics gives that one. (The passive
+/// joints add none: th3 and pi - th3 with th2 half a turn on are the same links
+/// in the same place, and so are th6 and th5.)
+std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription& device,
+                                                        const Pose& T_device_plate,
+                                                        int leg) noexcept;
+
+/// The first joint outside its limits narrowed by margin_rad at both ends, or
+/// not finite. The second form judges th1..th4 only.
+KinematicsStatus check_joint_limits(const DeviceDescription& device, const JointAngles& joints,
+                                    double margin_rad = 0) noexcept;
+KinematicsStatus check_joint_limits(const DeviceDescription& device,
+                                    const std::array<double, kEncoders>& encoder_rad,
+                                    double margin_rad = 0) noexcept;
+
+struct ForwardResult {
+  KinematicsStatus status;
+  Pose T_device_plate;    ///< valid only if status holds
+  double residual_m = 0;  ///< health check, see the functions
+  int iterations = 0;
+};
+
+/// The pose from th1, th2, th3 of every leg (th4 is not used): they give the ball
+/// joints C_m, and the least-squares rigid fit (Kabsch; closed form here, since
+/// the C_m form a square on the plate) gives the pose. residual_m is the root
+/// mean square distance between measured and fitted C_m: zero if the encoders agree.
+ForwardResult forward_kinematics(const DeviceDescription& device,
+                                 const std::array<double, kEncoders>& encoder_rad) noexcept;
+
+struct GaussNewtonOptions {
+  int max_iterations = 20;
+  double step_m = 1e-12;  ///< converged when no component moves the plate further than this
+  /// Beyond either of these the pose is not taken for the last one's continuation
+  /// (kOtherBranch). The defaults let no wrong landing pass from starts up to 100 mm
+  /// and 60 deg away (tests/runtime/mechanism/kinematics_test.cpp). To search from afar, raise the first.
+  double travel_max_m = 0.01;  ///< of the plate since the last pose; a radian counts as 0.05 m
+  double residual_max_m = 3e-4;
+};
+/// The pose from the eight motor angles alone, by Gauss-Newton on the eight
+/// constraints |C - E| = l2, |D - F| = l4 from the last pose, which picks among
+/// the mechanism's several solutions. Eight angles for six freedoms leave few exact
+/// solutions but many near ones, in which an iteration that starts far away can end.
+/// kOtherBranch says that it did, or may have: with leg and joint where a chain has
+/// changed to the side that is not the description's; with leg 0 where the plate has
+/// travelled too far, or the angles fit the pose too badly, for it to be the last
+/// one's continuation (or an encoder is wrong); the pose found is given. residual_m is the root
+/// mean square of the constraints' errors at the end. Each iteration moves at most 20 mm and 0.4
+/// rad an axis.
+ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
+                                             const MotorVector& motor_rad,
+                                             const Pose& T_device_plate_last,
+                                             const GaussNewtonOptions& options = {}) noexcept;
+
+}  // namespace trocar::runtime

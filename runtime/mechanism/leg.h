@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// One leg of the mechanism in its own frame: x radially outward, y tangential,
+// z up, origin at {B}. Points A, B, C, D, E, F as in README.md. Internal to the
+// kinematics; the haptic thread calls all of it. Legs may stand at any azimuth:
+// the four-legged device is kAzimuth, other rings are for comparison only
+// (leg_ring.h).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cmath>
+
+#include "formats/session/device_description.h"
+#include "runtime/device/device.h"
+#include "runtime/mechanism/kinematics.h"
+
+namespace trocar::runtime::leg {
+
+struct Azimuth {
+  double cosine = 1, sine = 0;
+};
+/// Of the device's legs: multiples of a right angle, so that turning is exact.
+inline constexpr std::array<Azimuth, kLegs> kAzimuth = {Azimuth{1, 0}, Azimuth{0, 1},
+                                                        Azimuth{-1, 0}, Azimuth{0, -1}};
+
+inline Eigen::Vector3d to_leg(const Azimuth& a, const Eigen::Vector3d& v) noexcept {
+  return {a.cosine * v.x() + a.sine * v.y(), a.cosine * v.y() - a.sine * v.x(), v.z()};
+}
+inline Eigen::Vector3d from_leg(const Azimuth& a, const Eigen::Vector3d& v) noexcept {
+  return {a.cosine * v.x() - a.sine * v.y(), a.sine * v.x() + a.cosine * v.y(), v.z()};
+}
+/// The plate's ball joint C in the plate's frame {T}.
+inline Eigen::Vector3d plate_joint(const DeviceGeometry& g, const Azimuth& a) noexcept {
+  return {g.R_T_m * a.cosine, g.R_T_m * a.sine, 0};
+}
+inline Eigen::Vector3d to_leg(int leg, const Eigen::Vector3d& v) noexcept {
+  return to_leg(kAzimuth[leg], v);
+}
+inline Eigen::Vector3d from_leg(int leg, const Eigen::Vector3d& v) noexcept {
+  return from_leg(kAzimuth[leg], v);
+}
+inline Eigen::Vector3d plate_joint(const DeviceGeometry& g, int leg) noexcept {
+  return plate_joint(g, kAzimuth[leg]);
+}
+
+/// A, on the axis of theta1.
+inline Eigen::Vector3d upper_motor(const DeviceGeometry& g) noexcept {
+  return {g.R_B1_m, 0, g.z_A_m};
+}
+/// B, on the axis of theta4.
+inline Eigen::Vector3d lower_motor(const DeviceGeometry& g) noexcept {
+  return {g.R_B2_m * std::cos(g.d_rad), g.R_B2_m * std::sin(g.d_rad), g.z_A_m - g.H_B_m};
+}
+/// u(a) = (cos a, 0, sin a), the upper chain's plane, and u'(a).
+inline Eigen::Vector3d upper_direction(double a) noexcept {
+  return {std::cos(a), 0, std::sin(a)};
+}
+inline Eigen::Vector3d upper_derivative(double a) noexcept {
+  return {-std::sin(a), 0, std::cos(a)};
+}
+/// v(a) = (cos a, sin a, 0), the lower chain's plane, and v'(a).
+inline Eigen::Vector3d lower_direction(double a) noexcept {
+  return {std::cos(a), std::sin(a), 0};
+}
+inline Eigen::Vector3d lower_derivative(double a) noexcept {
+  return {-std::sin(a), std::cos(a), 0};
+}
+/// The elbow E.
+inline Eigen::Vector3d elbow(const DeviceGeometry& g, double th1) noexcept {
+  return upper_motor(g) + g.l1_m * upper_direction(th1);
+}
+/// F, the end of the lower motor's link.
+inline Eigen::Vector3d lower_elbow(const DeviceGeometry& g, double th4) noexcept {
+  return lower_motor(g) + g.l3_m * lower_direction(th4);
+}
+/// The ball joint C by the upper chain.
+inline Eigen::Vector3d upper_tip(const DeviceGeometry& g, double th1, double th2,
+                                 double th3) noexcept {
+  return elbow(g, th1) + g.l2_m * (std::cos(th3) * upper_direction(th1 + th2) +
+                                   std::sin(th3) * Eigen::Vector3d::UnitY());
+}
+/// D on the upper link EC.
+inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d& E,
+                                  const Eigen::Vector3d& C) noexcept {
+  return E + (g.l5_m / g.l2_m) * (C - E);
+}
+
+/// What went wrong in one leg, and at which joint (1..6, theta's index).
+struct Status {
+  KinematicsFailure failure = KinematicsFailure::kOk;
+  int joint = 0;
+  explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
+};
+
+/// theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`,
+/// each within half a turn of its limits' middle.
+Status inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
+               std::array<double, kJointsPerLeg>& theta) noexcept;
+
+/// The side on which each chain is assembled, from where its links stand: the
+/// branch whose inverse gives these th1 and th4. 0 where the chain is stretched
+/// or folded, which belongs to both.
+LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
+                    double th4) noexcept;
+
+/// th1' = w1 . C' and th4' = w4 . C', all in the leg's frame.
+Status motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
+                   Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
+
+/// Distance in m of a chain's end point to the nearest one at which its branches
+/// meet (the acos saturates). (px, py) lie in the first link's plane, pn along its
+/// normal, from the motor's axis; a and b are the links. The second link's end
+/// moves on a sphere about the first's, so the chain reaches exactly the points
+/// inside the circle of radius b about (a, 0) and outside the one about (-a, 0)
+/// in the half plane of (radius, pn), and the branches meet on these circles.
+/// Negative: out of reach by that much.
+inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
+  const double span = std::hypot(px, py);
+  return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);
+}
+
+}  // namespace trocar::runtime::leg

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// The mechanism with any number of legs at equal azimuths, for analysis only: the
+// paper argues for a fourth leg, whose two motors are redundant, by the singularities
+// that it removes; LegRing<3>, six motors, is the device without it. All lengths,
+// heights and branches are the description's, so that nothing but the number of legs
+// differs. (They were searched for with four legs; a search for three may do better.)
+// The loop uses the fixed-size kinematics.h and jacobian.h; LegRing<4> equals those.
+#pragma once
+
+#include <Eigen/SVD>
+#include <cmath>
+#include <numbers>
+
+#include "runtime/mechanism/leg.h"
+
+namespace trocar::runtime {
+
+template <int Legs>
+struct LegRing {
+  static constexpr int kRows = 2 * Legs;
+  using Matrix = Eigen::Matrix<double, kRows, 6>;
+
+  struct Result {
+    KinematicsStatus status;
+    Matrix G = Matrix::Zero();  ///< as Jacobian: leg-major th1, th4
+    Eigen::Matrix<double, kRows, 1> motor_rad = Eigen::Matrix<double, kRows, 1>::Zero();
+  };
+
+  static leg::Azimuth azimuth(int m) noexcept {
+    const double angle = 2 * std::numbers::pi * m / Legs;
+    return {std::cos(angle), std::sin(angle)};
+  }
+
+  /// Inverse kinematics and Jacobian of a pose.
+  static Result solve(const DeviceDescription& device, const Pose& T_device_plate) noexcept {
+    Result result;
+    const DeviceGeometry& g = device.geometry;
+    for (int m = 0; m < Legs; ++m) {
+      const leg::Azimuth a = azimuth(m);
+      const Eigen::Vector3d r = T_device_plate.q * leg::plate_joint(g, a);
+      const Eigen::Vector3d C = leg::to_leg(a, T_device_plate.p_m + r);
+      std::array<double, kJointsPerLeg> theta{};
+      Eigen::Vector3d w1, w4;
+      leg::Status status = leg::inverse(device, C, {g.branch_theta1, g.branch_theta4}, theta);
+      if (status) status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4);
+      if (!status) {
+        result.status = {status.failure, static_cast<std::int8_t>(m + 1),
+                         static_cast<std::int8_t>(status.joint)};
+        return result;
+      }
+      result.motor_rad.template segment<2>(2 * m) << theta[0], theta[3];
+      w1 = leg::from_leg(a, w1);
+      w4 = leg::from_leg(a, w4);
+      result.G.row(2 * m) << w1.transpose(), r.cross(w1).transpose();
+      result.G.row(2 * m + 1) << w4.transpose(), r.cross(w4).transpose();
+    }
+    return result;
+  }
+
+  /// Singular values, falling; rotation divided by the characteristic length.
+  static Eigen::Matrix<double, 6, 1> singular_values(Matrix G, double characteristic_length_m) {
+    G.template rightCols<3>() /= characteristic_length_m;
+    return Eigen::JacobiSVD<Matrix>(G).singularValues();
+  }
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/mechanism/torque_allocation.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+using NullSpace = Eigen::Matrix<double, kMotors, 2>;  // orthonormal columns: G^T N = 0
+
+// Rotation's columns are scaled to metres before factoring; the answer does not
+// depend on it, the rounding does.
+constexpr double kPlateLength_m = 0.05;
+constexpr double kParallel = 1e-8;
+constexpr int kMostSteps = 50;
+constexpr int kMostHalvings = 30;
+constexpr double kSmallestRank = 1e-9;  // of R's diagonal, relative: G counts as rank deficient
+
+double cross(const Vector2d& a, const Vector2d& b) noexcept {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+// min over z of max_i |tau_i + n_i . z| / limit_i, the least load to which the
+// null space can bring the most loaded motor. A minimax over two unknowns is
+// settled by three of its terms; for three rows the one combination that
+// eliminates z, lambda = (n_j x n_k, n_k x n_i, n_i x n_j), bounds the load from
+// below by |lambda . tau| / |lambda| . limit with equality at their own optimum
+// (de la Vallee-Poussin; also this linear programme's dual vertices). Exact.
+double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector& limit) noexcept {
+  double load = 0;
+  for (int i = 0; i < kMotors; ++i) {
+    for (int j = i + 1; j < kMotors; ++j) {
+      const double lambda_k = cross(N.row(i).transpose(), N.row(j).transpose());
+      for (int k = j + 1; k < kMotors; ++k) {
+        const double lambda_i = cross(N.row(j).transpose(), N.row(k).transpose());
+        const double lambda_j = cross(N.row(k).transpose(), N.row(i).transpose());
+        const double weight = std::abs(lambda_i) * limit[i] + std::abs(lambda_j) * limit[j] +
+                              std::abs(lambda_k) * limit[k];
+        const double demand = std::abs(lambda_i * tau[i] + lambda_j * tau[j] + lambda_k * tau[k]);
+        // Three nearly parallel rows say nothing that other triples do not, and say it badly.
+        if (weight > kParallel * (limit[i] + limit[j] + limit[k]))
+          load = std::max(load, demand / weight);
+      }
+    }
+  }
+  return load;
+}
+
+// The law 5 problem in null-space coordinates: c + N y, at least |y|^2 + penalty. A convex,
+// piecewise quadratic function of two unknowns.
+struct Penalty {
+  const MotorVector& c;
+  const NullSpace& N;
+  const MotorVector& working;
+  const MotorVector& stiffness;
+
+  // Signed excess of every torque over its working limit.
+  MotorVector excess(const Vector2d& y) const noexcept {
+    const MotorVector tau = c + N * y;
+    return tau - tau.cwiseMin(working).cwiseMax(-working);
+  }
+  double cost(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
+    return y.squaredNorm() + stiffness.dot(excess_Nm.cwiseAbs2());
+  }
+  // Newton's step from y, exact if no torque crosses its working limit on the way: -H^-1 slope with
+  // H = 1 + sum s n n^T and slope = y + sum s e n. Penalties are up to (|limit| / (reserve
+  // limit_min))^2 stiffer than the rest, so both are expanded into terms that do not cancel:
+  //   det H = 1 + sum s |n|^2 + sum over pairs s_i s_j (n_i x n_j)^2,
+  //   adj H slope = slope + sum over i of s_i p_i (p_i . y + sum over j of s_j e_j p_i . n_j),
+  // p_i being n_i turned by a right angle: what p_i has to do with its own n_i is exactly nothing.
+  Vector2d step(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
+    double determinant = 1;
+    Vector2d numerator = y;
+    for (int i = 0; i < kMotors; ++i) {
+      if (excess_Nm[i] == 0) continue;
+      const Vector2d n = N.row(i).transpose();
+      const Vector2d across(-n.y(), n.x());
+      double along = across.dot(y), spread = 0;
+      for (int j = 0; j < kMotors; ++j) {
+        if (j == i || excess_Nm[j] == 0) continue;
+        const double sine = cross(n, N.row(j).transpose());
+        along += stiffness[j] * excess_Nm[j] * sine;
+        spread += stiffness[j] * sine * sine;
+      }
+      determinant += stiffness[i] * (n.squaredNorm() + spread / 2);
+      numerator += stiffness[i] * (excess_Nm[i] * n + along * across);
+    }
+    return -numerator / determinant;
+  }
+};
+
+bool same_signs(const MotorVector& a, const MotorVector& b) noexcept {
+  return ((a.array() > 0) == (b.array() > 0)).all() && ((a.array() < 0) == (b.array() < 0)).all();
+}
+
+// The minimum by Newton's method: a full step that stays on its quadratic piece ends there; one
+// that would not lower the cost is halved. Random trials take at most a dozen steps.
+Vector2d least_cost(const Penalty& penalty) noexcept {
+  Vector2d y = Vector2d::Zero();
+  MotorVector excess = penalty.excess(y);
+  double cost = penalty.cost(y, excess);
+  for (int iteration = 0; iteration < kMostSteps; ++iteration) {
+    Vector2d step = penalty.step(y, excess);
+    MotorVector next = penalty.excess(y + step);
+    if (same_signs(next, excess)) return y + step;
+    double next_cost = penalty.cost(y + step, next);
+    for (int halvings = 0; !(next_cost < cost) && halvings < kMostHalvings; ++halvings) {
+      step /= 2;
+      next = penalty.excess(y + step);
+      next_cost = penalty.cost(y + step, next);
+    }
+    if (!(next_cost < cost)) return y;  // a torque sits on its working limit, up to rounding
+    y += step;
+    excess = next;
+    cost = next_cost;
+  }
+  return y;
+}
+
+}  // namespace
+
+AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
+                                  const MotorVector& limit_Nm) noexcept {
+  AllocationResult result;
+  if (!G.allFinite() || !wrench_device.allFinite() || !limit_Nm.allFinite() ||
+      !(limit_Nm.minCoeff() > 0)) {
+    return result;
+  }
+
+  // G S = Q [R; 0] gives both parts of Eq. 18: the pseudo-inverse solution
+  // Q1 R^-T S w and, in Q's last two columns, the null space.
+  Jacobian scaled = G;
+  scaled.rightCols<3>() /= kPlateLength_m;
+  Wrench wanted = wrench_device;
+  wanted.tail<3>() /= kPlateLength_m;
+  const Eigen::HouseholderQR<Jacobian> qr(scaled);
+  const auto diagonal = qr.matrixQR().diagonal().cwiseAbs();
+  if (!(diagonal.minCoeff() > kSmallestRank * diagonal.maxCoeff())) return result;
+  const Eigen::Matrix<double, kMotors, kMotors> Q = qr.householderQ();
+  const Eigen::Matrix<double, 6, 6> R = qr.matrixQR().topRows<6>();
+  const Wrench in_Q = R.triangularView<Eigen::Upper>().transpose().solve(wanted);
+  const MotorVector minimum_norm = Q.leftCols<6>() * in_Q;
+  if (!minimum_norm.allFinite()) return result;
+
+  const MotorVector working = (1 - kTorqueReserve) * limit_Nm;
+  MotorVector& tau = result.tau_motor_Nm;
+  result.scale = 1;
+  if ((minimum_norm.array().abs() <= working.array()).all()) {
+    result.kind = Allocation::kMinimumNorm;
+    tau = minimum_norm;
+  } else {
+    const NullSpace N = Q.rightCols<2>();
+    const double load = least_load(minimum_norm, N, working);  // exact: 1 is just feasible
+    result.kind = load <= 1 ? Allocation::kNullSpace : Allocation::kScaled;
+    if (load > 1) result.scale = 1 / load;
+    const MotorVector part = result.scale * minimum_norm;
+    const MotorVector stiffness =
+        (limit_Nm.norm() / kTorqueReserve * limit_Nm.cwiseInverse()).cwiseAbs2();
+    tau = part + N * least_cost({part, N, working, stiffness});
+    if (!(tau.array().abs() <= limit_Nm.array()).all()) {
+      // Law 1 whatever rounding does: the minimum-norm torques scaled down alone are feasible.
+      result.kind = Allocation::kScaled;
+      result.scale = 1 / (minimum_norm.array().abs() / working.array()).maxCoeff();
+      tau = result.scale * minimum_norm;
+    }
+  }
+  result.wrench_device = G.transpose() * tau;
+  return result;
+}
+
+AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
+                                  double limit_Nm) noexcept {
+  return allocate_torques(G, wrench_device, MotorVector::Constant(limit_Nm).eval());
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// Grids over a sheet's triangles: those near a box in time proportional to what is there, not to
+// the mesh; a triangle put in or taken out in constant time.
+//
+// One grid a size, each twice as coarse as the one before. A triangle stands in a single cell: that
+// of its box's lowest corner, in the finest grid whose cells are no smaller than the box. So it
+// reaches at most into the next cell, every triangle slot needs one entry however thin and long its
+// triangle is, and no edit can find the grids full ("loose" grids, after Ulrich's loose octree,
+// 2000).
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "runtime/mesh/lattice_box.h"
+#include "runtime/mesh/sheet_edit.h"
+#include "runtime/mesh/sheet_mesh.h"
+
+namespace trocar::runtime {
+
+inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept {
+  return box_around(corners(mesh, t));
+}
+
+/// Laws (tests/runtime/mesh/triangle_grid_test.cpp holds them against a look at every triangle):
+///  1. for_each() calls for every triangle in use whose box meets the box asked for, once, and for
+///     no other; in an order that depends on the mesh at the start and on the edits since alone.
+///  2. Only the constructor and add_slots() allocate.
+class TriangleGrid {
+ public:
+  TriangleGrid() = default;
+  /// Of the triangles in use, with an entry for every slot. All indices must be in range. O(slots).
+  explicit TriangleGrid(const SheetMesh& mesh);
+
+  /// Follows an edit: to be called once, with the edited mesh. Time proportional to the edit.
+  void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept;
+
+  /// Follows SheetMesh::add_slots().
+  void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }
+
+  /// Calls visit(triangle slot), law 1. No allocation.
+  template <typename Visit>
+  void for_each(const LatticeBox& box, Visit&& visit) const {
+    for (const Level& level : levels_) {
+      if (level.triangles == 0) continue;
+      const std::int64_t left = std::max<std::int64_t>(level.column(*this, box.lowest.x) - 1, 0);
+      const std::int64_t bottom = std::max<std::int64_t>(level.row(*this, box.lowest.y) - 1, 0);
+      const std::int64_t right = level.column(*this, box.highest.x);
+      const std::int64_t top = level.row(*this, box.highest.y);
+      for (std::int64_t r = bottom; r <= top; ++r) {
+        for (std::int64_t c = left; c <= right; ++c) {
+          for (std::uint32_t t = head_[level.cell(r, c)]; t != kNone; t = link_[t].next) {
+            if (!apart(link_[t].box, box)) visit(t);
+          }
+        }
+      }
+    }
+  }
+
+  /// Kept in memory.
+  std::size_t bytes() const noexcept {
+    return levels_.capacity() * sizeof(Level) + head_.capacity() * sizeof(std::uint32_t) +
+           link_.capacity() * sizeof(Link);
+  }
+
+ private:
+  struct Level {
+    int shift = 0;                       ///< cells of 2^shift steps
+    std::int64_t columns = 1, rows = 1;  ///< beyond the border counts as in the last cell
+    std::size_t first_cell = 0;
+    std::uint32_t triangles = 0;
+
+    std::int64_t column(const TriangleGrid& grid, std::int32_t x) const noexcept {
+      return std::clamp<std::int64_t>((std::int64_t{x} - grid.origin_.x) >> shift, 0, columns - 1);
+    }
+    std::int64_t row(const TriangleGrid& grid, std::int32_t y) const noexcept {
+      return std::clamp<std::int64_t>((std::int64_t{y} - grid.origin_.y) >> shift, 0, rows - 1);
+    }
+    std::size_t cell(std::int64_t r, std::int64_t c) const noexcept {
+      return first_cell + static_cast<std::size_t>(r * columns + c);
+    }
+  };
+  struct Link {
+    LatticeBox box;                              ///< the triangle's
+    std::uint32_t next = kNone, before = kNone;  ///< in its cell's list
+    std::uint32_t cell = kNone;                  ///< kNone: in none
+  };
+
+  void insert(const SheetMesh& mesh, std::uint32_t t) noexcept;
+  void remove(std::uint32_t t) noexcept;
+
+  LatticePoint origin_;
+  std::vector<Level> levels_;        ///< from fine to coarse
+  std::vector<std::uint32_t> head_;  ///< first triangle of each level's cells
+  std::vector<Link> link_;           ///< by triangle slot
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/realtime/realtime_thread.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <ctime>
+#include <fstream>
+#include <system_error>
+#include <thread>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::size_t kStackTouched = std::size_t{256} << 10;
+
+std::string why(int error) {
+  return std::generic_category().message(error);
+}
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * kSecond_ns + now.tv_nsec;
+}
+
+void sleep_until(std::int64_t time_ns) noexcept {
+  const timespec until{time_ns / kSecond_ns, time_ns % kSecond_ns};
+  while (::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+  }
+}
+
+/// Pages of the stack that the loop will use are there before it starts.
+__attribute__((noinline)) void touch_stack() noexcept {
+  std::array<volatile unsigned char, kStackTouched> pages;
+  for (std::size_t i = 0; i < kStackTouched; i += 4096)
+    pages[i] = 0;
+}
+
+std::uint64_t thread_page_faults() noexcept {
+  rusage usage{};
+  ::getrusage(RUSAGE_THREAD, &usage);
+  return static_cast<std::uint64_t>(usage.ru_minflt) + static_cast<std::uint64_t>(usage.ru_majflt);
+}
+
+void add_note(std::string& note, const std::string& what) {
+  note += (note.empty() ? "" : "; ") + what;
+}
+
+/// The processors of a set as Linux lists them: "0-3,5".
+std::string list_of(const cpu_set_t& set) {
+  std::string list;
+  for (int first = 0; first < CPU_SETSIZE; ++first) {
+    if (!CPU_ISSET(first, &set)) continue;
+    int last = first;
+    while (last + 1 < CPU_SETSIZE && CPU_ISSET(last + 1, &set))
+      ++last;
+    if (!list.empty()) list += ',';
+    list += std::to_string(first);
+    if (last > first) list.append("-").append(std::to_string(last));
+    first = last;
+  }
+  return list;
+}
+
+std::string scheduling_of_this_thread() {
+  int policy = 0;
+  sched_param parameters{};
+  if (::pthread_getschedparam(::pthread_self(), &policy, &parameters) != 0) return "unknown";
+  const char* name = policy == SCHED_FIFO    ? "SCHED_FIFO"
+                     : policy == SCHED_RR    ? "SCHED_RR"
+                     : policy == SCHED_OTHER ? "SCHED_OTHER"
+                                             : "other";
+  return std::string(name) + " " + std::to_string(parameters.sched_priority);
+}
+
+bool kernel_is_realtime() {
+  std::ifstream file("/sys/kernel/realtime");
+  int value = 0;
+  return static_cast<bool>(file >> value) && value == 1;
+}
+
+void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  if (options.cpu >= 0 && options.cpu < CPU_SETSIZE) {
+    CPU_SET(options.cpu, &set);
+    const int error = ::pthread_setaffinity_np(::pthread_self(), sizeof set, &set);
+    if (error != 0) {
+      add_note(report.note, "not on processor " + std::to_string(options.cpu) + ": " + why(error));
+    }
+  }
+  if (::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) == 0) {
+    report.cpus = list_of(set);
+  }
+}
+
+void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
+  // Memory of the future is locked only where there is no limit to it: with one, the
+  // first allocation beyond it would fail.
+  rlimit limit{};
+  const bool unlimited =
+      ::getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;
+  report.memory_locked = ::mlockall(unlimited ? MCL_CURRENT | MCL_FUTURE : MCL_CURRENT) == 0;
+  if (!report.memory_locked) add_note(report.note, "memory is not locked: " + why(errno));
+  sched_param parameters{};
+  parameters.sched_priority = options.priority;
+  const int error = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &parameters);
+  report.fifo = error == 0;
+  if (!report.fifo) add_note(report.note, "no realtime priority: " + why(error));
+  ask_for_cpu(options, report);
+  report.scheduling = scheduling_of_this_thread();
+  report.kernel_is_realtime = kernel_is_realtime();
+}
+
+void run(const RealtimeOptions& options, const std::function<bool(const TickTiming&)>& tick,
+         const std::function<void()>& at_end, RealtimeReport& report) {
+  ask_for_realtime(options, report);
+  touch_stack();
+  const double period_ns = 1e9 / options.rate_Hz;
+  const std::int64_t first_ns = now_ns() + static_cast<std::int64_t>(period_ns);
+  const auto time_of = [&](std::uint64_t call) {
+    return first_ns + std::llround(period_ns * static_cast<double>(call));
+  };
+  const std::uint64_t faults_before = thread_page_faults();
+  std::int64_t last_ns = 0;
+  TickTiming timing;
+  for (std::uint64_t call = 0; options.stop == nullptr || !options.stop->load();) {
+    sleep_until(time_of(call));
+    const std::int64_t woken_ns = now_ns();
+    report.wake.add(woken_ns - time_of(call));
+    timing.gap_s = last_ns == 0 ? 0 : static_cast<double>(woken_ns - last_ns) * 1e-9;
+    last_ns = woken_ns;
+    if (!tick(timing)) break;
+    const std::int64_t done_ns = now_ns();
+    ++call;
+    if (done_ns <= time_of(call)) {
+      timing.missed_in_row = 0;
+      continue;
+    }
+    ++report.missed_deadlines;
+    for (; time_of(call) < done_ns; ++call)
+      ++timing.missed_in_row;
+    report.missed_in_row_max = std::max(report.missed_in_row_max, timing.missed_in_row);
+  }
+  if (at_end) at_end();
+  report.page_faults = thread_page_faults() - faults_before;
+  if (report.memory_locked) ::munlockall();
+}
+
+}  // namespace
+
+RealtimeReport run_realtime(const RealtimeOptions& options,
+                            const std::function<bool(const TickTiming&)>& tick,
+                            const std::function<void()>& at_end) {
+  RealtimeReport report;
+  std::thread thread([&] { run(options, tick, at_end, report); });
+  thread.join();
+  return report;
+}
+
+}  // namespace trocar::runtime

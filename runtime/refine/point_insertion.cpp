@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/refine/point_insertion.h"
+
+#include <algorithm>
+
+namespace trocar::runtime {
+namespace {
+
+bool holds(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) noexcept {
+  const auto [a, b, c] = corners(mesh, t);
+  return in_circle(a, b, c, p) > 0;
+}
+
+}  // namespace
+
+PointInsertion::PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots)
+    : visited_(triangle_slots, 0), starting_(vertex_slots, kNone) {
+  cavity_.reserve(kMaxCavity);
+  rim_.reserve(kMaxCavity + 2);
+  star_.reserve(kMaxCavity + 2);
+}
+
+bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept {
+  cavity_.clear();
+  rim_.clear();
+  if (!holds(mesh, start, p)) return false;
+  if (++search_ == 0) {  // the count has come round: old marks could be taken for new ones
+    std::fill(visited_.begin(), visited_.end(), 0);
+    search_ = 1;
+  }
+  visited_[start] = search_;
+  cavity_.push_back(start);
+  for (std::size_t k = 0; k < cavity_.size(); ++k) {
+    const std::uint32_t t = cavity_[k];
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const std::uint32_t beyond = mesh.across[t][i];
+      if (beyond != kNone && visited_[beyond] == search_) continue;
+      if (beyond != kNone && holds(mesh, beyond, p)) {
+        if (cavity_.size() == kMaxCavity) return false;
+        visited_[beyond] = search_;
+        cavity_.push_back(beyond);
+        continue;
+      }
+      if (rim_.size() == kMaxCavity + 2) return false;
+      rim_.push_back({mesh.triangles[t][i], mesh.triangles[t][(i + 1) % 3], beyond, t, i});
+    }
+  }
+  return true;
+}
+
+Insertion PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
+                                 std::uint32_t split) noexcept {
+  // A border that is one loop seen from p has two sides more than the cavity has triangles.
+  if (rim_.size() != cavity_.size() + 2) return Insertion::kNotInSight;
+  for (std::uint32_t k = 0; k < rim_.size(); ++k) {
+    if (k == split) continue;
+    if (orient2d(mesh.vertices[rim_[k].from], mesh.vertices[rim_[k].to], p) <= 0)
+      return Insertion::kNotInSight;
+  }
+  const std::size_t star_size = rim_.size() - (split == kNone ? 0 : 1);
+  if (mesh.free_vertices.empty() || mesh.free_triangles.size() + cavity_.size() < star_size)
+    return Insertion::kNoRoom;
+
+  vertex_ = edit.take_vertex(mesh, p);
+  star_.clear();
+  for (const std::uint32_t t : cavity_) {
+    edit.touch_triangle(mesh, t);
+    star_.push_back(t);
+  }
+  while (star_.size() < star_size)
+    star_.push_back(edit.take_triangle(mesh, {vertex_, vertex_, vertex_}));
+  // From outside in first: the rim's `inside` is overwritten below.
+  if (split != kNone) {
+    starting_[rim_[split].from] = kNone;  // nothing else starts there
+    rim_.erase(rim_.begin() + split);
+  }
+  for (std::size_t k = 0; k < star_size; ++k) {
+    const RimSide& r = rim_[k];
+    starting_[r.from] = star_[k];
+    if (r.beyond == kNone) continue;
+    edit.touch_triangle(mesh, r.beyond);
+    for (std::uint32_t j = 0; j < 3; ++j) {
+      if (mesh.triangles[r.beyond][j] == r.to && mesh.triangles[r.beyond][(j + 1) % 3] == r.from)
+        mesh.across[r.beyond][j] = star_[k];
+    }
+  }
+  for (std::size_t k = 0; k < star_size; ++k) {
+    mesh.triangles[star_[k]] = {rim_[k].from, rim_[k].to, vertex_};
+    mesh.across[star_[k]] = {rim_[k].beyond, kNone, kNone};
+  }
+  for (std::size_t k = 0; k < star_size; ++k) {
+    const std::uint32_t next = starting_[rim_[k].to];
+    if (next == kNone) continue;  // the side that was split
+    mesh.across[star_[k]][1] = next;
+    mesh.across[next][2] = star_[k];
+  }
+  return Insertion::kDone;
+}
+
+}  // namespace trocar::runtime

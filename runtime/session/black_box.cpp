@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/session/black_box.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <memory>
+#include <system_error>
+#include <utility>
+
+#include "formats/base/file_io.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::chrono::milliseconds kPollInterval{10};
+
+std::string start_in_utc() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  ::gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y%m%d-%H%M%SZ", &utc);
+  return text;
+}
+
+}  // namespace
+
+BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file)
+    : folder_(std::move(folder)),
+      name_(std::move(name)),
+      rows_of_file_(rows_of_file),
+      ring_(2 * rows_of_file) {}
+
+Result<std::unique_ptr<BlackBox>> BlackBox::make(const std::filesystem::path& folder,
+                                                 double rate_Hz) {
+  const std::string name = "black_box_" + start_in_utc();
+  if (const Result<void> good = check_writable(folder / name); !good)
+    return unwritable(good.error().message + " (--black-box names another for the black boxes)");
+  const auto rows = static_cast<std::size_t>(std::ceil(kBlackBox_s * rate_Hz - 1e-6));
+  return std::unique_ptr<BlackBox>(new BlackBox(folder, name, std::max<std::size_t>(rows, 1)));
+}
+
+BlackBox::~BlackBox() {
+  stop();
+}
+
+bool BlackBox::save(Fault fault, double t_s) noexcept {
+  if (requests_.push({fault, t_s, ring_.pushed()})) return true;
+  lost_.fetch_add(1, std::memory_order_relaxed);
+  return false;
+}
+
+std::filesystem::path BlackBox::name_of(const Request& request) const {
+  char time[32];
+  std::snprintf(time, sizeof time, "%.4f", request.t_s);
+  const std::string stem = name_ + "_t" + time + "s_" + to_word(request.fault);
+  std::filesystem::path file = folder_ / (stem + ".csv");
+  std::error_code ignored;
+  for (int again = 2; std::filesystem::exists(file, ignored); ++again) {
+    file = folder_ / (stem + "_" + std::to_string(again) + ".csv");
+  }
+  return file;
+}
+
+void BlackBox::serve_one(const Request& request) {
+  BlackBoxFile made;
+  made.fault = request.fault;
+  made.t_s = request.t_s;
+  made.file = name_of(request);
+  const std::uint64_t first = request.end - std::min<std::uint64_t>(request.end, rows_of_file_);
+  std::vector<RecordingRow> rows;
+  const bool kept = ring_.copy(first, request.end, rows);
+  made.rows = rows.size();
+  if (!kept) {
+    made.error = unwritable(made.file.string() + ": the machine was too slow to keep these rows");
+  } else if (Result<RecordingWriter> writer = RecordingWriter::open(made.file); !writer) {
+    made.error = writer.error();
+  } else {
+    Result<void> done = writer->append(rows);
+    if (done) done = writer->commit();
+    if (!done) made.error = done.error();
+  }
+  files_.push_back(std::move(made));
+}
+
+void BlackBox::serve() {
+  Request request;
+  while (requests_.pop(request))
+    serve_one(request);
+}
+
+void BlackBox::start() {
+  stopping_.store(false);
+  thread_ = std::thread([this] {
+    while (!stopping_.load(std::memory_order_acquire)) {
+      serve();
+      std::this_thread::sleep_for(kPollInterval);
+    }
+  });
+}
+
+void BlackBox::stop() {
+  if (thread_.joinable()) {
+    stopping_.store(true, std::memory_order_release);
+    thread_.join();
+  }
+  serve();
+}
+
+}  // namespace trocar::runtime

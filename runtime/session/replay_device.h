@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// A recording in the place of a device: what it said, tick by tick.
+#pragma once
+
+#include <span>
+
+#include "formats/session/recording.h"
+#include "runtime/device/device.h"
+
+namespace trocar::runtime {
+
+class ReplayDevice final : public Device {
+ public:
+  /// `rows` must outlive the device.
+  explicit ReplayDevice(std::span<const RecordingRow> rows) : rows_(rows) {}
+
+  /// As in the next row; kEndOfData after the last.
+  DeviceStatus read(DeviceState& state) noexcept override {
+    if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
+    const RecordingRow& row = rows_[next_++];
+    if (row.device_read != DeviceAnswer::kOk) return status_of(row.device_read);
+    state.t_s = row.t_s;
+    state.encoder_rad = row.encoder_rad;
+    return DeviceStatus::kOk;
+  }
+  DeviceStatus write(const DeviceCommand&) noexcept override {
+    return next_ == 0 ? DeviceStatus::kOk : status_of(rows_[next_ - 1].device_write);
+  }
+
+ private:
+  static DeviceStatus status_of(DeviceAnswer answer) noexcept {
+    switch (answer) {
+      case DeviceAnswer::kOk:
+        return DeviceStatus::kOk;
+      case DeviceAnswer::kNoData:
+        return DeviceStatus::kNoData;
+      case DeviceAnswer::kEmergencyStop:
+        return DeviceStatus::kEmergencyStop;
+      case DeviceAnswer::kMotorFault:
+        return DeviceStatus::kMotorFault;
+      case DeviceAnswer::kLinkLost:
+        break;
+    }
+    return DeviceStatus::kLinkLost;
+  }
+
+  std::span<const RecordingRow> rows_;
+  std::size_t next_ = 0;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,483 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/session/session.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <deque>
+#include <limits>
+#include <numbers>
+#include <thread>
+#include <utility>
+
+#include "runtime/realtime/allocation_counter.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::size_t kMaxListedPunctures = 4096;
+constexpr double kCharacteristicLength_m = 0.05;
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+double wrench_norm(const std::array<double, 6>& w) noexcept {
+  double sum = 0;
+  for (int i = 0; i < 3; ++i)
+    sum += w[i] * w[i];
+  for (int i = 3; i < 6; ++i)
+    sum += w[i] * w[i] / (kCharacteristicLength_m * kCharacteristicLength_m);
+  return std::sqrt(sum);
+}
+
+bool same_bits(const std::array<double, 8>& a, const std::array<double, 8>& b) noexcept {
+  return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
+    return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y);
+  });
+}
+
+class Session {
+ public:
+  Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
+          Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
+          Recorder* recorder, Responder* responder, BlackBox* black_box)
+      : remesher_(remesher),
+        responder_(responder),
+        device_(device),
+        advance_(advance),
+        options_(options),
+        recorder_(recorder),
+        black_box_(black_box),
+        ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
+                                      : options.replay.size()) {
+    model_.device = description;
+    model_.contact.tool = make_tool(scene.tool);
+    model_.contact.dt_s = 1 / options.rate_Hz;
+    model_.contact.law = scene.force_law.kind;
+    model_.limits = options.limits;
+    model_.passivity = options.passivity;
+    model_.coupling = options.coupling;
+    model_.compensation = options.compensation;
+    model_.rate_Hz = options.rate_Hz;
+    sheets_.resize(remesher.size());
+    report_.punctures.reserve(kMaxListedPunctures);
+    report_.faults.reserve(kMaxListedFaults);
+  }
+
+  /// One call of the haptic thread. False: the session is over.
+  bool tick(const TickTiming& timing) noexcept {
+    const NoAllocationScope scope;
+    if (state_.tick == ticks_) return false;
+    const std::int64_t start_ns = now_ns();
+    cuts_published_ = 0;
+    for (std::size_t i = 0; i < sheets_.size(); ++i) {
+      sheets_[i] = remesher_.current(i);
+      cuts_published_ += sheets_[i]->cuts;
+    }
+    if (responder_ != nullptr && is_real()) responder_->latest(response_);
+    haptic_tick(model_, inputs(timing), device_, state_, result_);
+    if (result_.end_of_data) return false;
+    result_.row.cuts_published = cuts_published_;
+    if (result_.contact.gave_way) give_way();
+    if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
+    if (recorder_ != nullptr) recorder_->push(result_.row);
+    follow_faults();
+    if (options_.live != nullptr) options_.live->write(result_.row);
+    if (options_.on_frame && is_real()) for_frames_.write(result_.row);
+    keep_count(result_.row);
+    report_.tick.add(now_ns() - start_ns);
+    advance_(model_.contact.dt_s);
+    return !(result_.at_rest && options_.recovery == RecoveryPolicy::kNever &&
+             options_.replay.empty());
+  }
+
+  void run_real() {
+    remesher_.start([this] {
+      if (responder_ == nullptr) return;
+      responder_->serve(
+          [this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
+    });
+    if (recorder_ != nullptr) recorder_->start();
+    if (black_box_ != nullptr) black_box_->start();
+    std::atomic<bool> done{false};
+    std::thread display([this, &done] { show_frames(done); });
+    RealtimeOptions realtime;
+    realtime.rate_Hz = options_.rate_Hz;
+    realtime.cpu = options_.cpu;
+    realtime.stop = options_.stop;
+    report_.realtime = run_realtime(
+        realtime, [this](const TickTiming& timing) { return tick(timing); }, [this] { let_go(); });
+    done.store(true);
+    display.join();
+    remesher_.stop();
+  }
+
+  void run_virtual() {
+    std::deque<std::uint64_t> due;  // ticks at whose start the next hand-overs are
+    std::size_t recorded = 0;
+    for (;;) {
+      if (options_.stop != nullptr && options_.stop->load()) break;
+      hand_over(due);
+      if (!tick({})) break;
+      if (black_box_ != nullptr) black_box_->serve();
+      if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
+      remesher_.serve();
+      if (responder_ != nullptr && options_.replay.empty()) respond();
+      if (options_.on_frame) show_frame();
+      if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
+    }
+    let_go();
+    remesher_.stop();
+  }
+
+  SessionReport finish() {
+    const Safety& safety = state_.safety;
+    if (black_box_ != nullptr) {
+      if (save_pending_) black_box_->save(safety.fault, safety.fault_t_s);  // the end came first
+      black_box_->stop();
+      report_.black_boxes = black_box_->files();
+      report_.black_boxes_lost = black_box_->lost();
+    }
+    report_.ticks = state_.tick;
+    report_.fault = safety.fault;
+    report_.fault_t_s = safety.fault_t_s;
+    report_.energy_given_max_J = state_.passivity.given_max_J;
+    report_.end = safety.fault != Fault::kNone ? SessionEnd::kFault
+                  : state_.tick == ticks_      ? SessionEnd::kDone
+                                               : SessionEnd::kInterrupted;
+    return std::move(report_);
+  }
+
+ private:
+  TickInputs inputs(const TickTiming& timing) noexcept {
+    TickInputs inputs;
+    inputs.sheets = sheets_;
+    inputs.response = response_;
+    if (!options_.replay.empty()) {
+      if (state_.tick < options_.replay.size()) {
+        inputs.outside = options_.replay[state_.tick].outside_fault;
+        inputs.recover = options_.replay[state_.tick].recovery_asked != 0;
+      }
+      return inputs;
+    }
+    inputs.gap_s = timing.gap_s;
+    inputs.missed_in_row = timing.missed_in_row;
+    inputs.outside = std::exchange(outside_, Fault::kNone);
+    inputs.recover = result_.at_rest && wants_recovery();
+    return inputs;
+  }
+
+  /// The first thing after the last tick: motors hold what was last written while the other
+  /// threads end.
+  void let_go() noexcept { device_.write(DeviceCommand{}); }
+
+  bool wants_recovery() noexcept {
+    if (options_.recovery == RecoveryPolicy::kAuto) return true;
+    return options_.recovery == RecoveryPolicy::kOnRequest && options_.recover != nullptr &&
+           options_.recover->exchange(false);
+  }
+
+  /// The list of faults, and a black box for each: saved when torques are zero, so that the whole
+  /// way there is in it.
+  void follow_faults() noexcept {
+    const RecordingRow& row = result_.row;
+    if (black_box_ != nullptr) black_box_->push(row);
+    FaultEvent* last = report_.faults.empty() || report_.faults_count > kMaxListedFaults
+                           ? nullptr
+                           : &report_.faults.back();
+    if (result_.new_fault != Fault::kNone) {
+      save_pending_ = true;
+      last = nullptr;
+      if (options_.recover != nullptr) options_.recover->store(false);  // of before
+      if (++report_.faults_count <= kMaxListedFaults) {
+        FaultEvent event;
+        event.fault = result_.new_fault;
+        event.t_s = row.t_s;
+        report_.faults.push_back(event);
+        last = &report_.faults.back();
+      }
+    }
+    if (result_.at_rest && save_pending_) {
+      save_pending_ = false;
+      if (last != nullptr) last->rest_t_s = row.t_s;
+      if (black_box_ != nullptr) black_box_->save(state_.safety.fault, state_.safety.fault_t_s);
+    }
+    if (last != nullptr && last->recovered_t_s < 0 && row.safety == SafetyState::kRunning) {
+      last->recovered_t_s = row.t_s;
+    }
+    report_.damping_max_N_s_per_m =
+        std::max(report_.damping_max_N_s_per_m, row.passivity_N_s_per_m);
+    if (row.passivity_N_s_per_m > 0) ++report_.damped_ticks;
+  }
+
+  void give_way() noexcept {
+    const CutRequest& cut = result_.contact.cut;
+    if (!remesher_.request(cut)) outside_ = Fault::kRemeshBacklog;
+    if (report_.punctures.size() == kMaxListedPunctures) {
+      ++report_.punctures_not_listed;
+      return;
+    }
+    PunctureEvent event;
+    event.sheet = cut.sheet;
+    event.slice = sheets_[cut.sheet]->slice_index;
+    event.cut = cut.cut;
+    event.t_s = result_.row.t_s;
+    event.tool_z_m = result_.contact.tip_device_m.z();
+    event.penetration_m = result_.contact.penetration_m;
+    event.force_N = last_active_sheet_ == cut.sheet ? last_force_N_ : 0;
+    event.judged_force_N = result_.contact.judged_force_N;
+    report_.punctures.push_back(event);
+  }
+
+  void keep_count(const RecordingRow& row) noexcept {
+    last_force_N_ = result_.contact.force_N;
+    last_active_sheet_ = result_.contact.active_sheet;
+    if (!options_.replay.empty() && report_.replay_first_difference < 0) {
+      const RecordingRow& old = options_.replay[state_.tick - 1];
+      if (!same_bits(old.tau_Nm, row.tau_Nm) || old.fault != row.fault ||
+          old.cuts_published != row.cuts_published) {
+        report_.replay_first_difference = static_cast<std::int64_t>(state_.tick - 1);
+      }
+    }
+    for (const double tau : row.tau_Nm) {
+      report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
+    }
+    if (row.authority < 1) return;  // a ramp renders nothing, or not all
+    report_.max_force_N = std::max(report_.max_force_N, result_.contact.force_N);
+    if (row.wrench_scale < 1) ++report_.scaled_ticks;
+    const double wanted = wrench_norm(row.wrench_wanted);
+    if (wanted > 0) {
+      std::array<double, 6> difference;
+      for (int i = 0; i < 6; ++i)
+        difference[i] = row.wrench_delivered[i] - row.wrench_wanted[i];
+      report_.wrench_error_max =
+          std::max(report_.wrench_error_max, wrench_norm(difference) / wanted);
+    }
+  }
+
+  bool is_real() const noexcept {
+    return options_.clock == Clock::kReal && options_.replay.empty();
+  }
+
+  std::shared_ptr<const SheetShape> shape() const {
+    return responder_ == nullptr ? nullptr : responder_->shape();
+  }
+
+  /// Real clock, on a thread of its own.
+  void show_frames(const std::atomic<bool>& done) {
+    if (!options_.on_frame) return;
+    RecordingRow row;
+    while (!done.load()) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(1 / options_.frame_rate_Hz));
+      if (for_frames_.read(row)) options_.on_frame(row, shape());
+    }
+  }
+
+  /// Virtual clock, after a tick.
+  void show_frame() {
+    const double now_s = static_cast<double>(state_.tick - 1) / options_.rate_Hz;
+    if (now_s * options_.frame_rate_Hz < static_cast<double>(frames_)) return;
+    ++frames_;
+    options_.on_frame(result_.row, shape());
+  }
+
+  /// Virtual clock, after a tick.
+  void respond() {
+    const auto period = static_cast<std::uint64_t>(
+        std::max(1.0, std::round(options_.response_period_s * options_.rate_Hz)));
+    const ResponseRequest& request = result_.contact.ahead;
+    if (state_.tick % period != 0 || request.sheet < 0) return;
+    const Sheet& sheet = remesher_.last_version(static_cast<std::size_t>(request.sheet));
+    if (const auto found = responder_->answer(request, sheet)) {
+      responses_due_.emplace_back(state_.tick - 1 + options_.handover_ticks, *found);
+    }
+  }
+
+  /// Virtual clock, before a tick: new meshes and responses that are due, or that the recording has
+  /// here.
+  void hand_over(std::deque<std::uint64_t>& due) {
+    if (options_.replay.empty()) {
+      while (!due.empty() && due.front() <= state_.tick) {
+        due.pop_front();
+        remesher_.publish_next();
+      }
+      while (!responses_due_.empty() && responses_due_.front().first <= state_.tick) {
+        response_ = responses_due_.front().second;
+        responses_due_.pop_front();
+      }
+      return;
+    }
+    if (state_.tick >= options_.replay.size()) return;
+    const RecordingRow& row = options_.replay[state_.tick];
+    response_ = {row.response_sheet, row.response_stiffness_N_per_m, row.response_offset_m};
+    std::int64_t missing = row.cuts_published - cuts_published_;
+    while (missing-- > 0 && remesher_.publish_next()) {
+    }
+  }
+
+  LoopModel model_;
+  LoopState state_;
+  TickResult result_;
+  Remesher& remesher_;
+  Responder* responder_;
+  Device& device_;
+  const std::function<void(double)>& advance_;
+  const SessionOptions& options_;
+  Recorder* recorder_;
+  BlackBox* black_box_;
+  bool save_pending_ = false;
+  Fault outside_ = Fault::kNone;  ///< for the next tick
+  std::uint64_t ticks_;
+  std::vector<const Sheet*> sheets_;
+  std::int64_t cuts_published_ = 0;
+  TripleBuffer<RecordingRow> for_frames_;
+  std::uint64_t frames_ = 0;
+  SheetResponse response_;
+  std::deque<std::pair<std::uint64_t, SheetResponse>> responses_due_;  ///< virtual clock: at a tick
+  double last_force_N_ = 0;
+  std::int32_t last_active_sheet_ = -1;
+  SessionReport report_;
+};
+
+}  // namespace
+
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description,
+                                              const std::optional<MechanicsOptions>& mechanics) {
+  HandTrajectory trajectory;
+  for (const TipKeyframe& keyframe : scene.hand.trajectory) {
+    HandKeyframe frame;
+    frame.t_s = keyframe.t_s;
+    frame.T_device_tool.p_m = Eigen::Vector3d(keyframe.tip_m.data());
+    frame.T_device_tool.q = from_rotation_vector(Eigen::Vector3d(keyframe.rotation_deg.data()) *
+                                                 (std::numbers::pi / 180));
+    trajectory.keyframes.push_back(frame);
+  }
+  const SceneHand& hand = scene.hand;
+  HandImpedance impedance = hand.grip == HandGrip::kLight   ? light_grip()
+                            : hand.grip == HandGrip::kStiff ? stiff_grip()
+                                                            : HandImpedance{};
+  impedance.stiffness_N_per_m = hand.stiffness_N_per_m.value_or(impedance.stiffness_N_per_m);
+  impedance.damping_Ns_per_m = hand.damping_N_s_per_m.value_or(impedance.damping_Ns_per_m);
+  impedance.rotational_stiffness_Nm_per_rad =
+      hand.rotation_stiffness_Nm_per_rad.value_or(impedance.rotational_stiffness_Nm_per_rad);
+  impedance.rotational_damping_Nms_per_rad =
+      hand.rotation_damping_Nm_s_per_rad.value_or(impedance.rotational_damping_Nms_per_rad);
+  impedance.mass_kg = hand.mass_kg.value_or(impedance.mass_kg);
+  impedance.let_go_t_s = hand.let_go_t_s.value_or(impedance.let_go_t_s);
+  SimulatedDeviceOptions options;
+  options.mechanics = mechanics;
+  options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
+  return SimulatedDevice::make(description, trajectory, impedance, options);
+}
+
+Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
+                                    const SessionOptions& options) {
+  SessionWorkers workers;
+  if (options.record) {
+    Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
+    if (!writer) return writer.error();
+    workers.recorder = std::make_unique<Recorder>(std::move(*writer));
+  }
+  if (options.black_box) {
+    auto made = BlackBox::make(*options.black_box, options.rate_Hz);
+    if (!made) return made.error();
+    workers.black_box = std::move(*made);
+  }
+  if (scene.force_law.kind == ForceLawKind::kNetwork) {
+    std::vector<Tissue> tissues;
+    for (std::size_t i = 0; i < remesher.size(); ++i)
+      tissues.push_back(remesher.first_version(i).tissue);
+    auto made = Responder::make(scene, tissues, remesher.first_version(0).transform.lattice);
+    if (!made) return made.error();
+    workers.responder = std::move(*made);
+  }
+  return workers;
+}
+
+SessionReport run_session(const Scene& scene, const DeviceDescription& description,
+                          Remesher& remesher, Device& device,
+                          const std::function<void(double dt_s)>& advance,
+                          const SessionOptions& options, SessionWorkers workers) {
+  auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
+                                           workers.recorder.get(), workers.responder.get(),
+                                           workers.black_box.get());
+  const std::uint64_t allocations_before = allocations_in_scopes();
+  if (options.clock == Clock::kReal && options.replay.empty()) {
+    session->run_real();
+  } else {
+    session->run_virtual();
+  }
+  SessionReport report = session->finish();
+  if (allocations_are_counted()) {
+    report.allocations_in_loop = allocations_in_scopes() - allocations_before;
+  }
+  if (workers.responder) report.responder = workers.responder->report();
+  if (workers.recorder) {
+    if (Result<void> written = workers.recorder->finish(); !written) {
+      report.recording_error = written.error();
+    }
+  }
+  return report;
+}
+
+Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& description,
+                                  Remesher& remesher, Device& device,
+                                  const std::function<void(double dt_s)>& advance,
+                                  const SessionOptions& options) {
+  Result<SessionWorkers> workers = make_workers(scene, remesher, options);
+  if (!workers) return workers.error();
+  return run_session(scene, description, remesher, device, advance, options, std::move(*workers));
+}
+
+std::uint64_t tick_count(double duration_s, double rate_Hz) {
+  // A duration of whole periods must not gain a tick from rounding.
+  const double ticks = duration_s * rate_Hz;
+  const double nearest = std::round(ticks);
+  return static_cast<std::uint64_t>(
+      std::max(1.0, std::abs(ticks - nearest) < 1e-6 ? nearest : std::ceil(ticks)));
+}
+
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
+  if (rows.size() < 2) return refused(name + ": a single row has no rate");
+  const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
+  if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
+    return refused(name + ": its rate is outside of what the loop runs at");
+  }
+  // Rates are typed: the shortest decimal that gives every row's time is the one. `exact` itself is
+  // off by a rounding or two.
+  std::size_t most_rows = 0;  // that a rate was right for
+  const auto fits = [&](double rate_Hz) {
+    std::size_t k = 0;
+    while (k < rows.size() && rows[k].t_s == static_cast<double>(k) / rate_Hz)
+      ++k;
+    most_rows = std::max(most_rows, k);
+    return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
+  };
+  std::array<char, 32> text;
+  for (int digits = 1; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
+    std::snprintf(text.data(), text.size(), "%.*g", digits, exact);
+    const double rate_Hz = std::strtod(text.data(), nullptr);
+    if (fits(rate_Hz)) return rate_Hz;
+  }
+  double below = exact, above = exact;
+  for (int i = 0; i < 4; ++i) {
+    below = std::nextafter(below, 0);
+    above = std::nextafter(above, std::numeric_limits<double>::infinity());
+    if (fits(below)) return below;
+    if (fits(above)) return above;
+  }
+  return refused(name + ": row " + std::to_string(most_rows + 1) +
+                 " is not at its time: no rate gives those of all rows, to the last bit");
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/simulation/drive.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace trocar::runtime {
+namespace {
+
+// A motor whose torque differs from its command by more than this, for so long, is reported.
+constexpr double kFollows_Nm = 0.1, kFollowsShare = 0.1, kFollows_s = 5e-3;
+// A felt force that has fallen to half of its peak has given way. A peak rises by at least this.
+constexpr double kSmallestPeak_N = 10;
+
+double seconds(std::int64_t ns) noexcept {
+  return static_cast<double>(ns) * 1e-9;
+}
+
+}  // namespace
+
+Drive::Drive(const DriveOptions& options, SimulatedDevice model)
+    : options_(options), fresh_(std::move(model)), model_(fresh_) {
+  report_.peaks.reserve(DriveReport::kMaxPeaks);
+  report_.steps.reserve(options.record_steps);
+}
+
+bool Drive::is_alive(std::int64_t now_ns) const noexcept {
+  if (!session_) return false;
+  const double longest_s =
+      options_.clock == LinkClock::kReal ? session_->watchdog_s : options_.session_s;
+  return seconds(now_ns - session_->last_command_ns) <= longest_s;
+}
+
+bool Drive::plans(FaultKind kind) const noexcept {
+  return std::any_of(options_.faults.begin(), options_.faults.end(),
+                     [&](const PlannedFault& fault) {
+                       return fault.kind == kind && fault.is_on(session_time_s());
+                     });
+}
+
+bool Drive::must_die() const noexcept {
+  return session_ && plans(FaultKind::kKill);
+}
+
+LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns,
+                           Answer& answer, bool& from_host) noexcept {
+  answer.size = 0;
+  from_host = false;
+  LinkRefusal refusal = LinkRefusal::kSession;
+  if (claimed_kind(datagram) == PacketKind::kCommand) {
+    CommandPacket command;
+    if (session_) {
+      const std::uint64_t before = session_->last_command;
+      refusal = decode(datagram, session_->key, session_->number, session_->last_command, command);
+      if (refusal == LinkRefusal::kNone) {
+        report_.commands_missed += session_->last_command - before - 1;
+      }
+    }
+    if (refusal == LinkRefusal::kSession && !is_alive(now_ns)) {
+      for (auto& offered : offers_) {
+        if (!offered) continue;
+        refusal = decode(datagram, offered->key, offered->number, offered->last_command, command);
+        if (refusal == LinkRefusal::kNone) {
+          begin(*offered);
+          break;
+        }
+      }
+    }
+    from_host = refusal == LinkRefusal::kNone;
+    if (from_host) take(command, now_ns, answer);
+  } else {
+    HelloPacket hello;
+    refusal = decode(datagram, options_.key, hello);
+    if (refusal == LinkRefusal::kNone && is_alive(now_ns)) refusal = LinkRefusal::kSession;
+    if (refusal == LinkRefusal::kNone) offer(hello, now_ns, answer);
+  }
+  report_.packets.add(refusal);
+  return refusal;
+}
+
+void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept {
+  // A host that asks again is offered the same: the answers may all reach it at once, late.
+  auto* const known = std::find_if(offers_.begin(), offers_.end(), [&](const auto& offered) {
+    return offered && offered->host_nonce == hello.host_nonce;
+  });
+  // Several are kept: an old hello sent again must not spoil the one that is being answered.
+  auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
+  if (known == offers_.end()) {
+    Session made;
+    made.host_nonce = hello.host_nonce;
+    made.drive_nonce = random_nonce();
+    made.key = session_key(options_.key, made.host_nonce, made.drive_nonce);
+    made.number = session_number(made.drive_nonce);
+    made.period_s = hello.period_s;
+    made.watchdog_s = std::max(options_.watchdog_s, 2.5 * hello.period_s);
+    made.fresh = hello.fresh;
+    offered = made;
+  }
+  WelcomePacket welcome;
+  welcome.time_ns = now_ns;
+  welcome.host_nonce = offered->host_nonce;
+  welcome.drive_nonce = offered->drive_nonce;
+  welcome.period_s = options_.period_s;
+  welcome.clock = options_.clock;
+  answer.size = encode(welcome, options_.key, answer.bytes);
+}
+
+/// By value: the offers, of which it is one, are gone in here.
+void Drive::begin(Session offered) noexcept {
+  session_ = offered;
+  offers_.fill(std::nullopt);
+  ++report_.sessions;
+  if (offered.fresh) {
+    model_ = fresh_;
+    stuck_at_rad_.fill(std::nullopt);
+    peak_N_ = 0;
+    falls_ = false;
+  }
+  mode_ = DriveMode::kReady;
+  command_ = {};
+  motor_faults_ = 0;
+  not_following_s_.fill(0);
+}
+
+void Drive::end_session() noexcept {
+  session_.reset();
+  mode_ = DriveMode::kReady;
+  command_ = {};
+}
+
+void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept {
+  session_->last_command_ns = now_ns;
+  if (command.mode == CommandMode::kStop) return end_session();
+  judge_stop();
+  const auto& tau = command.tau_motor_Nm;  // zeros unless the mode is torque
+  const bool knows = command.state_seen >= session_->told_from &&
+                     std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
+  if (!stop_pressed_ && knows) session_->told_from = 0;
+  if (session_->told_from == 0) {
+    const bool torque = command.mode == CommandMode::kTorque;
+    mode_ = torque ? DriveMode::kTorque : DriveMode::kReady;
+    command_ = {};
+    if (torque) command_.tau_motor_Nm = tau;
+  } else {
+    ++report_.stale_commands;
+  }
+  if (options_.clock != LinkClock::kLockStep) return;
+  if (command.mode == CommandMode::kTorque) advance(session_->period_s);
+  send_state(answer);
+}
+
+/// Torques are zero until the host has seen why and asks for none.
+void Drive::take_away(DriveMode mode) noexcept {
+  mode_ = mode;
+  command_ = {};
+  if (session_) session_->told_from = session_->last_state + 1;
+}
+
+void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
+  answer.size = 0;
+  if (session_) {
+    const double silence_s = seconds(now_ns - session_->last_command_ns);
+    if (silence_s > options_.session_s) {
+      end_session();
+    } else if (silence_s > session_->watchdog_s && mode_ == DriveMode::kTorque) {
+      const auto& tau = command_.tau_motor_Nm;
+      if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; })) {
+        ++report_.watchdog_trips;
+      }
+      take_away(DriveMode::kWatchdog);
+    }
+  }
+  if (report_.sessions == 0) return;  // the world begins with its first session
+  for (int i = 0; i < periods; ++i)
+    advance(options_.period_s);
+  if (session_) send_state(answer);
+}
+
+/// The emergency stop as the plan has it. A session that begins while it is pressed is told too.
+void Drive::judge_stop() noexcept {
+  const bool pressed = plans(FaultKind::kStop);
+  if (pressed && !stop_pressed_) ++report_.emergency_stops;
+  if (pressed && mode_ != DriveMode::kEmergencyStop) take_away(DriveMode::kEmergencyStop);
+  stop_pressed_ = pressed;
+}
+
+void Drive::advance(double dt_s) noexcept {
+  judge_stop();
+  const bool planned =
+      std::any_of(options_.faults.begin(), options_.faults.end(),
+                  [&](const PlannedFault& f) { return f.is_on(session_time_s()); });
+  DeviceCommand applied = command_;
+  for (const PlannedFault& fault : options_.faults) {
+    if (fault.kind == FaultKind::kDead && fault.is_on(session_time_s())) {
+      applied.tau_motor_Nm[static_cast<std::size_t>(fault.channel)] = 0;
+    }
+  }
+  model_.write(applied);
+  model_.step(dt_s);
+  supervise(dt_s);
+  feel();
+  keep_step(planned);
+}
+
+void Drive::keep_step(bool fault) noexcept {
+  if (report_.steps.size() >= options_.record_steps) return;
+  DriveStep step;
+  step.session = report_.sessions;
+  step.t_s = session_time_s();
+  step.mode = mode_;
+  step.motor_faults = motor_faults_;
+  step.fault = fault;
+  step.command_taken = session_ ? session_->last_command : 0;
+  for (const double tau : command_.tau_motor_Nm)
+    step.commanded_max_Nm = std::max(step.commanded_max_Nm, std::abs(tau));
+  step.applied_max_Nm = model_.truth().tau_applied_Nm.cwiseAbs().maxCoeff();
+  step.packets_refused = report_.packets.refused();
+  report_.steps.push_back(step);
+}
+
+/// Each motor's current against its command, as a drive can see it.
+void Drive::supervise(double dt_s) noexcept {
+  for (std::size_t i = 0; i < kMotors; ++i) {
+    const double wanted = command_.tau_motor_Nm[i];
+    const double given = model_.truth().tau_applied_Nm[static_cast<int>(i)];
+    report_.largest_torque_Nm = std::max(report_.largest_torque_Nm, std::abs(given));
+    const bool follows = std::abs(given - wanted) <= kFollows_Nm + kFollowsShare * std::abs(wanted);
+    not_following_s_[i] = follows ? 0 : not_following_s_[i] + dt_s;
+    if (not_following_s_[i] > kFollows_s) {
+      motor_faults_ = static_cast<std::uint8_t>(motor_faults_ | (1U << i));
+    }
+  }
+}
+
+void Drive::feel() noexcept {
+  const double force_N = model_.truth().wrench_hand.head<3>().norm();
+  report_.largest_hand_force_N = std::max(report_.largest_hand_force_N, force_N);
+  if (falls_) {
+    valley_N_ = std::min(valley_N_, force_N);
+    falls_ = force_N < valley_N_ + kSmallestPeak_N;
+    if (!falls_) peak_N_ = 0;
+  }
+  if (falls_) return;
+  if (force_N > peak_N_) {
+    peak_N_ = force_N;
+    peak_t_s_ = session_time_s();
+  } else if (force_N < peak_N_ / 2 && peak_N_ >= kSmallestPeak_N) {
+    if (report_.peaks.size() < DriveReport::kMaxPeaks) {
+      report_.peaks.push_back({peak_t_s_, peak_N_});
+    }
+    falls_ = true;
+    valley_N_ = force_N;
+  }
+}
+
+void Drive::send_state(Answer& answer) noexcept {
+  DeviceState read;
+  model_.read(read);
+  StatePacket state;
+  state.session = session_->number;
+  state.sequence = ++session_->last_state;
+  state.time_ns = std::llround(read.t_s * 1e9);
+  state.mode = mode_;
+  state.motor_faults = motor_faults_;
+  state.command_taken = session_->last_command;
+  std::array<bool, kEncoders> stuck{};
+  for (const PlannedFault& fault : options_.faults) {
+    const auto i = static_cast<std::size_t>(fault.channel);
+    if (!fault.is_on(session_time_s())) continue;
+    if (fault.kind == FaultKind::kJump) read.encoder_rad[i] += fault.jump_rad;
+    if (fault.kind == FaultKind::kStuck) stuck[i] = true;
+  }
+  for (std::size_t i = 0; i < kEncoders; ++i) {
+    if (!stuck[i]) {
+      stuck_at_rad_[i].reset();
+      continue;
+    }
+    if (!stuck_at_rad_[i]) stuck_at_rad_[i] = read.encoder_rad[i];
+    read.encoder_rad[i] = *stuck_at_rad_[i];
+  }
+  state.encoder_rad = read.encoder_rad;
+  answer.size = encode(state, session_->key, answer.bytes);
+}
+
+}  // namespace trocar::runtime

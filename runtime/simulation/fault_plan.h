@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// Faults to be injected into a simulated drive and its link: which, when, how likely. Seeded, so
+// that the same plan on the same packets does the same.
+//
+// The text: items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]], times in s of the
+// session, P a probability a packet.
+//   loss:P  delay:P:MS  duplicate:P  reorder:P  flip:P      packets, either way; with "command-" or
+//                                                            "state-" before the kind, only these
+//   stuck:ENCODER  jump:ENCODER:RAD                          encoders 0 to 15
+//   dead:MOTOR                                               motors 0 to 7
+//   stop                                                     the emergency stop is pressed
+//   kill                                                     the process dies at once
+// For instance: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <random>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "formats/session/device_protocol.h"
+#include "formats/base/result.h"
+#include "runtime/link/udp_socket.h"
+
+namespace trocar::runtime {
+
+enum class FaultKind : std::uint8_t {
+  kLoss,
+  kDelay,
+  kDuplicate,
+  kReorder,
+  kFlip,
+  kStuck,
+  kJump,
+  kDead,
+  kStop,
+  kKill,
+};
+enum class LinkWay : std::uint8_t { kCommands, kStates };
+
+struct PlannedFault {
+  FaultKind kind = FaultKind::kLoss;
+  bool on_commands = true, on_states = true;  ///< packets' faults
+  double probability = 1;                     ///< likewise
+  double delay_s = 0;
+  int channel = 0;  ///< encoder or motor
+  double jump_rad = 0;
+  double from_s = 0, to_s = std::numeric_limits<double>::infinity();  ///< [from, to)
+  bool is_on(double t_s) const noexcept { return t_s >= from_s && t_s < to_s; }
+};
+using FaultPlan = std::vector<PlannedFault>;
+
+/// Usage errors name the item. An empty text is no fault.
+Result<FaultPlan> parse_fault_plan(std::string_view text);
+
+/// One direction of a link on which faults happen. Holds back at most kHeld packets (further ones
+/// that should wait are lost).
+class FaultyLink {
+ public:
+  static constexpr std::size_t kHeld = 64;
+  struct Datagram {
+    std::array<std::uint8_t, 512> bytes{};
+    std::size_t size = 0;  ///< of the datagram; never more than bytes.size()
+    Endpoint peer;
+    std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
+  };
+
+  FaultyLink(const FaultPlan& plan, LinkWay way, std::uint64_t seed);
+
+  /// Hands `datagram` to `deliver` (a callable on a Datagram): once, twice, changed, later or
+  /// never. `t_s`: the session's time; `now_ns`: a clock that always goes on.
+  template <typename Deliver>
+  void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
+    Datagram changed = datagram;
+    const Fate fate = decide(changed, t_s, now_ns);
+    for (int i = 0; i < fate.now; ++i)
+      deliver(changed);
+    // What waits for being overtaken has been.
+    if (fate.now > 0) release(now_ns, true, deliver);
+  }
+  /// Delivers what was delayed and is due.
+  template <typename Deliver>
+  void release_due(std::int64_t now_ns, Deliver&& deliver) {
+    release(now_ns, false, deliver);
+  }
+  bool holds_any() const noexcept { return held_count_ > 0; }
+
+ private:
+  struct Fate {
+    int now = 1;
+  };
+  struct Held {
+    Datagram datagram;
+    std::int64_t due_ns = 0;
+    bool until_overtaken = false;
+  };
+  Fate decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept;
+  bool happens(double probability) noexcept;
+  void hold(const Datagram& datagram, std::int64_t due_ns, bool until_overtaken) noexcept;
+
+  template <typename Deliver>
+  void release(std::int64_t now_ns, bool overtaken, Deliver&& deliver) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < held_count_; ++i) {
+      if (held_[i].due_ns <= now_ns || (overtaken && held_[i].until_overtaken)) {
+        deliver(held_[i].datagram);
+      } else if (kept++ != i) {
+        held_[kept - 1] = held_[i];
+      }
+    }
+    held_count_ = kept;
+  }
+
+  FaultPlan plan_;
+  std::mt19937_64 random_;
+  std::vector<Held> held_;  ///< of size kHeld
+  std::size_t held_count_ = 0;
+};
+
+}  // namespace trocar::runtime

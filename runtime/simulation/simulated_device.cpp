@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/simulation/simulated_device.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "runtime/mechanism/jacobian.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int kMostSubsteps = 100000;  // kLongestStep_s over the shortest maximum_substep_s
+
+Vector3d plate_inertia(const DeviceDescription& device) noexcept {
+  return Vector3d(device.plate_inertia_kg_m2[0], device.plate_inertia_kg_m2[1],
+                  device.plate_inertia_kg_m2[2]);
+}
+
+double plate_energy(const DeviceDescription& device, const Pose& T, const Twist& twist) noexcept {
+  const Vector3d omega_plate = T.q.conjugate() * Vector3d(twist.tail<3>());
+  return 0.5 * (device.plate_mass_kg * twist.head<3>().squaredNorm() +
+                omega_plate.dot(plate_inertia(device).cwiseProduct(omega_plate)));
+}
+
+/// Roughly normal with standard deviation 1, from one word of random bits: the sum of four
+/// uniform ones (which reaches 3.5). No library's distribution, so the same everywhere.
+double rough_normal(std::uint64_t word) noexcept {
+  double sum = 0;
+  for (int i = 0; i < 4; ++i)
+    sum += (static_cast<double>((word >> (16 * i)) & 0xffff) + 0.5) / 65536 - 0.5;
+  return sum * std::numbers::sqrt3;
+}
+
+Result<void> check_mechanics(const SimulatedDeviceOptions& options) {
+  if (!options.mechanics) return {};
+  const MechanicsOptions& m = *options.mechanics;
+  const auto good = [](double value) { return std::isfinite(value) && value >= 0; };
+  if (!std::all_of(m.link_mass_kg.begin(), m.link_mass_kg.end(), good) ||
+      !good(m.rotor_inertia_kg_m2) || !good(m.coulomb_friction_Nm) || !good(m.presliding_rad) ||
+      !(m.presliding_rad > 0) || !good(m.presliding_damping_s) || !good(m.current_lag_s) ||
+      !good(m.encoder_noise_rad)) {
+    return refused(
+        "simulated device: masses, friction, lag and noise must be finite and not "
+        "negative, the presliding angle positive");
+  }
+  return {};
+}
+
+Twist moved_to(const Twist& twist, const Vector3d& lever_m) noexcept {
+  Twist moved = twist;
+  moved.head<3>() += Vector3d(twist.tail<3>()).cross(lever_m);
+  return moved;
+}
+
+}  // namespace
+
+Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
+                                              const HandTrajectory& trajectory,
+                                              const HandImpedance& impedance,
+                                              const SimulatedDeviceOptions& options) {
+  if (auto checked = check_hand(trajectory, impedance); !checked) return checked.error();
+  if (auto checked = check_mechanics(options); !checked) return checked.error();
+  SimulatedDevice simulated(device, trajectory, impedance, options);
+  Pose& T = simulated.truth_.T_device_plate;
+  if (options.T_device_plate_start) {
+    T = *options.T_device_plate_start;
+  } else if (!trajectory.keyframes.empty()) {
+    T = trajectory.keyframes.front().T_device_tool * inverse(options.T_plate_tool);
+  } else {
+    T.p_m.z() = kSimulatedHomeHeight_m;
+  }
+  const InverseResult start = inverse_kinematics(device, T);
+  if (!start.status) {
+    return refused("simulated device: the start pose is " +
+                   std::string(to_string(start.status.failure)) + " (leg " +
+                   std::to_string(start.status.leg) + ", theta" +
+                   std::to_string(start.status.joint) + ")");
+  }
+  simulated.truth_.joints = start.joints;
+  simulated.hand_mass_rides_ = simulated.hand_holds(0);
+  if (options.mechanics) simulated.noise_.seed(options.mechanics->seed);
+  return simulated;
+}
+
+DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
+  state.t_s = truth_.t_s;
+  state.encoder_rad = encoder_angles(truth_.joints);
+  if (options_.mechanics && options_.mechanics->encoder_noise_rad > 0) {
+    for (double& angle : state.encoder_rad)
+      angle += options_.mechanics->encoder_noise_rad * rough_normal(noise_());
+  }
+  if (device_.encoder_counts_per_revolution > 0) {
+    const double count_rad = 2 * std::numbers::pi / device_.encoder_counts_per_revolution;
+    for (double& angle : state.encoder_rad)
+      angle = std::round(angle / count_rad) * count_rad;
+  }
+  return DeviceStatus::kOk;
+}
+
+DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
+  MotorVector tau;
+  for (int i = 0; i < kMotors; ++i)
+    tau[i] = command.tau_motor_Nm[i];
+  truth_.command_refused = !tau.allFinite();
+  if (truth_.command_refused) tau.setZero();
+  const double peak = device_.motor_peak_torque_Nm;
+  truth_.torque_limited = options_.limit_torque && tau.cwiseAbs().maxCoeff() > peak;
+  if (truth_.torque_limited) tau = tau.cwiseMin(peak).cwiseMax(-peak);
+  truth_.tau_motor_Nm = tau;
+  return DeviceStatus::kOk;
+}
+
+bool SimulatedDevice::step(double dt_s) noexcept {
+  if (!(dt_s > 0 && dt_s <= kLongestStep_s)) return false;
+  const double wanted = std::ceil(dt_s / device_.maximum_substep_s);
+  const int substeps =
+      std::max(device_.minimum_substeps, static_cast<int>(std::min<double>(wanted, kMostSubsteps)));
+  const double h_s = dt_s / substeps;
+  truth_.at_stop = false;
+  for (int i = 0; i < substeps; ++i) {
+    const double t_s = truth_.t_s + i * h_s;
+    if (hand_mass_rides_ && !hand_holds(t_s)) let_go();
+    if (uses_mechanics()) {
+      midpoint_substep(t_s, h_s);
+    } else {
+      substep(t_s, h_s);
+    }
+  }
+  truth_.t_s += dt_s;
+  truth_.kinetic_J = kinetic_energy();
+  return true;
+}
+
+void SimulatedDevice::substep(double t_s, double h_s) noexcept {
+  const Pose T = truth_.T_device_plate;
+  const Twist before = truth_.twist_device;
+  const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
+
+  // What acts on the plate. At a singular pose motors and friction have no
+  // defined ratio to the plate's motion; it counts as an end of reach.
+  const JacobianResult motion = jacobian(device_, T, truth_.joints);
+  const Jacobian G = motion.status ? motion.G : Jacobian::Zero();
+  truth_.tau_applied_Nm = truth_.tau_motor_Nm;
+  truth_.wrench_motors = G.transpose() * truth_.tau_motor_Nm;
+  const Wrench friction =
+      -device_.joint_viscous_friction_Nms_per_rad * (G.transpose() * (G * before));
+  truth_.wrench_hand.setZero();
+  if (hand_holds(t_s)) {
+    truth_.wrench_hand = hand_wrench(impedance_, hand_target(trajectory_, t_s),
+                                     T * options_.T_plate_tool, moved_to(before, lever_m));
+  }
+  const Wrench hand = moved_by(truth_.wrench_hand, lever_m);
+  Wrench gravity = Wrench::Zero();
+  gravity[2] = -device_.plate_mass_kg * device_.gravity_m_per_s2;
+  const Wrench total = truth_.wrench_motors + friction + hand + gravity;
+
+  // Momentum first, then the pose by the new velocity. The angular momentum is
+  // kept in {B}, so that gyroscopic moments need no term of their own.
+  const Vector3d inertia = plate_inertia(device_);
+  const auto momentum = [&](const Eigen::Quaterniond& q, const Vector3d& omega) -> Vector3d {
+    return q * Vector3d(inertia.cwiseProduct(q.conjugate() * omega));
+  };
+  const auto rate = [&](const Eigen::Quaterniond& q, const Vector3d& L) -> Vector3d {
+    return q * Vector3d((q.conjugate() * L).cwiseQuotient(inertia));
+  };
+  const Vector3d L = momentum(T.q, before.tail<3>()) + h_s * total.tail<3>();
+  Twist after;
+  after.head<3>() = before.head<3>() + (h_s / device_.plate_mass_kg) * total.head<3>();
+  after.tail<3>() = rate(T.q, L);
+  Pose moved;
+  moved.p_m = T.p_m + h_s * after.head<3>();
+  moved.q = (from_rotation_vector(h_s * after.tail<3>()) * T.q).normalized();
+
+  const Twist middle = 0.5 * (before + after);
+  EnergyBook& work = truth_.work;
+  work.hand_J += h_s * hand.dot(middle);
+  work.motors_J += h_s * truth_.wrench_motors.dot(middle);
+  work.friction_J += h_s * friction.dot(middle);
+  work.gravity_J += h_s * gravity.dot(middle);
+
+  const InverseResult reached = inverse_kinematics(device_, moved);
+  if (!motion.status || !reached.status) {
+    work.stop_J -= plate_energy(device_, T, after);
+    truth_.twist_device.setZero();
+    truth_.at_stop = true;
+    return;
+  }
+  after.tail<3>() = rate(moved.q, L);  // the same momentum in the turned body
+  truth_.T_device_plate = moved;
+  truth_.twist_device = after;
+  truth_.joints = reached.joints;
+}
+
+/// What acts at one stage of the midpoint rule.
+struct SimulatedDevice::Forces {
+  Mechanics mechanics;
+  MotorVector tau_Nm = MotorVector::Zero(), presliding_rad = MotorVector::Zero();
+  Wrench motors = Wrench::Zero(), friction = Wrench::Zero(), hand_at_tip = Wrench::Zero(),
+         hand = Wrench::Zero();
+  Twist acceleration = Twist::Zero();
+};
+
+/// `since_s`: how long after the substep's start, to which presliding and lag belong.
+SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles& joints,
+                                                const Twist& twist, double t_s,
+                                                double since_s) const noexcept {
+  const MechanicsOptions options = options_.mechanics.value_or(MechanicsOptions::none());
+  const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
+  Forces result;
+  result.mechanics =
+      trocar::runtime::mechanics(device_, options, T, joints, twist, hand_mass_kg(), lever_m);
+  if (!result.mechanics.status) return result;
+  const Jacobian& G = result.mechanics.G;
+
+  const double left = options.current_lag_s > 0 ? std::exp(-since_s / options.current_lag_s) : 0;
+  result.tau_Nm = truth_.tau_motor_Nm + left * (truth_.tau_applied_Nm - truth_.tau_motor_Nm);
+  result.motors = G.transpose() * result.tau_Nm;
+
+  // Dry friction is a spring that slips where it would pull with more than Coulomb's torque, so
+  // it is defined, and holds, at rest.
+  const MotorVector rate = G * twist;
+  result.presliding_rad = (presliding_rad_ + since_s * rate)
+                              .cwiseMin(options.presliding_rad)
+                              .cwiseMax(-options.presliding_rad);
+  const MotorVector dry_share = (result.presliding_rad + options.presliding_damping_s * rate)
+                                    .cwiseMin(options.presliding_rad)
+                                    .cwiseMax(-options.presliding_rad) /
+                                options.presliding_rad;
+  result.friction = -G.transpose() * (device_.joint_viscous_friction_Nms_per_rad * rate +
+                                      options.coulomb_friction_Nm * dry_share);
+  if (hand_holds(t_s)) {
+    result.hand_at_tip = hand_wrench(impedance_, hand_target(trajectory_, t_s),
+                                     T * options_.T_plate_tool, moved_to(twist, lever_m));
+    result.hand = moved_by(result.hand_at_tip, lever_m);
+  }
+  const Wrench total = result.motors + result.friction + result.hand + result.mechanics.weight;
+  result.acceleration = result.mechanics.mass.ldlt().solve(total - result.mechanics.bias);
+  return result;
+}
+
+void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
+  const Pose T = truth_.T_device_plate;
+  const Twist before = truth_.twist_device;
+  const auto moved = [&](const Twist& twist, double dt_s) {
+    return Pose{T.p_m + dt_s * twist.head<3>(),
+                (from_rotation_vector(dt_s * twist.tail<3>()) * T.q).normalized()};
+  };
+  const auto stop = [&] {
+    truth_.work.stop_J -= kinetic_energy();
+    truth_.twist_device.setZero();
+    truth_.at_stop = true;
+  };
+
+  const Forces first = forces(T, truth_.joints, before, t_s, 0);
+  const Twist middle = before + h_s / 2 * first.acceleration;
+  const Pose T_middle = moved(before, h_s / 2);
+  const InverseResult joints_middle = inverse_kinematics(device_, T_middle);
+  if (!first.mechanics.status || !joints_middle.status) return stop();
+  const Forces half = forces(T_middle, joints_middle.joints, middle, t_s + h_s / 2, h_s / 2);
+  const Pose T_after = moved(middle, h_s);
+  const InverseResult joints_after = inverse_kinematics(device_, T_after);
+
+  EnergyBook& work = truth_.work;
+  work.hand_J += h_s * half.hand.dot(middle);
+  work.motors_J += h_s * half.motors.dot(middle);
+  work.friction_J += h_s * half.friction.dot(middle);
+  work.gravity_J += h_s * half.mechanics.weight.dot(middle);
+  truth_.wrench_motors = half.motors;
+  truth_.wrench_hand = half.hand_at_tip;
+
+  const MechanicsOptions options = options_.mechanics.value_or(MechanicsOptions::none());
+  const double left = options.current_lag_s > 0 ? std::exp(-h_s / options.current_lag_s) : 0;
+  truth_.tau_applied_Nm =
+      truth_.tau_motor_Nm + left * (truth_.tau_applied_Nm - truth_.tau_motor_Nm);
+  truth_.twist_device = before + h_s * half.acceleration;
+  if (!half.mechanics.status || !joints_after.status) return stop();
+  presliding_rad_ = (presliding_rad_ + h_s * (half.mechanics.G * middle))
+                        .cwiseMin(options.presliding_rad)
+                        .cwiseMax(-options.presliding_rad);
+  truth_.T_device_plate = T_after;
+  truth_.joints = joints_after.joints;
+}
+
+/// The hand's mass leaves with the speed it has, and its energy with it.
+void SimulatedDevice::let_go() noexcept {
+  const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
+  const Twist tip = moved_to(truth_.twist_device, lever_m);
+  truth_.work.hand_J -= 0.5 * impedance_.mass_kg * tip.head<3>().squaredNorm();
+  hand_mass_rides_ = false;
+}
+
+double SimulatedDevice::kinetic_energy() const noexcept {
+  const Twist& twist = truth_.twist_device;
+  if (!uses_mechanics()) return plate_energy(device_, truth_.T_device_plate, twist);
+  const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
+  const Mechanics all = trocar::runtime::mechanics(
+      device_, options_.mechanics.value_or(MechanicsOptions::none()), truth_.T_device_plate,
+      truth_.joints, twist, hand_mass_kg(), lever_m);
+  return all.status ? 0.5 * twist.dot(all.mass * twist)
+                    : plate_energy(device_, truth_.T_device_plate, twist);
+}
+
+}  // namespace trocar::runtime

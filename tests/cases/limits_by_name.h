@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The loop's limits by the names that the device's hard cases give them; fuzz_device's seeds name
+// them by their place.
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include "runtime/control/limits.h"
+
+namespace trocar::test {
+
+inline std::vector<std::pair<const char*, double*>> limits_by_name(runtime::SafetyLimits& l) {
+  return {{"encoder_rate_max_rad_per_s", &l.encoder_rate_max_rad_per_s},
+          {"pose_residual_max_m", &l.pose_residual_max_m},
+          {"theta4_residual_max_rad", &l.theta4_residual_max_rad},
+          {"inverse_condition_min", &l.inverse_condition_min},
+          {"branch_distance_min_m", &l.branch_distance_min_m},
+          {"workspace_min_x_m", &l.workspace_min_m[0]},
+          {"workspace_max_z_m", &l.workspace_max_m[2]},
+          {"plate_tilt_max_rad", &l.plate_tilt_max_rad},
+          {"speed_max_m_per_s", &l.speed_max_m_per_s},
+          {"turn_rate_max_rad_per_s", &l.turn_rate_max_rad_per_s},
+          {"speed_window_s", &l.speed_window_s},
+          {"torque_max_Nm", &l.torque_max_Nm},
+          {"torque_rise_max_Nm_per_s", &l.torque_rise_max_Nm_per_s},
+          {"torque_rise_time_max_s", &l.torque_rise_time_max_s},
+          {"overload_scale_min", &l.overload_scale_min},
+          {"overload_time_max_s", &l.overload_time_max_s},
+          {"silence_max_s", &l.silence_max_s},
+          {"gap_max_s", &l.gap_max_s},
+          {"ramp_s", &l.timing.ramp_s},
+          {"workspace_min_y_m", &l.workspace_min_m[1]},
+          {"workspace_min_z_m", &l.workspace_min_m[2]},
+          {"workspace_max_x_m", &l.workspace_max_m[0]},
+          {"workspace_max_y_m", &l.workspace_max_m[1]},
+          {"quiet_s", &l.timing.quiet_s},
+          {"ramp_up_s", &l.timing.ramp_up_s}};
+}
+
+}  // namespace trocar::test

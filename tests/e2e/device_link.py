@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The device link a second time, from formats/session/device_link.md alone (no code of the project): for
+the corpus of the fuzz harness, and for tests that talk to a drive."""
+import hashlib
+import os
+import struct
+
+HELLO, WELCOME, COMMAND, STATE = 1, 2, 3, 4
+SIZES = {HELLO: 96, WELCOME: 112, COMMAND: 144, STATE: 208}
+HOLD, TORQUE, STOP = 1, 2, 3
+READY, TORQUE_ON, WATCHDOG, EMERGENCY_STOP = 1, 2, 3, 4
+
+
+def mac(key, data):
+    return hashlib.blake2b(data, digest_size=32, key=key).digest()
+
+
+def packet(kind, key, session, sequence, time_ns, contents):
+    header = struct.pack("<4sBBHQQq", b"TRCR", 1, kind, SIZES[kind], session, sequence, time_ns)
+    assert len(header) == 32 and len(header) + len(contents) + 32 == SIZES[kind]
+    return header + contents + mac(key, header + contents)
+
+
+def hello(key, host_nonce, period_s, fresh=True, time_ns=0):
+    return packet(HELLO, key, 0, 1, time_ns, host_nonce + struct.pack("<dB7x", period_s, fresh))
+
+
+def welcome(key, host_nonce, drive_nonce, period_s, clock, time_ns=0):
+    session = int.from_bytes(drive_nonce[:8], "little")
+    return packet(WELCOME, key, session, 1, time_ns, host_nonce + drive_nonce + struct.pack("<dB7x", period_s, clock))
+
+
+def command(key, session, sequence, mode, torques=(0.0,) * 8, state_seen=0, time_ns=0):
+    return packet(COMMAND, key, session, sequence, time_ns, struct.pack("<B7xQ8d", mode, state_seen, *torques))
+
+
+def state(key, session, sequence, mode, motor_faults, command_taken, angles, time_ns=0):
+    return packet(STATE, key, session, sequence, time_ns, struct.pack("<BB6xQ16d", mode, motor_faults, command_taken, *angles))
+
+
+def session_key(key, host_nonce, drive_nonce):
+    return mac(key, b"trocar link 1" + host_nonce + drive_nonce)
+
+
+def open_packet(kind, key, data):
+    """(session, sequence, time_ns, contents) of an authentic packet of the kind, or None."""
+    if len(data) != SIZES[kind] or mac(key, data[:-32]) != data[-32:]:
+        return None
+    magic, version, its_kind, size, session, sequence, time_ns = struct.unpack("<4sBBHQQq", data[:32])
+    if (magic, version, its_kind, size) != (b"TRCR", 1, kind, len(data)):
+        return None
+    return session, sequence, time_ns, data[32:-32]
+
+
+class Host:
+    """One session with a drive over a connected datagram socket."""
+
+    def __init__(self, socket, key, period_s=1e-3, fresh=True, tries=20):
+        self.socket, self.key, self.sequence, self.seen, self.sent = socket, key, 0, 0, []
+        nonce = os.urandom(16)
+        for _ in range(tries):
+            socket.send(hello(key, nonce, period_s, fresh))
+            answer = self.receive(WELCOME, key)
+            if answer is not None and answer[3][:16] == nonce:
+                break
+        else:
+            raise TimeoutError("no welcome")
+        self.session = answer[0]
+        self.session_key = session_key(key, nonce, answer[3][16:32])
+
+    def receive(self, kind, key):
+        try:
+            data = self.socket.recv(512)
+        except (TimeoutError, BlockingIOError, ConnectionRefusedError):
+            return None
+        return open_packet(kind, key, data)
+
+    def command(self, mode, torques=(0.0,) * 8):
+        self.sequence += 1
+        data = command(self.session_key, self.session, self.sequence, mode, torques, self.seen)
+        self.sent.append(data)
+        self.socket.send(data)
+
+    def state(self):
+        """{mode, motor_faults, command_taken, sequence, time_ns, encoder_rad} or None after the socket's timeout."""
+        opened = self.receive(STATE, self.session_key)
+        if opened is None or opened[0] != self.session:
+            return None
+        mode, motor_faults, taken, *angles = struct.unpack("<BB6xQ16d", opened[3])
+        self.seen = max(self.seen, opened[1])
+        return {"mode": mode, "motor_faults": motor_faults, "command_taken": taken, "sequence": opened[1],
+                "time_ns": opened[2], "encoder_rad": angles}

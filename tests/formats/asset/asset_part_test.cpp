@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+// Slices of an asset without the rest: the laws of formats/asset/asset_index.h, and that cost follows
+// what is asked for.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <random>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
+#include "formats/base/file_io.h"
+
+namespace trocar {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+// A disc of n corners around its middle.
+AssetSlice disc(int index, int corners) {
+  AssetSlice slice;
+  slice.index = index;
+  slice.z_mm = 0.5 * index;
+  slice.T_lps_plane = Eigen::Translation3d(-1, 2.5, slice.z_mm);
+  slice.measures = {{"area_mm2", 0.1 * index}, {"mean_hu", 300 + index}};
+  if (corners == 0) return slice;
+  Ring ring;
+  for (int i = 0; i < corners; ++i) {
+    const double angle = 2 * 3.14159265358979 * i / corners;
+    ring.push_back({static_cast<std::int32_t>(std::lrint(5000 * std::cos(angle) + index)),
+                    static_cast<std::int32_t>(std::lrint(4000 * std::sin(angle)))});
+  }
+  slice.pslg.rings = {ring};
+  slice.mesh.vertices = ring;
+  slice.mesh.vertices.push_back({0, 0});
+  const auto middle = static_cast<std::uint32_t>(corners);
+  for (std::uint32_t i = 0; i < middle; ++i)
+    slice.mesh.triangles.push_back({i, (i + 1) % middle, middle});
+  return slice;
+}
+
+// Every fifth slice has no material; indices leave a gap where `gap` says so.
+Asset discs(int slices, int first, bool gap = false) {
+  Asset asset;
+  asset.generator = "asset_part_test";
+  asset.parameters = {{"labels", {20, 22}}};
+  asset.input_digest = "0123";
+  for (int i = 0; i < slices; ++i) {
+    const int index = first + i + (gap && i > slices / 2 ? 1000 : 0);
+    asset.slices.push_back(disc(index, i % 5 == 3 ? 0 : 40 + index % 7));
+  }
+  return asset;
+}
+
+void expect_same(const AssetSlice& a, const AssetSlice& b) {
+  EXPECT_EQ(a.index, b.index);
+  EXPECT_EQ(a.z_mm, b.z_mm);
+  EXPECT_EQ(a.measures, b.measures);
+  EXPECT_EQ(a.T_lps_plane.matrix(), b.T_lps_plane.matrix());
+  EXPECT_EQ(a.pslg.rings, b.pslg.rings);
+  EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
+  EXPECT_EQ(a.mesh.triangles, b.mesh.triangles);
+}
+
+bool same(const AssetSlice& a, const AssetSlice& b) {
+  return a.index == b.index && a.z_mm == b.z_mm && a.measures == b.measures &&
+         a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
+         a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles;
+}
+
+IndexedFile index_of(const Bytes& glb) {
+  MemorySource source(glb);
+  return **find_index(source);
+}
+
+// The file as another tool might leave it: without our index, by its magic.
+Bytes without_index(Bytes glb) {
+  glb[index_of(glb).binary_at] ^= 0xFF;
+  return glb;
+}
+
+class AssetPartOf : public testing::TestWithParam<bool> {};
+
+TEST_P(AssetPartOf, IsWhatTheWholeHas) {
+  const Bytes glb = *encode_asset(discs(60, -7, GetParam()));
+  const auto whole = decode_asset(glb, "test");
+  ASSERT_TRUE(whole) << whole.error().message;
+  for (const Bytes& file : {glb, without_index(glb)}) {
+    for (const AssetSlice& slice : whole->slices) {
+      const auto part = decode_asset_part(file, "test", {slice.index});
+      ASSERT_TRUE(part) << part.error().message;
+      EXPECT_EQ(part->asset_slices, 60U);
+      EXPECT_EQ(part->file_bytes, glb.size());
+      EXPECT_EQ(part->asset.lattice, whole->lattice);
+      EXPECT_EQ(part->asset.parameters, whole->parameters);
+      EXPECT_EQ(part->asset.input_digest, whole->input_digest);
+      ASSERT_EQ(part->asset.slices.size(), 1U);
+      expect_same(part->asset.slices[0], slice);
+    }
+    // In whatever order and however often they are asked for, they ascend.
+    const auto some = decode_asset_part(file, "test", {3, -7, 3, 0});
+    ASSERT_TRUE(some);
+    ASSERT_EQ(some->asset.slices.size(), 3U);
+    for (std::size_t i = 0; i < 3; ++i)
+      EXPECT_EQ(some->asset.slices[i].index, (std::array{-7, 0, 3}[i]));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Gap, AssetPartOf, testing::Bool());
+
+TEST(AssetPart, RefusesASliceThatIsNotThere) {
+  const Bytes glb = *encode_asset(discs(6, 20, true));
+  for (const Bytes& file : {glb, without_index(glb)}) {
+    for (const int index :
+         {-1, 19, 500, 1026, std::numeric_limits<int>::min(), std::numeric_limits<int>::max()}) {
+      const auto part = decode_asset_part(file, "test", {21, index});
+      ASSERT_FALSE(part);
+      EXPECT_EQ(part.error().code, ExitCode::kRefused);
+      EXPECT_EQ(part.error().message, "test: slice " + std::to_string(index) +
+                                          ": the asset has no such slice (it has 20 to 1025)");
+    }
+  }
+  const Bytes none = *encode_asset(discs(0, 0));
+  EXPECT_EQ(decode_asset_part(none, "test", {0}).error().message,
+            "test: slice 0: the asset has no such slice (it has none)");
+  EXPECT_TRUE(decode_asset_part(none, "test", {}));
+}
+
+// The same slices, in assets of one, 35 and 350: the same bytes read, but for the length of
+// numbers in the JSON and, across a gap, the steps of a bisection.
+TEST(AssetPart, ReadsWhatIsAskedForAlone) {
+  const auto read = [](const Asset& asset, std::vector<int> indices) {
+    const Bytes glb = *encode_asset(asset);
+    const auto part = decode_asset_part(glb, "test", std::move(indices));
+    EXPECT_TRUE(part);
+    return part->read_bytes;
+  };
+  Asset one = discs(350, 100);
+  one.slices = {one.slices[170]};
+  const std::uint64_t alone = read(one, {270});
+  EXPECT_LE(read(discs(35, 250), {270}), alone + 10);
+  EXPECT_LE(read(discs(350, 100), {270}), alone + 10);
+  EXPECT_LE(read(discs(350, 100, true), {270}), alone + 10 + 9 * sizeof(SliceRecord));
+  std::vector<int> some;
+  for (int i = 260; i < 280; ++i)
+    some.push_back(i);
+  EXPECT_NEAR(static_cast<double>(read(discs(350, 100), some)),
+              static_cast<double>(read(discs(35, 250), some)), 20 * 4);
+}
+
+TEST(AssetPart, IsReadFromAFileToo) {
+  const std::filesystem::path file = std::filesystem::temp_directory_path() /
+                                     ("trocar_asset_part_" + std::to_string(::getpid()) + ".glb");
+  const Bytes glb = *encode_asset(discs(20, 5));
+  ASSERT_TRUE(write_file_atomically(file, glb));
+  const auto from_file = read_asset_part(file, {9});
+  std::filesystem::remove(file);
+  ASSERT_TRUE(from_file) << from_file.error().message;
+  const auto from_memory = decode_asset_part(glb, "test", {9});
+  expect_same(from_file->asset.slices[0], from_memory->asset.slices[0]);
+  EXPECT_EQ(from_file->read_bytes, from_memory->read_bytes);
+  EXPECT_LT(from_file->read_bytes, glb.size() / 5);
+  const auto absent = read_asset_part(file, {9});
+  ASSERT_FALSE(absent);
+  EXPECT_EQ(absent.error().code, ExitCode::kRefused);
+  EXPECT_NE(absent.error().message.find(file.string()), std::string::npos);
+}
+
+// Law 1: an index that does not state the file's own sizes is none, and the file is read whole.
+TEST(AssetPart, AnIndexOfAnotherFileIsNone) {
+  const Bytes glb = *encode_asset(discs(8, 0));
+  const IndexedFile file = index_of(glb);
+  for (const std::size_t field :
+       {offsetof(IndexHeader, magic), offsetof(IndexHeader, version),
+        offsetof(IndexHeader, json_bytes), offsetof(IndexHeader, binary_bytes)}) {
+    Bytes other = glb;
+    other[file.binary_at + field] += 4;
+    const auto part = decode_asset_part(other, "test", {2});
+    ASSERT_TRUE(part) << part.error().message;
+    EXPECT_GE(part->read_bytes, glb.size());
+    EXPECT_TRUE(decode_asset(other, "test"));
+  }
+}
+
+// Law 2: decode_asset() refuses an index that disagrees with the JSON, also one whose checksums
+// are right.
+TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
+  const Bytes glb = *encode_asset(discs(8, 0));
+  const IndexedFile file = index_of(glb);
+  const auto changed = [&](std::uint32_t place, const std::function<void(SliceRecord&)>& change) {
+    Bytes bytes = glb;
+    const std::size_t at = file.binary_at + sizeof(IndexHeader) + place * sizeof(SliceRecord);
+    SliceRecord record;
+    std::memcpy(&record, bytes.data() + at, sizeof record);
+    change(record);
+    std::memcpy(bytes.data() + at, &record, sizeof record);
+    seal_index(bytes);
+    return bytes;
+  };
+  EXPECT_EQ(changed(1, [](SliceRecord&) {}), glb);
+  SliceRecord fifth;
+  changed(5, [&](SliceRecord& r) { fifth = r; });
+  const std::vector<std::function<void(SliceRecord&)>> changes{
+      [](SliceRecord& r) { r.index = 100; },
+      [&](SliceRecord& r) { r.node_offset = fifth.node_offset; },
+      [](SliceRecord& r) { --r.node_bytes; },
+      [&](SliceRecord& r) { r.draco_offset = fifth.draco_offset; },
+      [](SliceRecord& r) { --r.draco_bytes; },
+      [](SliceRecord& r) { ++r.vertices; },
+      [](SliceRecord& r) { ++r.triangles; },
+      [](SliceRecord& r) { ++r.low.x; },
+      [](SliceRecord& r) { --r.high.y; },
+      [](SliceRecord& r) { r.outline_offset += 12; },
+      [](SliceRecord& r) { --r.outline_vertices; },
+      [](SliceRecord& r) { r.segments_offset += 4; },
+      [](SliceRecord& r) { r.segment_index_bytes = 4; },
+      [&](SliceRecord& r) { r = fifth; },
+      [](SliceRecord& r) { r.draco_offset = 0xFFFFFFF0; },
+      [](SliceRecord& r) { r.outline_vertices = 0xFFFFFFF0; },
+      [](SliceRecord& r) { r.node_bytes = 0xFFFFFFF0; }};
+  for (std::size_t i = 0; i < changes.size(); ++i) {
+    const Bytes bytes = changed(1, changes[i]);
+    const auto out = decode_asset(bytes, "test");
+    ASSERT_FALSE(out) << "change " << i;
+    EXPECT_EQ(out.error().code, ExitCode::kRefused);
+    // Taken alone, it is a slice or a refusal.
+    const auto part = decode_asset_part(bytes, "test", {1});
+    EXPECT_TRUE(part || part.error().code == ExitCode::kRefused);
+  }
+  Bytes extras = glb;
+  extras[file.binary_at + offsetof(IndexHeader, extras_bytes)] -= 1;
+  seal_index(extras);
+  EXPECT_FALSE(decode_asset(extras, "test"));
+}
+
+// Law 4: whichever byte changes, a part is refused or is what it was.
+TEST(AssetPart, AChangedByteIsSeen) {
+  const Bytes glb = *encode_asset(discs(3, 0));
+  const auto whole = decode_asset(glb, "test");
+  const IndexedFile file = index_of(glb);
+  ASSERT_EQ(file.header.slices, 3U);
+  std::mt19937_64 rng(3);
+  int unharmed = 0;
+  for (std::size_t at = 0; at < glb.size(); ++at) {
+    Bytes bytes = glb;
+    bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ (1 + rng() % 255));
+    for (const int index : {0, 1}) {
+      const auto part = decode_asset_part(bytes, "test", {index});
+      if (!part) {
+        EXPECT_EQ(part.error().code, ExitCode::kRefused);
+        EXPECT_EQ(part.error().message.find('\n'), std::string::npos);
+        continue;
+      }
+      // Without its index the file is read whole, which no checksum covers.
+      if (part->read_bytes >= glb.size()) continue;
+      ++unharmed;
+      EXPECT_TRUE(same(part->asset.slices[0], whole->slices[static_cast<std::size_t>(index)]))
+          << "byte " << at;
+      EXPECT_EQ(part->asset.lattice, whole->lattice);
+      EXPECT_EQ(part->asset.parameters, whole->parameters);
+    }
+  }
+  EXPECT_GT(unharmed, 500);
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+// The asset codec: lossless on the lattice, and unmoved by hostile bytes.
+#include "formats/asset/asset.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstring>
+#include <random>
+
+#include "formats/asset/draco_mesh.h"
+#include "formats/geometry/mesh_validity.h"
+
+namespace trocar {
+namespace {
+
+// A grid of nx by ny cells with jittered inner vertices: valid, and of many coordinates.
+SliceMesh jittered_grid(std::int32_t nx, std::int32_t ny, std::int32_t cell, LatticePoint origin,
+                        std::uint64_t seed) {
+  std::mt19937_64 rng(seed);
+  SliceMesh mesh;
+  const auto jitter = [&] {
+    return static_cast<std::int32_t>(rng() % static_cast<std::uint64_t>(cell / 2 + 1)) - cell / 4;
+  };
+  for (std::int32_t y = 0; y <= ny; ++y) {
+    for (std::int32_t x = 0; x <= nx; ++x) {
+      LatticePoint p{origin.x + x * cell, origin.y + y * cell};
+      if (x > 0 && x < nx && y > 0 && y < ny) p = {p.x + jitter() / 2, p.y + jitter() / 2};
+      mesh.vertices.push_back(p);
+    }
+  }
+  const auto id = [nx](std::int32_t x, std::int32_t y) {
+    return static_cast<std::uint32_t>(y * (nx + 1) + x);
+  };
+  for (std::int32_t y = 0; y < ny; ++y) {
+    for (std::int32_t x = 0; x < nx; ++x) {
+      mesh.triangles.push_back({id(x, y), id(x + 1, y), id(x + 1, y + 1)});
+      mesh.triangles.push_back({id(x, y), id(x + 1, y + 1), id(x, y + 1)});
+    }
+  }
+  return mesh;
+}
+
+Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
+  Asset asset;
+  asset.lattice.bits = bits;
+  asset.generator = "asset_test";
+  asset.parameters = {{"threshold", 226.5}, {"labels", {20, 22}}};
+  asset.input_digest = "0123abcd";
+  for (int i = 0; i < 3; ++i) {
+    AssetSlice slice;
+    slice.index = 2 * i + 1;
+    slice.z_mm = 0.1 * i;
+    slice.T_lps_plane = Eigen::Translation3d(1.25, -3.1, 0.1 * i) *
+                        Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
+    slice.measures = {{"area_mm2", 1.0 / 3.0}};
+    if (i != 1) {
+      slice.mesh = jittered_grid(13 + i, 7, 97, origin, 5 + static_cast<std::uint64_t>(i));
+      slice.pslg = boundary_rings(slice.mesh);
+    }
+    asset.slices.push_back(slice);
+  }
+  return asset;
+}
+
+// The triangles as sets of points, each from its smallest corner, sorted: what must not change.
+std::vector<std::array<LatticePoint, 3>> canonical(const SliceMesh& mesh) {
+  std::vector<std::array<LatticePoint, 3>> out;
+  for (const Triangle& t : mesh.triangles) {
+    std::array<LatticePoint, 3> p = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
+    std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
+    out.push_back(p);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+class AssetRoundTrip : public testing::TestWithParam<int> {};
+
+TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
+  const Asset in = make_asset(GetParam());
+  const auto glb = encode_asset(in);
+  ASSERT_TRUE(glb) << glb.error().message;
+  EXPECT_EQ(*glb, *encode_asset(in));
+  const auto out = decode_asset(*glb, "test");
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_TRUE(verify_asset(*out, "test"));
+  EXPECT_EQ(out->lattice, in.lattice);
+  EXPECT_EQ(out->parameters, in.parameters);
+  EXPECT_EQ(out->input_digest, in.input_digest);
+  EXPECT_EQ(out->generator, in.generator);
+  ASSERT_EQ(out->slices.size(), in.slices.size());
+  for (std::size_t i = 0; i < in.slices.size(); ++i) {
+    EXPECT_EQ(out->slices[i].index, in.slices[i].index);
+    EXPECT_EQ(out->slices[i].z_mm, in.slices[i].z_mm);
+    EXPECT_EQ(out->slices[i].measures, in.slices[i].measures);
+    EXPECT_EQ(out->slices[i].T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
+    EXPECT_EQ(out->slices[i].pslg.rings, in.slices[i].pslg.rings);
+    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(LatticeBits, AssetRoundTrip, testing::Values(0, 1, 4, 6, 8, 11, 14));
+
+TEST(Asset, SizesAreThoseOfTheFile) {
+  AssetSizes said;
+  const auto glb = encode_asset(make_asset(8), &said);
+  const auto found = asset_sizes(*glb, "test");
+  ASSERT_TRUE(found);
+  EXPECT_EQ(said.json_bytes, found->json_bytes);
+  EXPECT_EQ(said.index_bytes, found->index_bytes);
+  EXPECT_EQ(said.index_bytes, 44U + 3 * 64);
+  EXPECT_EQ(said.triangle_bytes, found->triangle_bytes);
+  EXPECT_EQ(said.outline_bytes, found->outline_bytes);
+  EXPECT_EQ(said.triangles, found->triangles);
+  EXPECT_EQ(said.triangles, 2U * 7 * (13 + 15));
+}
+
+TEST(Asset, DecodesOnlyTheSlicesAskedFor) {
+  const auto glb = encode_asset(make_asset(8));
+  const auto out = decode_asset(*glb, "test", {false, {5}});
+  ASSERT_TRUE(out);
+  ASSERT_EQ(out->slices.size(), 3U);
+  EXPECT_TRUE(out->slices[0].mesh.triangles.empty());
+  EXPECT_FALSE(out->slices[2].mesh.triangles.empty());
+}
+
+TEST(Asset, PinchedVerticesSurvive) {
+  Asset asset = make_asset(8);
+  asset.slices.resize(1);
+  asset.slices[0].mesh = {{{0, 0}, {10, 0}, {5, 5}, {5, 5}, {10, 10}, {0, 10}},
+                          {{0, 1, 2}, {3, 4, 5}}};
+  asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
+  const auto glb = encode_asset(asset);
+  ASSERT_TRUE(glb) << glb.error().message;
+  const auto out = decode_asset(*glb, "test");
+  ASSERT_TRUE(out);
+  EXPECT_TRUE(verify_asset(*out, "test"));
+  EXPECT_EQ(out->slices[0].mesh.vertices.size(), 6U);
+}
+
+TEST(Asset, RefusesWhatItCannotHoldExactly) {
+  const auto far = encode_asset(make_asset(8, {1 << 25, 0}));
+  ASSERT_FALSE(far);
+  EXPECT_EQ(far.error().code, ExitCode::kRefused);
+  Asset wrong = make_asset(8);
+  wrong.slices[0].pslg.rings[0][0].x += 1;
+  const auto mismatch = encode_asset(wrong);
+  ASSERT_FALSE(mismatch);
+  EXPECT_EQ(mismatch.error().code, ExitCode::kBug);
+}
+
+TEST(Asset, ABinaryChunkThatEndsBehindTheFileIsRefused) {
+  const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
+  std::uint32_t json_bytes = 0, binary_bytes = 0;
+  std::memcpy(&json_bytes, glb.data() + 12, 4);
+  std::memcpy(&binary_bytes, glb.data() + 20 + json_bytes, 4);
+  ASSERT_EQ(20 + json_bytes + 8 + binary_bytes, glb.size());
+  for (const std::uint32_t more : {4U, 8U, 12U, 0xfffffff0U - binary_bytes}) {
+    std::vector<std::uint8_t> bytes = glb;
+    const std::uint32_t wrong = binary_bytes + more;
+    std::memcpy(bytes.data() + 20 + json_bytes, &wrong, 4);
+    const auto out = decode_asset(bytes, "longer");
+    ASSERT_FALSE(out) << more;
+    EXPECT_EQ(out.error().message, "longer: broken binary chunk");
+  }
+}
+
+// Draco allocates for the numbers in its header; what they can be is known before it reads on.
+TEST(Asset, ADracoHeaderThatPromisesTooMuchIsRefused) {
+  const SliceMesh mesh = jittered_grid(13, 7, 97, {0, 0}, 5);
+  const DracoGrid grid{{8}, {0, 0}, 16};
+  const std::vector<std::uint8_t> good = *encode_draco(mesh, grid);
+  const std::uint64_t vertices = mesh.vertices.size(), triangles = mesh.triangles.size();
+  ASSERT_TRUE(decode_draco(good, grid.lattice, vertices, triangles));
+  EXPECT_FALSE(decode_draco(good, grid.lattice, vertices - 1, triangles));
+  EXPECT_FALSE(decode_draco(good, grid.lattice, vertices, triangles - 1));
+  for (std::size_t at = 0; at < 11; ++at) {
+    std::vector<std::uint8_t> bytes = good;
+    bytes[at] ^= 1;
+    EXPECT_FALSE(decode_draco(bytes, grid.lattice, vertices, triangles)) << at;
+  }
+  // 112 vertices and 182 triangles, a varint of one and one of two bytes, behind twelve others.
+  ASSERT_EQ(good[12], vertices);
+  ASSERT_EQ((good[13] & 0x7fU) | (good[14] << 7U), triangles);
+  for (const std::uint32_t many : {20'000'000U, 1'430'000'000U, 0xffffffffU}) {
+    std::vector<std::uint8_t> bytes(good.begin(), good.begin() + 13);
+    for (std::uint32_t left = many; left > 0; left >>= 7)
+      bytes.push_back(static_cast<std::uint8_t>(left > 0x7f ? (left & 0x7f) | 0x80 : left));
+    bytes.insert(bytes.end(), good.begin() + 15, good.end());
+    const auto out = decode_draco(bytes, grid.lattice, vertices, many);
+    ASSERT_FALSE(out);
+    EXPECT_EQ(out.error().message, "Draco: more triangles than its bytes can hold") << many;
+  }
+  for (std::size_t size = 0; size < 20; ++size)
+    EXPECT_FALSE(decode_draco({good.data(), size}, grid.lattice, vertices, triangles)) << size;
+}
+
+// The mesh that compresses best of all: Draco needs next to nothing for it.
+TEST(Asset, APerfectGridIsNotTakenForAPromise) {
+  const SliceMesh mesh = jittered_grid(500, 500, 1, {0, 0}, 5);  // no room to move anything in
+  const DracoGrid grid{{8}, {0, 0}, 16};
+  const std::vector<std::uint8_t> bytes = *encode_draco(mesh, grid);
+  EXPECT_GT(mesh.triangles.size(), 64 * bytes.size());
+  const auto out = decode_draco(bytes, grid.lattice, mesh.vertices.size(), mesh.triangles.size());
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_EQ(canonical(*out), canonical(mesh));
+}
+
+TEST(Asset, HostileBytesAreRefusedOrReadWhole) {
+  const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
+  std::mt19937_64 rng(11);
+  int refused_count = 0;
+  for (int i = 0; i < 3000; ++i) {
+    std::vector<std::uint8_t> bytes = glb;
+    if (i % 4 == 0) {
+      bytes.resize(rng() % bytes.size());
+      // Keep the length field true half of the time, to get past the first check.
+      if (i % 8 == 0 && bytes.size() >= 12) {
+        const auto size = static_cast<std::uint32_t>(bytes.size());
+        std::memcpy(bytes.data() + 8, &size, 4);
+      }
+    } else {
+      for (std::uint64_t k = 0; k <= rng() % 3; ++k)
+        bytes[rng() % bytes.size()] = static_cast<std::uint8_t>(rng());
+    }
+    const auto out = decode_asset(bytes, "mutant");
+    if (!out) {
+      ++refused_count;
+      EXPECT_EQ(out.error().code, ExitCode::kRefused);
+      EXPECT_EQ(out.error().message.find('\n'), std::string::npos);
+      EXPECT_EQ(out.error().message.rfind("mutant: ", 0), 0U) << out.error().message;
+    } else {
+      (void)verify_asset(*out, "mutant");
+    }
+  }
+  EXPECT_GT(refused_count, 1000);
+}
+
+}  // namespace
+}  // namespace trocar

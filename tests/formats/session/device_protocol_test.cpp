@@ -1,0 +1,415 @@
+// SPDX-License-Identifier: Apache-2.0
+// The device link's packets: the bytes are those of the documentation (written down here a second
+// time, with libsodium alone), and nothing else than an untouched, fresh packet is accepted.
+#include "formats/session/device_protocol.h"
+
+#include <gtest/gtest.h>
+#include <sodium.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+namespace trocar {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+LinkKey counted_key(std::uint8_t first) {
+  LinkKey key;
+  for (std::size_t i = 0; i < key.bytes.size(); ++i)
+    key.bytes[i] = static_cast<std::uint8_t>(first + i);
+  return key;
+}
+
+const LinkKey kKey = counted_key(1);
+
+HelloPacket hello() {
+  HelloPacket packet;
+  packet.time_ns = -5;
+  packet.host_nonce = {9, 8, 7};
+  packet.period_s = 1e-3;
+  return packet;
+}
+WelcomePacket welcome() {
+  return {77, {9, 8, 7}, {1, 2, 3, 4, 5, 6, 7, 8, 9}, 2.5e-4, LinkClock::kLockStep};
+}
+CommandPacket command(std::uint64_t sequence = 3) {
+  CommandPacket packet{0x0807060504030201, sequence, 123456789012345, CommandMode::kTorque, 41, {}};
+  for (std::size_t i = 0; i < kLinkMotors; ++i)
+    packet.tau_motor_Nm[i] = 0.1 * static_cast<double>(i) - 0.35;
+  return packet;
+}
+StatePacket state(std::uint64_t sequence = 4) {
+  StatePacket packet{0x0807060504030201, sequence, -1, DriveMode::kWatchdog, 0x81, 3, {}};
+  for (std::size_t i = 0; i < kLinkEncoders; ++i)
+    packet.encoder_rad[i] = std::sin(static_cast<double>(i));
+  return packet;
+}
+
+template <typename Packet>
+Bytes encoded(const Packet& packet, const LinkKey& key = kKey) {
+  Bytes bytes(kLargestPacketBytes);
+  bytes.resize(encode(packet, key, bytes));
+  return bytes;
+}
+
+LinkRefusal open(const Bytes& bytes, HelloPacket& packet) {
+  return decode(bytes, kKey, packet);
+}
+LinkRefusal open(const Bytes& bytes, WelcomePacket& packet) {
+  return decode(bytes, kKey, hello().host_nonce, packet);
+}
+LinkRefusal open(const Bytes& bytes, CommandPacket& packet) {
+  std::uint64_t last = 0;
+  return decode(bytes, kKey, command().session, last, packet);
+}
+LinkRefusal open(const Bytes& bytes, StatePacket& packet) {
+  std::uint64_t last = 0;
+  return decode(bytes, kKey, state().session, last, packet);
+}
+
+/// The page of the documentation in its own words: little-endian fields after one another.
+struct Page {
+  Bytes bytes;
+  Page& number(std::uint64_t value, int count) {
+    for (; count > 0; --count, value >>= 8)
+      bytes.push_back(static_cast<std::uint8_t>(value & 0xff));
+    return *this;
+  }
+  Page& real(double value) {
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, &value, 8);
+    return number(bits, 8);
+  }
+  template <std::size_t N>
+  Page& raw(const std::array<std::uint8_t, N>& values) {
+    bytes.insert(bytes.end(), values.begin(), values.end());
+    return *this;
+  }
+  Page& header(std::uint64_t kind, std::uint64_t size, std::uint64_t session,
+               std::uint64_t sequence, std::int64_t time_ns) {
+    return number(0x52435254, 4)
+        .number(1, 1)
+        .number(kind, 1)
+        .number(size, 2)
+        .number(session, 8)
+        .number(sequence, 8)
+        .number(static_cast<std::uint64_t>(time_ns), 8);
+  }
+  Bytes sealed(const LinkKey& key = kKey) const {
+    Bytes all = bytes;
+    all.resize(bytes.size() + 32);
+    crypto_generichash(all.data() + bytes.size(), 32, bytes.data(), bytes.size(), key.bytes.data(),
+                       32);
+    return all;
+  }
+};
+
+Page page_of(const CommandPacket& c) {
+  Page page;
+  page.header(3, 144, c.session, c.sequence, c.time_ns)
+      .number(static_cast<std::uint64_t>(c.mode), 8)
+      .number(c.state_seen, 8);
+  for (const double tau : c.tau_motor_Nm)
+    page.real(tau);
+  return page;
+}
+Page page_of(const StatePacket& s) {
+  Page page;
+  page.header(4, 208, s.session, s.sequence, s.time_ns)
+      .number(static_cast<std::uint64_t>(s.mode), 1)
+      .number(s.motor_faults, 7)
+      .number(s.command_taken, 8);
+  for (const double angle : s.encoder_rad)
+    page.real(angle);
+  return page;
+}
+Page page_of(const HelloPacket& h) {
+  Page page;
+  page.header(1, 96, 0, 1, h.time_ns).raw(h.host_nonce).real(h.period_s).number(h.fresh ? 1 : 0, 8);
+  return page;
+}
+Page page_of(const WelcomePacket& w) {
+  Page page;
+  page.header(2, 112, 0x0807060504030201, 1, w.time_ns)
+      .raw(w.host_nonce)
+      .raw(w.drive_nonce)
+      .real(w.period_s)
+      .number(static_cast<std::uint64_t>(w.clock), 8);
+  return page;
+}
+
+class DeviceProtocol : public testing::Test {
+ protected:
+  void SetUp() override { ASSERT_TRUE(start_link()); }
+};
+
+TEST_F(DeviceProtocol, TheBytesAreThoseOfTheDocumentation) {
+  EXPECT_EQ(encoded(hello()), page_of(hello()).sealed());
+  EXPECT_EQ(encoded(welcome()), page_of(welcome()).sealed());
+  EXPECT_EQ(encoded(command()), page_of(command()).sealed());
+  EXPECT_EQ(encoded(state()), page_of(state()).sealed());
+  EXPECT_EQ(encoded(hello()).size(), 96U);
+  EXPECT_EQ(encoded(welcome()).size(), 112U);
+  EXPECT_EQ(encoded(command()).size(), 144U);
+  EXPECT_EQ(encoded(state()).size(), 208U);
+  // The session's key.
+  Page text;
+  for (const char c : std::string("trocar link 1"))
+    text.number(static_cast<std::uint64_t>(c), 1);
+  text.raw(welcome().host_nonce).raw(welcome().drive_nonce);
+  const Bytes sealed = text.sealed();
+  const LinkKey key = session_key(kKey, welcome().host_nonce, welcome().drive_nonce);
+  EXPECT_TRUE(std::equal(key.bytes.begin(), key.bytes.end(), sealed.end() - 32));
+  EXPECT_EQ(session_number(welcome().drive_nonce), 0x0807060504030201U);
+}
+
+template <typename Packet>
+void expect_round_trip(const Packet& packet) {
+  Packet read;
+  ASSERT_EQ(open(encoded(packet), read), LinkRefusal::kNone);
+  EXPECT_EQ(read, packet);
+  EXPECT_EQ(encoded(read), encoded(packet));
+}
+
+TEST_F(DeviceProtocol, WhatIsEncodedIsDecoded) {
+  expect_round_trip(hello());
+  expect_round_trip(welcome());
+  expect_round_trip(command());
+  expect_round_trip(state());
+  CommandPacket extreme = command(std::numeric_limits<std::uint64_t>::max());
+  extreme.tau_motor_Nm = {kLinkMaxTorque_Nm, -kLinkMaxTorque_Nm, 5e-324, -0.0, 1 / 3.0, 0, 0, 0};
+  expect_round_trip(extreme);
+}
+
+TEST_F(DeviceProtocol, EveryFlippedBitAndEveryLengthIsRefusedAndChangesNothing) {
+  const auto check = [](const auto& packet) {
+    using Packet = std::decay_t<decltype(packet)>;
+    const Bytes good = encoded(packet);
+    for (std::size_t bit = 0; bit < 8 * good.size(); ++bit) {
+      Bytes bad = good;
+      bad[bit / 8] ^= static_cast<std::uint8_t>(1U << (bit % 8));
+      Packet read{};
+      ASSERT_NE(open(bad, read), LinkRefusal::kNone) << "bit " << bit;
+      ASSERT_EQ(read, Packet{});
+    }
+    for (std::size_t size = 0; size <= good.size() + 40; ++size) {
+      if (size == good.size()) continue;
+      Bytes bad = good;
+      bad.resize(size);
+      Packet read{};
+      ASSERT_NE(open(bad, read), LinkRefusal::kNone) << "length " << size;
+    }
+  };
+  check(hello());
+  check(welcome());
+  check(command());
+  check(state());
+}
+
+TEST_F(DeviceProtocol, NothingIsAcceptedTwiceOrAfterSomethingNewer) {
+  std::uint64_t last = 0;
+  CommandPacket read;
+  const auto give = [&](std::uint64_t sequence) {
+    return decode(encoded(command(sequence)), kKey, command().session, last, read);
+  };
+  EXPECT_EQ(give(5), LinkRefusal::kNone);
+  EXPECT_EQ(give(5), LinkRefusal::kSequence);
+  EXPECT_EQ(give(4), LinkRefusal::kSequence);
+  EXPECT_EQ(read.sequence, 5U);
+  EXPECT_EQ(give(900), LinkRefusal::kNone) << "gaps are losses, not attacks";
+  EXPECT_EQ(give(899), LinkRefusal::kSequence);
+  // A forged number from the future does not shut out the true ones.
+  Bytes forged = page_of(command(1000000)).sealed(counted_key(2));
+  EXPECT_EQ(decode(forged, kKey, command().session, last, read), LinkRefusal::kMac);
+  EXPECT_EQ(give(901), LinkRefusal::kNone);
+}
+
+TEST_F(DeviceProtocol, AnotherSessionsOrDirectionsOrKeysPacketsAreRefused) {
+  std::uint64_t last = 0;
+  CommandPacket read;
+  StatePacket read_state;
+  HelloPacket read_hello;
+  const Bytes old = encoded(command());
+  EXPECT_EQ(decode(old, kKey, command().session + 1, last, read), LinkRefusal::kSession);
+  // With the number made to fit, the key does not.
+  const LinkKey other = session_key(kKey, hello().host_nonce, {2});
+  EXPECT_EQ(decode(old, other, command().session, last, read), LinkRefusal::kMac);
+  EXPECT_EQ(decode(old, kKey, command().session, last, read_state), LinkRefusal::kKind);
+  EXPECT_EQ(decode(encoded(state()), kKey, state().session, last, read), LinkRefusal::kKind);
+  EXPECT_EQ(decode(encoded(welcome()), kKey, read_hello), LinkRefusal::kKind);
+  WelcomePacket read_welcome;
+  EXPECT_EQ(decode(encoded(welcome()), kKey, {1, 1, 1}, read_welcome), LinkRefusal::kContents)
+      << "a welcome to somebody else's hello";
+  // Every byte of either nonce changes the session's key.
+  const LinkKey key = session_key(kKey, {}, {});
+  for (std::size_t i = 0; i < kLinkNonceBytes; ++i) {
+    LinkNonce nonce{};
+    nonce[i] = 1;
+    EXPECT_NE(session_key(kKey, nonce, {}).bytes, key.bytes);
+    EXPECT_NE(session_key(kKey, {}, nonce).bytes, key.bytes);
+  }
+  EXPECT_NE(random_nonce(), random_nonce());
+  EXPECT_NE(random_link_key().bytes, random_link_key().bytes);
+}
+
+// Made with the right key, and still not accepted: the other side may be broken.
+TEST_F(DeviceProtocol, AuthenticNonsenseIsRefused) {
+  const double bad_numbers[] = {std::nan(""), -std::nan(""),
+                                std::numeric_limits<double>::infinity(), 1000.1, -1e300};
+  for (const double bad : bad_numbers) {
+    for (std::size_t i = 0; i < kLinkMotors; ++i) {
+      CommandPacket packet = command(), read{};
+      packet.tau_motor_Nm[i] = bad;
+      EXPECT_EQ(open(page_of(packet).sealed(), read), LinkRefusal::kContents);
+      EXPECT_EQ(read, CommandPacket{});
+      EXPECT_EQ(encoded(packet).size(), 0U);
+    }
+    for (std::size_t i = 0; i < kLinkEncoders; ++i) {
+      StatePacket packet = state(), read{};
+      packet.encoder_rad[i] = bad;
+      EXPECT_EQ(open(page_of(packet).sealed(), read), LinkRefusal::kContents);
+      EXPECT_EQ(encoded(packet).size(), 0U);
+    }
+    HelloPacket packet = hello(), read{};
+    packet.period_s = bad;
+    EXPECT_EQ(open(page_of(packet).sealed(), read), LinkRefusal::kContents);
+  }
+  for (int mode = 0; mode < 256; ++mode) {
+    CommandPacket c = command(), read_command;
+    c.mode = static_cast<CommandMode>(mode);
+    EXPECT_EQ(open(page_of(c).sealed(), read_command) == LinkRefusal::kNone, mode == 2)
+        << "hold and stop must not carry torques";
+    c.tau_motor_Nm = {};
+    EXPECT_EQ(open(page_of(c).sealed(), read_command) == LinkRefusal::kNone,
+              mode >= 1 && mode <= 3);
+    StatePacket s = state(), read_state;
+    s.mode = static_cast<DriveMode>(mode);
+    EXPECT_EQ(open(page_of(s).sealed(), read_state) == LinkRefusal::kNone, mode >= 1 && mode <= 4);
+    WelcomePacket w = welcome(), read_welcome;
+    w.clock = static_cast<LinkClock>(mode);
+    EXPECT_EQ(open(page_of(w).sealed(), read_welcome) == LinkRefusal::kNone,
+              mode == 1 || mode == 2);
+  }
+  // Bytes that must be zero.
+  for (std::size_t at = 33; at < 40; ++at) {
+    Page page = page_of(command());
+    page.bytes[at] = 1;
+    CommandPacket read;
+    EXPECT_EQ(open(page.sealed(), read), LinkRefusal::kContents);
+  }
+  CommandPacket zero = command(0), read;
+  EXPECT_EQ(open(page_of(zero).sealed(), read), LinkRefusal::kSequence);
+}
+
+// The corpus was made from the documentation by a program in another language.
+TEST_F(DeviceProtocol, PacketsOfAnotherImplementationAreAccepted) {
+  LinkKey shared;
+  for (std::size_t i = 0; i < shared.bytes.size(); ++i)
+    shared.bytes[i] = static_cast<std::uint8_t>(7 * i + 1);
+  const LinkNonce host = {1, 2, 3}, drive = {4, 5, 6};
+  const LinkKey key = session_key(shared, host, drive);
+  const auto file = [](const std::string& name) {
+    std::ifstream stream(TROCAR_CORPUS "/packet/" + name + ".bin", std::ios::binary);
+    return Bytes(std::istreambuf_iterator<char>(stream), {});
+  };
+  HelloPacket h;
+  EXPECT_EQ(decode(file("hello"), shared, h), LinkRefusal::kNone);
+  EXPECT_EQ(h, (HelloPacket{1000, host, 1e-3, true}));
+  WelcomePacket w;
+  EXPECT_EQ(decode(file("welcome"), shared, host, w), LinkRefusal::kNone);
+  EXPECT_EQ(w, (WelcomePacket{2000, host, drive, 2.5e-4, LinkClock::kReal}));
+  std::uint64_t last = 0;
+  CommandPacket c;
+  EXPECT_EQ(decode(file("command"), key, session_number(drive), last, c), LinkRefusal::kNone);
+  EXPECT_EQ(c.tau_motor_Nm[7], 0.75);
+  StatePacket s;
+  last = 0;
+  EXPECT_EQ(decode(file("state"), key, session_number(drive), last, s), LinkRefusal::kNone);
+  EXPECT_EQ(s.encoder_rad[15], 0.875);
+  EXPECT_EQ(encoded(s, key), file("state"));
+}
+
+TEST_F(DeviceProtocol, ABufferTooShortIsNotWrittenTo) {
+  Bytes small(kStateBytes - 1, 0xaa);
+  EXPECT_EQ(encode(state(), kKey, small), 0U);
+  EXPECT_EQ(small, Bytes(kStateBytes - 1, 0xaa));
+}
+
+// Neither the sort of noise nor true packets with changes is ever taken. TROCAR_PACKETS scales.
+TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
+  const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
+  const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
+  std::mt19937_64 random(20);
+  const auto below = [&](std::size_t n) { return static_cast<std::size_t>(random() % n); };
+  const std::vector<Bytes> true_ones = {encoded(hello()), encoded(welcome()), encoded(command()),
+                                        encoded(state())};
+  LinkCounts counts;
+  for (long n = 0; n < packets; ++n) {
+    Bytes bytes;
+    if (n % 4 == 0) {
+      bytes.resize(below(300));
+      for (std::uint8_t& b : bytes)
+        b = static_cast<std::uint8_t>(random());
+      if (n % 8 == 0 && bytes.size() >= 8) {  // a header that looks right
+        std::copy_n(true_ones[below(4)].begin(), 8, bytes.begin());
+      }
+    } else {
+      bytes = true_ones[below(4)];
+      const Bytes before = bytes;
+      for (std::size_t changes = 1 + below(4); changes > 0; --changes) {
+        switch (below(5)) {
+          case 0:
+            bytes[below(bytes.size())] ^= static_cast<std::uint8_t>(1U << below(8));
+            break;
+          case 1:
+            bytes[below(bytes.size())] = static_cast<std::uint8_t>(random());
+            break;
+          case 2: {  // a number
+            const std::size_t at = 8 * below(bytes.size() / 8);
+            const std::uint64_t value = below(2) == 0 ? random() : below(3);
+            std::memcpy(&bytes[at], &value, 8);
+            break;
+          }
+          case 3: {  // the tail of another packet: its MAC
+            const Bytes& other = true_ones[below(4)];
+            std::copy(other.end() - 32, other.end(), bytes.end() - 32);
+            break;
+          }
+          default:
+            std::swap(bytes[below(bytes.size())], bytes[below(bytes.size())]);
+        }
+      }
+      if (below(8) == 0) bytes.resize(32 + below(bytes.size() - 32));
+      if (bytes == before) continue;
+    }
+    HelloPacket h;
+    WelcomePacket w;
+    CommandPacket c;
+    StatePacket s;
+    for (const LinkRefusal refusal :
+         {open(bytes, h), open(bytes, w), open(bytes, c), open(bytes, s)}) {
+      ASSERT_NE(refusal, LinkRefusal::kNone) << "packet " << n;
+      counts.add(refusal);
+    }
+  }
+  EXPECT_EQ(counts.accepted(), 0U);
+  std::printf("%ld packets, by four readers each:", packets);
+  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+    std::printf(" %s %llu", to_word(static_cast<LinkRefusal>(i)),
+                static_cast<unsigned long long>(counts.by_refusal[i]));
+  }
+  std::printf("\n");
+  EXPECT_GT(counts.by_refusal[static_cast<std::size_t>(LinkRefusal::kMac)],
+            100'000U * packets / 1'000'000);
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/recording.h"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <random>
+
+#include "formats/base/file_io.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Recording : public testing::Test {
+ protected:
+  std::size_t files() const { return temporary_.files(); }
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
+};
+
+/// Any finite double, all exponents alike.
+double any_double(std::mt19937_64& random) {
+  for (;;) {
+    const double x = std::bit_cast<double>(random());
+    if (std::isfinite(x)) return x;
+  }
+}
+
+std::vector<RecordingRow> any_rows(std::size_t count) {
+  std::mt19937_64 random(20);
+  std::vector<RecordingRow> rows(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    RecordingRow& row = rows[i];
+    row.t_s = static_cast<double>(i) / 3;
+    for (auto* numbers : {row.p_m.data(), row.tool_m.data()}) {
+      for (int k = 0; k < 3; ++k)
+        numbers[k] = any_double(random);
+    }
+    for (double& x : row.q)
+      x = any_double(random);
+    for (double& x : row.wrench_wanted)
+      x = any_double(random);
+    for (double& x : row.wrench_delivered)
+      x = any_double(random);
+    for (double& x : row.tau_Nm)
+      x = any_double(random);
+    for (double& x : row.encoder_rad)
+      x = any_double(random);
+    row.phase = static_cast<ContactPhase>(random() % 5);
+    row.active_slice = static_cast<std::int32_t>(random() % 40) - 1;
+    row.penetration_m = any_double(random);
+    row.wrench_scale = any_double(random);
+    row.pose_residual_m = any_double(random);
+    row.cuts_published = static_cast<std::int64_t>(random() >> 1);
+    row.fault = static_cast<Fault>(random() % kFaults);
+    row.device_read = static_cast<DeviceAnswer>(random() % kDeviceAnswers);
+    row.device_write = static_cast<DeviceAnswer>(random() % kDeviceAnswers);
+    row.outside_fault = static_cast<Fault>(random() % kFaults);
+    row.recovery_asked = static_cast<std::uint8_t>(random() % 2);
+    row.safety = static_cast<SafetyState>(random() % kSafetyStates);
+    for (double* x :
+         {&row.authority, &row.passivity_J, &row.passivity_N_s_per_m, &row.motor_heat_max})
+      *x = any_double(random);
+  }
+  rows[0].p_m = {std::numeric_limits<double>::denorm_min(), -0.0,
+                 std::numeric_limits<double>::max()};
+  return rows;
+}
+
+template <std::size_t N>
+bool same_bits(const std::array<double, N>& a, const std::array<double, N>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
+    return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y);
+  });
+}
+
+bool same(const RecordingRow& a, const RecordingRow& b) {
+  return same_bits(std::array{a.t_s, a.penetration_m, a.wrench_scale, a.pose_residual_m},
+                   std::array{b.t_s, b.penetration_m, b.wrench_scale, b.pose_residual_m}) &&
+         same_bits(a.p_m, b.p_m) && same_bits(a.q, b.q) && same_bits(a.tool_m, b.tool_m) &&
+         same_bits(a.wrench_wanted, b.wrench_wanted) &&
+         same_bits(a.wrench_delivered, b.wrench_delivered) && same_bits(a.tau_Nm, b.tau_Nm) &&
+         same_bits(a.encoder_rad, b.encoder_rad) && a.phase == b.phase &&
+         a.active_slice == b.active_slice && a.cuts_published == b.cuts_published &&
+         a.fault == b.fault && a.device_read == b.device_read && a.device_write == b.device_write &&
+         a.outside_fault == b.outside_fault && a.recovery_asked == b.recovery_asked &&
+         a.safety == b.safety &&
+         same_bits(std::array{a.authority, a.passivity_J, a.passivity_N_s_per_m, a.motor_heat_max},
+                   std::array{b.authority, b.passivity_J, b.passivity_N_s_per_m, b.motor_heat_max});
+}
+
+std::string text_of(const fs::path& file) {
+  const auto bytes = read_file(file);
+  return bytes ? std::string(bytes->begin(), bytes->end()) : std::string();
+}
+
+std::string csv_of(const fs::path& folder, std::span<const RecordingRow> rows) {
+  auto writer = RecordingWriter::open(folder / "r.csv");
+  EXPECT_TRUE(writer);
+  EXPECT_TRUE(writer->append(rows));
+  EXPECT_TRUE(writer->commit());
+  return text_of(folder / "r.csv");
+}
+
+TEST_F(Recording, WhatIsReadIsBitForBitWhatWasWritten) {
+  const std::vector<RecordingRow> rows = any_rows(5000);
+  csv_of(folder_, rows);
+  const auto read = read_recording(folder_ / "r.csv");
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->size(), rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    ASSERT_TRUE(same(rows[i], (*read)[i])) << i;
+  EXPECT_EQ(files(), 1U) << "no temporary file is left";
+}
+
+TEST_F(Recording, ColumnsBeginAsTheContractSays) {
+  EXPECT_EQ(recording_header().rfind(
+                "t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,tool_y_m,tool_z_m,"
+                "fx_wanted_N,fy_wanted_N,fz_wanted_N,tx_wanted_Nm,ty_wanted_Nm,tz_wanted_Nm,"
+                "fx_delivered_N,fy_delivered_N,fz_delivered_N,tx_delivered_Nm,ty_delivered_Nm,"
+                "tz_delivered_Nm,tau_1_1_Nm,tau_1_4_Nm,tau_2_1_Nm,tau_2_4_Nm,tau_3_1_Nm,"
+                "tau_3_4_Nm,tau_4_1_Nm,tau_4_4_Nm,th_1_1_rad,th_1_2_rad,th_1_3_rad,th_1_4_rad,",
+                0),
+            0U);
+  EXPECT_NE(recording_header().find(",th_4_4_rad,state,active_slice,penetration_m,"),
+            std::string::npos);
+}
+
+TEST_F(Recording, ABrokenEncoderMayBeRecorded) {
+  std::vector<RecordingRow> rows(1);
+  rows[0].encoder_rad[5] = std::numeric_limits<double>::quiet_NaN();
+  rows[0].encoder_rad[6] = -std::numeric_limits<double>::infinity();
+  const auto read = parse_recording(csv_of(folder_, rows), "r");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_TRUE(std::isnan((*read)[0].encoder_rad[5]));
+  EXPECT_EQ((*read)[0].encoder_rad[6], -std::numeric_limits<double>::infinity());
+}
+
+TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
+  const std::string good = csv_of(folder_, any_rows(3));
+  ASSERT_TRUE(parse_recording(good, "r.csv"));
+  const std::size_t header = good.find('\n') + 1;
+  const std::size_t second = good.find('\n', header) + 1;  // the row of t_s = 1/3
+  const auto with = [&](std::size_t at, std::size_t length, const std::string& text) {
+    std::string bad = good;
+    bad.replace(at, length, text);
+    const auto result = parse_recording(bad, "r.csv");
+    EXPECT_FALSE(result) << text;
+    return result ? std::string() : result.error().message;
+  };
+  const std::size_t comma = good.find(',', second);
+  EXPECT_EQ(with(second, comma - second, "x"), "r.csv: line 3: t_s is not a number");
+  EXPECT_EQ(with(second, comma - second, "0.5x"), "r.csv: line 3: t_s is not a number");
+  EXPECT_EQ(with(second, comma - second, ""), "r.csv: line 3: t_s is not a number");
+  EXPECT_EQ(with(second, comma - second, "inf"), "r.csv: line 3: t_s is not finite");
+  EXPECT_EQ(with(second, comma - second, "0"),
+            "r.csv: line 3: t_s is not later than in the row before");
+  EXPECT_EQ(with(second, comma - second + 1, ""), "r.csv: line 3: th_4_4_rad is not a number");
+  EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown word");
+  const std::size_t end = good.find('\n', second);
+  const std::size_t last = good.rfind(',', end);
+  EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: motor_heat_max is missing");
+  EXPECT_EQ(with(end, 0, ",1"), "r.csv: line 3: has too many fields");
+  EXPECT_EQ(with(end, 0, "s"), "r.csv: line 3: motor_heat_max is not a number");
+  std::size_t asked = end;
+  for (int fields = 0; fields < 6; ++fields)
+    asked = good.rfind(',', asked - 1);  // before recovery_asked
+  EXPECT_EQ(with(asked + 1, 1, "2"), "r.csv: line 3: recovery_asked is neither 0 nor 1");
+  EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown word");
+  EXPECT_EQ(with(second, 0, "\n"), "r.csv: line 3: t_s is not a number");
+  EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not a recording's header");
+  EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: no row");
+  EXPECT_FALSE(parse_recording("", "r.csv"));
+  // Cut anywhere but at a line's end, a recording is refused.
+  for (std::size_t length = 0; length < good.size(); ++length) {
+    const bool whole_rows = length > header && good[length - 1] == '\n';
+    EXPECT_EQ(bool(parse_recording(good.substr(0, length), "r.csv")), whole_rows) << length;
+  }
+}
+
+TEST_F(Recording, NothingIsLeftOfAWriterThatDoesNotCommit) {
+  {
+    auto writer = RecordingWriter::open(folder_ / "r.csv");
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE(writer->append(any_rows(2000)));
+    EXPECT_EQ(files(), 1U);
+  }
+  EXPECT_EQ(files(), 0U);
+}
+
+TEST_F(Recording, AFileThatIsThereStaysUntilTheCommit) {
+  const std::string old = csv_of(folder_, any_rows(1));
+  {
+    auto writer = RecordingWriter::open(folder_ / "r.csv");
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE(writer->append(any_rows(10)));
+  }
+  EXPECT_EQ(text_of(folder_ / "r.csv"), old);
+}
+
+TEST_F(Recording, OnlyARegularFileIsReplaced) {
+  fs::create_directory(folder_ / "folder");
+  ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
+  fs::create_symlink(folder_ / "pipe", folder_ / "link");
+  for (const char* name : {"folder", "pipe", "link"}) {
+    const auto writer = RecordingWriter::open(folder_ / name);
+    ASSERT_FALSE(writer) << name;
+    EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
+  }
+  EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
+  EXPECT_EQ(files(), 3U);
+}
+
+TEST_F(Recording, WhatCannotBeWrittenIsSaid) {
+  const auto writer = RecordingWriter::open(folder_ / "no" / "r.csv");
+  ASSERT_FALSE(writer);
+  EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
+  // A folder that comes in the way of the rename.
+  auto blocked = RecordingWriter::open(folder_ / "r.csv");
+  fs::create_directory(folder_ / "r.csv");
+  ASSERT_TRUE(blocked);
+  const auto committed = blocked->commit();
+  ASSERT_FALSE(committed);
+  EXPECT_EQ(committed.error().code, ExitCode::kUnwritable);
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""schema_test.py SOURCE: the shipped scenes and device descriptions conform to the JSON
+Schemas of formats/, and what is changed in them so that it breaks a rule does not.
+
+The changes are made from the schema itself: at every place of a document a wrong type,
+a number outside of its range, a list too short or too long, a key removed that is
+required, a key added that nobody knows.
+"""
+import copy
+import json
+import pathlib
+import sys
+
+import jsonschema
+
+# (documents, schema)
+SHIPPED = [
+    ("runtime/scenes/*.json", "formats/session/scene.schema.json"),
+    ("runtime/device/*.json", "formats/session/device.schema.json"),
+]
+SAMPLES = {"object": {}, "array": [], "string": "x", "number": 0.5, "boolean": True, "null": None}
+
+
+def resolve(schema, root):
+    while "$ref" in schema:
+        node = root
+        for part in schema["$ref"].removeprefix("#/").split("/"):
+            node = node[part]
+        schema = {**node, **{k: v for k, v in schema.items() if k != "$ref"}}
+    return schema
+
+
+def wrong_values(value, schema):
+    """Values that `schema` alone forbids in place of `value`, each with a reason."""
+    kinds = schema.get("type", [])
+    kinds = {kinds} if isinstance(kinds, str) else set(kinds)
+    if kinds:
+        for kind, sample in SAMPLES.items():
+            if kind not in kinds and not (kind == "number" and "integer" in kinds):
+                yield f"is a {kind}", sample
+        if "integer" in kinds and "number" not in kinds:
+            yield "is a fraction", 1.5
+    if "const" in schema:
+        yield "is another constant", "something else"
+    if "enum" in schema:
+        yield "is not in the list", "something else"
+    for key, step in (("minimum", -1), ("maximum", 1)):
+        if key in schema:
+            yield f"is beyond its {key}", schema[key] + step
+    for key in ("exclusiveMinimum", "exclusiveMaximum"):
+        if key in schema:
+            yield f"is at its {key}", schema[key]
+    if schema.get("minLength", 0) > 0 and isinstance(value, str):
+        yield "is empty", ""
+    if isinstance(value, list):
+        if schema.get("minItems", 0) > 0:
+            yield "is too short", value[: schema["minItems"] - 1]
+        if "maxItems" in schema and value:
+            yield "is too long", (value * (schema["maxItems"] + 1))[: schema["maxItems"] + 1]
+    if isinstance(value, dict):
+        for key in schema.get("required", []):
+            yield f"lacks {key}", {k: v for k, v in value.items() if k != key}
+        if schema.get("additionalProperties") is False:
+            yield "has an unknown key", {**value, "no_such_key": 1}
+
+
+def walk(value, schema, root, path=()):
+    """Every place of a document with the part of the schema that speaks of it."""
+    schema = resolve(schema, root)
+    yield path, value, schema
+    if isinstance(value, dict):
+        for key, child in value.items():
+            if key in schema.get("properties", {}):
+                yield from walk(child, schema["properties"][key], root, path + (key,))
+    elif isinstance(value, list):
+        for i, child in enumerate(value):
+            fixed = schema.get("prefixItems", [])
+            items = fixed[i] if i < len(fixed) else schema.get("items")
+            if isinstance(items, dict):
+                yield from walk(child, items, root, path + (i,))
+
+
+def replaced(document, path, value):
+    if not path:
+        return value
+    changed = copy.deepcopy(document)
+    node = changed
+    for step in path[:-1]:
+        node = node[step]
+    node[path[-1]] = value
+    return changed
+
+
+def mutations(document, schema):
+    for path, value, part in walk(document, schema, schema):
+        for reason, wrong in wrong_values(value, part):
+            yield f"/{'/'.join(map(str, path))} {reason}", replaced(document, path, wrong)
+
+
+def main():
+    source = pathlib.Path(sys.argv[1])
+    failures, changes = [], 0
+    for pattern, schema_name in SHIPPED:
+        schema = json.loads((source / schema_name).read_text())
+        jsonschema.Draft202012Validator.check_schema(schema)
+        schema.pop("$id", None)  # python3-jsonschema 4.10 joins a relative one to itself
+        validator = jsonschema.Draft202012Validator(schema)
+        documents = sorted(source.glob(pattern))
+        if not documents:
+            failures.append(f"{pattern}: nothing is shipped")
+        for path in documents:
+            name = path.relative_to(source)
+            document = json.loads(path.read_text())
+            for error in validator.iter_errors(document):
+                failures.append(f"{name}: {error.json_path}: {error.message}")
+            made = 0
+            for reason, changed in mutations(document, schema):
+                made += 1
+                if validator.is_valid(changed):
+                    failures.append(f"{name}: accepted although {reason}")
+            if made < 20:
+                failures.append(f"{name}: the schema forbids next to nothing ({made} changes)")
+            changes += made
+    for line in failures:
+        print(line)
+    print(f"{changes} changed documents refused, {len(failures)} failures")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,515 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Properties of the sheet on random meshes with holes, needles and features of the lattice's size:
+// the spring network, its energy, and the cut under the lattice's motions.
+#include <cmath>
+#include <map>
+#include <numbers>
+
+#include "formats/geometry/mesh_validity.h"
+#include "pipeline/mesh/triangulation.h"
+#include "runtime/contact/overlap.h"
+#include "runtime/contact/sheet.h"
+#include "runtime/deformation/network.h"
+#include "runtime/deformation/propagation.h"
+#include "runtime/deformation/region.h"
+#include "runtime/deformation/response.h"
+#include "runtime/cut/cut.h"
+#include "runtime/refine/local_refinement.h"
+#include "tests/support/delaunay_fixture.h"
+#include "tests/properties/property_fixture.h"
+#include "tests/properties/property_outlines.h"
+#include "tests/support/random_geometry.h"
+
+namespace trocar::runtime {
+namespace {
+
+using test::canonical;
+using test::has_ties;
+using test::Motion;
+
+constexpr Lattice kLattice{8};
+constexpr Membrane kMembrane{20, 1e6};
+
+/// Constrained Delaunay, with up to four holes; a fourth of them of the lattice's own size, where
+/// most crossings lie half way between its points. A fourth are outlines of any kind: needles,
+/// slits, circles and the hard cases of meshing among them.
+SliceMesh any_sheet() {
+  Random random(test::any_seed());
+  const int kind = random.between(0, 3);
+  if (kind == 1) {
+    const auto made = pipeline::triangulate(test::any_outline());
+    RC_ASSERT(static_cast<bool>(made));
+    RC_PRE(!made->mesh.triangles.empty());
+    return made->mesh;
+  }
+  const bool is_tiny = kind == 0;
+  for (;;) {
+    if (is_tiny) {
+      const int cells = random.between(1, 4), cell = 2 * random.between(1, 6);
+      SliceMesh mesh = test::square_mesh({-cells * cell / 2, -cells * cell / 2}, cell, cells);
+      for (int cuts = random.between(1, 3); cuts > 0 && !mesh.triangles.empty(); --cuts) {
+        const auto done = cut(mesh, any_tool(random, random.point(-cell, cell), cell));
+        if (done) mesh = done->mesh;
+      }
+      if (!mesh.triangles.empty()) return mesh;
+      continue;
+    }
+    SliceMesh out = to_slice_mesh(random_sheet(random, 0, 0));
+    if (!out.triangles.empty()) return out;
+  }
+}
+
+// In m, of tenths of a millimetre; some exactly alike.
+std::vector<double> any_displacements(std::size_t size) {
+  Random random(test::any_seed());
+  std::vector<double> out;
+  for (std::size_t i = 0; i < size; ++i)
+    out.push_back(1e-4 * (random.between(0, 3) == 0 ? random.between(-2, 2) : random.unit()));
+  return out;
+}
+
+/// Triangles in another order, each (if `from_other_corners`) from another corner, vertices with
+/// other numbers.
+struct GivenOtherwise {
+  SliceMesh mesh;
+  std::vector<std::uint32_t> number;  ///< of each vertex, by its old one
+};
+GivenOtherwise given_otherwise(const SliceMesh& mesh, bool from_other_corners = true) {
+  std::mt19937_64 random(test::any_seed());
+  GivenOtherwise out{mesh, std::vector<std::uint32_t>(mesh.vertices.size())};
+  std::vector<std::uint32_t>& number = out.number;
+  for (std::uint32_t i = 0; i < number.size(); ++i)
+    number[i] = i;
+  for (std::size_t i = number.size(); i > 1; --i)
+    std::swap(number[i - 1], number[random() % i]);
+  for (std::size_t i = 0; i < number.size(); ++i)
+    out.mesh.vertices[number[i]] = mesh.vertices[i];
+  std::vector<Triangle>& triangles = out.mesh.triangles;
+  for (Triangle& t : triangles) {
+    for (std::uint32_t& v : t)
+      v = number[v];
+    if (from_other_corners) std::rotate(t.begin(), t.begin() + random() % 3, t.end());
+  }
+  for (std::size_t i = triangles.size(); i > 1; --i)
+    std::swap(triangles[i - 1], triangles[random() % i]);
+  return out;
+}
+
+// ---- the network ----
+
+RC_GTEST_PROP(Network, IsSymmetricAndOfADelaunayMeshPositive, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Network network = make_network(sheet, kLattice, kMembrane);
+  std::map<std::pair<std::uint32_t, std::uint32_t>, double> spring;
+  for (std::uint32_t i = 0; i < network.size(); ++i) {
+    RC_ASSERT(network.bed_N_per_m[i] > 0);
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+      RC_ASSERT(network.neighbour[k] != i);
+      const bool ascends = k == network.first[i] || network.neighbour[k - 1] < network.neighbour[k];
+      RC_ASSERT(ascends);
+      RC_ASSERT(
+          spring.emplace(std::pair(i, network.neighbour[k]), network.stiffness_N_per_m[k]).second);
+    }
+  }
+  for (const auto& [ends, stiffness] : spring)
+    RC_ASSERT(spring.at({ends.second, ends.first}) == stiffness);
+  RC_ASSERT(is_constrained_delaunay(sheet));
+  RC_ASSERT(network.signs.negative_interior == 0U);
+  RC_ASSERT(spring.size() == 2 * std::size_t{network.signs.interior + network.signs.boundary});
+}
+
+RC_GTEST_PROP(Network, WeighsWhatItsSheetWeighs, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Network network = make_network(sheet, kLattice, kMembrane);
+  double bed = 0;
+  for (const double f : network.bed_N_per_m)
+    bed += f;
+  const double step_m = kLattice.step_m();
+  const double right =
+      kMembrane.bed_N_per_m3 * 0.5 * static_cast<double>(doubled_area(sheet)) * step_m * step_m;
+  RC_ASSERT(std::abs(bed / right - 1) < 1e-12);
+  // Moved as a whole it stretches nothing: exactly.
+  const std::vector<double> w(network.size(), 1e-3);
+  for (std::size_t i = 0; i < network.size(); ++i)
+    RC_ASSERT(reaction_N(network, w, i) == network.bed_N_per_m[i] * 1e-3);
+}
+
+RC_GTEST_PROP(Network, EnergyIsPositiveAndLessWithoutATriangle, ()) {
+  const SliceMesh sheet = any_sheet();
+  const std::vector<double> w = any_displacements(sheet.vertices.size());
+  const double whole = energy_J(make_network(sheet, kLattice, kMembrane), w);
+  RC_ASSERT(whole >= 0);
+  SliceMesh part = sheet;
+  std::mt19937_64 random(test::any_seed());
+  std::erase_if(part.triangles, [&](const Triangle&) { return random() % 4 == 0; });
+  const double of_part = energy_J(make_network(part, kLattice, kMembrane), w);
+  RC_ASSERT(of_part >= -1e-12 * whole);
+  RC_ASSERT(of_part <= whole * (1 + 1e-12));
+}
+
+RC_GTEST_PROP(Network, MovesWithItsSheet, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Motion m = test::any_motion();
+  const Network here = make_network(sheet, kLattice, kMembrane),
+                there = make_network(m(sheet), kLattice, kMembrane);
+  RC_ASSERT(here.first == there.first);
+  RC_ASSERT(here.neighbour == there.neighbour);
+  RC_ASSERT(here.stiffness_N_per_m == there.stiffness_N_per_m);
+  RC_ASSERT(here.bed_N_per_m == there.bed_N_per_m);
+}
+
+RC_GTEST_PROP(Network, DoesNotDependOnTheOrder, ()) {
+  const SliceMesh sheet = any_sheet();
+  const GivenOtherwise other = given_otherwise(sheet);
+  const Network here = make_network(sheet, kLattice, kMembrane),
+                there = make_network(other.mesh, kLattice, kMembrane);
+  RC_ASSERT(here.size() == there.size());
+  RC_ASSERT(here.neighbour.size() == there.neighbour.size());
+  for (std::uint32_t i = 0; i < here.size(); ++i) {
+    const std::uint32_t j = other.number[i];
+    // A sum over the triangles around a node: rounded as they come.
+    RC_ASSERT(std::abs(there.bed_N_per_m[j] / here.bed_N_per_m[i] - 1) < 1e-14);
+    RC_ASSERT(there.first[j + 1] - there.first[j] == here.first[i + 1] - here.first[i]);
+    for (std::uint32_t k = here.first[i]; k < here.first[i + 1]; ++k) {
+      const auto begin = there.neighbour.begin() + there.first[j],
+                 end = there.neighbour.begin() + there.first[j + 1],
+                 at = std::lower_bound(begin, end, other.number[here.neighbour[k]]);
+      const bool found = at != end && *at == other.number[here.neighbour[k]];
+      RC_ASSERT(found);
+      RC_ASSERT(there.stiffness_N_per_m[static_cast<std::size_t>(at - there.neighbour.begin())] ==
+                here.stiffness_N_per_m[k]);
+    }
+  }
+}
+
+// With full damping a sweep is Gauss and Seidel's: each node goes to the least energy there is.
+RC_GTEST_PROP(Propagation, NeverRaisesTheEnergy, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Network network = make_network(sheet, kLattice, kMembrane);
+  std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
+  std::mt19937_64 random(test::any_seed());
+  kind[random() % kind.size()] = NodeKind::kTool;
+  for (std::size_t held = random() % 4; held > 0; --held) {
+    NodeKind& one = kind[random() % kind.size()];
+    if (one == NodeKind::kFree) one = NodeKind::kRing;
+  }
+  const PropagationPlan plan = plan_propagation(network, kind, {1000, 1, 1.0});
+  PropagationState state = make_propagation_state(network, plan);
+  propagate(network, plan, 1e-3, state);
+  double energy = energy_J(network, state.w_m);
+  for (int sweep = 0; sweep < 50; ++sweep) {
+    propagate(network, plan, 1e-3, state);
+    const double next = energy_J(network, state.w_m);
+    RC_ASSERT(next <= energy * (1 + 1e-12));
+    energy = next;
+  }
+}
+
+// ---- the cut ----
+
+Ring any_tool_on(const SliceMesh& sheet) {
+  Random random(test::any_seed());
+  const LatticePoint at = sheet.vertices[static_cast<std::size_t>(
+      random.between(0, static_cast<int>(sheet.vertices.size()) - 1))];
+  if (random.between(0, 2) == 0) {
+    // Along the sheet's own rows and columns: points on one circle everywhere.
+    const int step = random.between(1, 200), x = at.x - step * random.between(0, 3),
+              y = at.y - step * random.between(0, 3), w = step * random.between(1, 5),
+              h = step * random.between(1, 5);
+    return {{x, y}, {x + w, y}, {x + w, y + h}, {x, y + h}};
+  }
+  const auto [low, high] = std::minmax_element(sheet.vertices.begin(), sheet.vertices.end(),
+                                               [](auto a, auto b) { return a.x < b.x; });
+  return any_tool(random, at, random.between(2, std::clamp(high->x - low->x, 3, 1500)));
+}
+
+RC_GTEST_PROP(Cut, MovesWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(here));
+  const Motion m = test::any_translation();
+  const auto there = cut(m(sheet), m(tool));
+  RC_ASSERT(static_cast<bool>(there));
+  RC_ASSERT(there->doubled_area_removed == here->doubled_area_removed);
+  RC_ASSERT(canonical(there->mesh) == canonical(m(here->mesh)));
+  RC_ASSERT(canonical(there->hole) == canonical(m(Pslg{here->hole}).rings));
+}
+
+// To the bit: the same hole, the same area and the same triangles, crossings and all.
+// `up_to_ties`: but where Delaunay leaves a choice.
+void expect_alike(const SliceMesh& sheet, const Ring& tool, const CutResult& here,
+                  const std::vector<Ring>& hole, const SliceMesh& mesh, const CutResult& there,
+                  bool up_to_ties) {
+  const bool crossing = rounding_bound(boundary_rings(sheet).rings, tool) > 0;
+  const bool ties = has_ties(here.mesh);
+  RC_TAG(std::string(crossing ? "crossing" : "apart or inside") + (ties ? ", with ties" : ""));
+  RC_ASSERT(here.doubled_area_removed == there.doubled_area_removed);
+  RC_ASSERT(canonical(hole) == canonical(there.hole));
+  if (up_to_ties) {
+    RC_ASSERT(test::decided_sides(mesh) == test::decided_sides(there.mesh));
+  } else {
+    RC_ASSERT(canonical(mesh) == canonical(there.mesh));
+  }
+}
+
+RC_GTEST_PROP(Cut, TurnsWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(here));
+  const Motion m = test::any_motion();
+  const auto there = cut(m(sheet), m(tool));
+  RC_ASSERT(static_cast<bool>(there));
+  expect_alike(sheet, tool, *here, m(Pslg{here->hole}).rings, m(here->mesh), *there, false);
+}
+
+RC_GTEST_PROP(Cut, DoesNotDependOnTheFirstCorner, ()) {
+  const SliceMesh sheet = any_sheet();
+  Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(here));
+  std::rotate(tool.begin(), tool.begin() + 1, tool.end());
+  const auto there = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(there));
+  expect_alike(sheet, tool, *here, here->hole, here->mesh, *there, true);
+}
+
+RC_GTEST_PROP(Cut, RemovesTheSameInWhateverOrderTheSheetIs, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const auto here = cut(sheet, tool), there = cut(given_otherwise(sheet).mesh, tool);
+  const bool both = here && there;
+  RC_ASSERT(both);
+  expect_alike(sheet, tool, *here, here->hole, here->mesh, *there, true);
+}
+
+// ---- the region that a force is computed on, and the force ----
+
+Motion any_translation_or_turn() {
+  return *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
+}
+
+// As after a puncture: the hole, and then better triangles around it.
+SliceMesh improved(const SliceMesh& sheet, const Ring& tool) {
+  SheetMesh mesh = *make_sheet_mesh(sheet, 200, 400);
+  const std::size_t slots = mesh.triangles.size();
+  CutWorkspace work({slots, mesh.vertices.size() + 200, 3 * slots + 200});
+  SheetEdit edit(mesh);
+  const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work, edit);
+  RC_ASSERT(report.outcome != CutOutcome::kBug);
+  RC_ASSERT(report.outcome != CutOutcome::kNotATool);
+  RC_ASSERT(report.outcome != CutOutcome::kCapacity);
+  LocalRefinementWorkspace refinement(mesh);
+  LocalRefinementOptions options;
+  options.min_angle_deg = 20;
+  refine_locally(mesh, edit, work.stitch.created, options, refinement);
+  return to_slice_mesh(mesh);
+}
+
+RC_GTEST_PROP(QualityPass, MovesWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const Motion m = any_translation_or_turn();
+  const SliceMesh here = improved(sheet, tool), there = improved(m(sheet), m(tool));
+  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned"));
+  RC_ASSERT(canonical(there) == canonical(m(here)));
+}
+
+// Of triangles alike in size the queue takes the one of the lowest slot first: in whatever order
+// the sheet is, the pass does as well, but not always the same.
+RC_GTEST_PROP(QualityPass, LosesNothingInWhateverOrderTheSheetIs, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const SliceMesh here = improved(sheet, tool), there = improved(given_otherwise(sheet).mesh, tool);
+  RC_ASSERT(doubled_area(there) == doubled_area(here));
+  RC_ASSERT(is_constrained_delaunay(there));
+  RC_TAG(std::string(test::decided_sides(there) == test::decided_sides(here) ? "the same"
+                                                                             : "as well"));
+}
+
+/// Of a point that is not on the lattice: rounded, as far away as it is.
+Eigen::Vector2d moved(const Motion& m, Eigen::Vector2d p) {
+  for (int i = 0; i < m.quarters; ++i)
+    p = Eigen::Vector2d(-p.y(), p.x());
+  return p + Eigen::Vector2d(m.by.x, m.by.y);
+}
+
+Result<Region> region(const SliceMesh& sheet, const Ring& tool, double radius_m) {
+  const auto made = make_sheet_mesh(sheet, 0, 0);
+  RegionWorkspace workspace;
+  ResponseOptions options;
+  options.error_bound = 0;
+  options.region.radius_m = radius_m;
+  options.region.grading.max_new_vertices = 300;
+  return prepare_region(*made, find_seeds(*made, tool), tool, kLattice, kMembrane, options,
+                        workspace);
+}
+
+// Likewise: what is borne is exact, and the force the same but for rounding where the triangles
+// are; else within what grading leaves open (region.h).
+RC_GTEST_PROP(Region, HasTheSameForceInWhateverOrderTheSheetIs, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
+  const auto here = region(sheet, tool, radius_m),
+             there = region(given_otherwise(sheet).mesh, tool, radius_m);
+  const bool both = here && there;
+  RC_ASSERT(both);
+  RC_ASSERT(there->mesh.borne.area_steps2 == here->mesh.borne.area_steps2);
+  const bool same = canonical(there->mesh.mesh) == canonical(here->mesh.mesh);
+  RC_TAG(std::string(same ? "the same triangles" : "others"));
+  const double is = there->response.stiffness_N_per_m, right = here->response.stiffness_N_per_m;
+  RC_ASSERT(std::abs(is - right) <= (same ? 1e-9 : 0.05) * right);
+}
+
+RC_GTEST_PROP(Region, MovesWithSheetAndTool, ()) {
+  const SliceMesh sheet = any_sheet();
+  const Ring tool = any_tool_on(sheet);
+  const Motion m = any_translation_or_turn();
+  const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
+  const auto here = region(sheet, tool, radius_m), there = region(m(sheet), m(tool), radius_m);
+  const bool both = here && there;
+  RC_ASSERT(both);
+  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned"));
+  RC_ASSERT(canonical(there->mesh.mesh) == canonical(m(here->mesh.mesh)));
+  RC_ASSERT(there->mesh.kind == here->mesh.kind);
+  RC_ASSERT(there->solution.w == here->solution.w);
+  RC_ASSERT(there->response.stiffness_N_per_m == here->response.stiffness_N_per_m);
+  if (here->response.stiffness_N_per_m == 0) return;  // nothing acts anywhere
+  RC_ASSERT((there->response.centre_steps - moved(m, here->response.centre_steps)).norm() < 1e-6);
+}
+
+// ---- contact: what of the tool stands on material ----
+
+Sheet sheet_of(const SliceMesh& mesh) {
+  Sheet out;
+  out.mesh = *make_sheet_mesh(mesh, 0, 0);
+  out.grid = TriangleGrid(out.mesh);
+  return out;
+}
+
+/// A convex tool on the sheet, and a hole of it beside or over it.
+struct ToolAndHole {
+  Tool tool;
+  LatticeOutline outline, hole;
+  int holes = 0;  ///< 0: the hole does not count
+};
+ToolAndHole any_tool_and_hole(const SliceMesh& mesh) {
+  Random random(test::any_seed());
+  SceneTool shape;
+  const LatticePoint centre = mesh.vertices[random.between(0, 1 << 20) % mesh.vertices.size()];
+  const Ring ring = convex(random, centre, random.between(10, 1500), random.between(3, 12));
+  shape.sides = static_cast<int>(ring.size());
+  ToolAndHole out;
+  out.tool = make_tool(shape);
+  out.outline.size = shape.sides;
+  std::copy(ring.begin(), ring.end(), out.outline.points.begin());
+  out.hole = out.outline;
+  const LatticePoint off = random.point(-300, 300);
+  for (int i = 0; i < out.hole.size; ++i)
+    out.hole.points[i] = {out.hole.points[i].x + off.x, out.hole.points[i].y + off.y};
+  out.holes = random.between(0, 1);
+  return out;
+}
+Overlap overlap_of(const SliceMesh& mesh, const ToolAndHole& with) {
+  return overlap(sheet_of(mesh), with.tool, with.outline, std::span(&with.hole, with.holes));
+}
+
+// To the bit by the order of triangles; by the corner that each begins with but for rounding.
+RC_GTEST_PROP(Overlap, DoesNotDependOnTheOrder, ()) {
+  const SliceMesh mesh = any_sheet();
+  const ToolAndHole with = any_tool_and_hole(mesh);
+  const Overlap here = overlap_of(mesh, with),
+                there = overlap_of(given_otherwise(mesh, false).mesh, with),
+                from_others = overlap_of(given_otherwise(mesh).mesh, with);
+  RC_ASSERT(there.fraction == here.fraction);
+  RC_ASSERT(there.centroid_steps == here.centroid_steps);
+  RC_ASSERT(std::abs(from_others.fraction - here.fraction) < 1e-12);
+  RC_ASSERT((from_others.centroid_steps - here.centroid_steps).norm() < 1e-6);
+}
+
+RC_GTEST_PROP(Overlap, MovesWithSheetAndTool, ()) {
+  const SliceMesh mesh = any_sheet();
+  const Motion m = any_translation_or_turn();
+  const ToolAndHole with = any_tool_and_hole(mesh);
+  ToolAndHole moved_with = with;
+  for (LatticeOutline* what : {&moved_with.outline, &moved_with.hole}) {
+    for (int i = 0; i < what->size; ++i)
+      what->points[i] = m(what->points[i]);
+  }
+  const Overlap here = overlap_of(mesh, with), there = overlap_of(m(mesh), moved_with);
+  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned") + (here.fraction == 0   ? ", beside"
+                                                              : here.fraction == 1 ? ", inside"
+                                                                                   : ", in part"));
+  RC_ASSERT(here.fraction == there.fraction);
+  RC_ASSERT((there.centroid_steps - moved(m, here.centroid_steps)).norm() < 1e-6);
+}
+
+// ---- placing: the tool's outline and the slice in one another's frame ----
+
+double any_share(double low, double high) {
+  return low + (high - low) * test::any_in(0, 1'000'001) * 1e-6;
+}
+
+// The slice moved by lattice steps, or plate and slice's frame turned: the outline goes along. Its
+// corners are rounded; that one lies half way between two steps to the last digit does not happen.
+RC_GTEST_PROP(Outline, MovesWithPlateAndSlice, ()) {
+  SceneTool shape;
+  shape.sides = test::any_in(3, 13);
+  shape.radius_m = any_share(0.0005, 0.01);
+  shape.tilt_deg = any_share(0, 30);
+  shape.tilt_azimuth_deg = any_share(0, 360);
+  const Tool tool = make_tool(shape);
+  PlanarTransform transform;
+  transform.lattice = kLattice;
+  transform.at_m = {any_share(-0.02, 0.02), any_share(-0.02, 0.02)};
+  const double turn_rad = any_share(0, 6.28);
+  transform.cosine = std::cos(turn_rad), transform.sine = std::sin(turn_rad);
+  const Pose plate{{any_share(-0.02, 0.02), any_share(-0.02, 0.02), any_share(0.1, 0.2)},
+                   from_rotation_vector({any_share(-0.2, 0.2), any_share(-0.2, 0.2), 0.5})};
+  const double z_m = any_share(0.1, 0.2);
+  const LatticeOutline here = outline_on_lattice(tool, plate, transform, z_m);
+  RC_ASSERT(here.size == shape.sides);
+
+  const Motion m{test::any_in(0, 4),
+                 {test::any_in(-100'000, 100'000), test::any_in(-100'000, 100'000)}};
+  PlanarTransform moved_slice = transform;
+  moved_slice.anchor_mm = kLattice.step_mm() * Eigen::Vector2d(m.by.x, m.by.y);
+  // The plate turned about where the slice is placed, as the anchor is.
+  const Pose about{{transform.at_m.x(), transform.at_m.y(), 0},
+                   Eigen::Quaterniond(Eigen::AngleAxisd(m.quarters * std::numbers::pi / 2,
+                                                        Eigen::Vector3d::UnitZ()))};
+  const Pose turned = about * inverse(Pose{about.p_m, Eigen::Quaterniond::Identity()}) * plate;
+  const LatticeOutline there = outline_on_lattice(tool, turned, moved_slice, z_m);
+  RC_ASSERT(to_ring(there) == m(to_ring(here)));
+}
+
+// An asset whose slice is moved by lattice steps is placed by its centroid where it was, whatever
+// the order of its triangles; the scene's slices in whatever order come the topmost first.
+RC_GTEST_PROP(Placing, MovesWithTheSlice, ()) {
+  const SliceMesh mesh = any_sheet();
+  const Motion m{0, {test::any_in(-1'000'000, 1'000'000), test::any_in(-1'000'000, 1'000'000)}};
+  Scene scene = test::descent_scene({0.12, 0.19}, 0.2, 0.1, 0.015);
+  scene.placement.anchor_mm.reset();
+  scene.placement.rotation_deg = any_share(0, 360);
+  Scene other = scene;
+  std::swap(other.slices[0], other.slices[test::any_in(0, 2)]);
+  const GivenOtherwise given = given_otherwise(mesh);
+  const auto here = place_slices(scene, test::asset_of(mesh, 2), "here"),
+             there = place_slices(other, test::asset_of(m(given.mesh), 2), "there");
+  const bool both = here && there;
+  RC_ASSERT(both);
+  for (std::size_t k = 0; k < 2; ++k) {
+    const Sheet &is = *(*there)[k], &was = *(*here)[k];
+    RC_ASSERT(is.slice_index == was.slice_index);
+    RC_ASSERT(is.z_m == was.z_m);
+    RC_ASSERT(canonical(to_slice_mesh(is.mesh)) == canonical(m(to_slice_mesh(was.mesh))));
+    const Eigen::Vector2d p_m(0.003, -0.001);
+    RC_ASSERT((is.transform.to_lattice(p_m) - moved(m, was.transform.to_lattice(p_m))).norm() <
+              1e-6);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

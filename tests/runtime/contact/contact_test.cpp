@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: Apache-2.0
+// The laws of runtime/contact/puncture.h, one test each.
+#include <gtest/gtest.h>
+
+#include <numbers>
+
+#include "runtime/contact/puncture.h"
+#include "tests/runtime/contact/contact_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+TEST_F(ContactTest, Law1MetFromAboveWithMaterialUnderTheTool) {
+  EXPECT_EQ(tick(at(0, 0, 0.125)).phase, ContactPhase::kFree);
+  EXPECT_EQ(tick(at(0, 0, kTop_m)).phase, ContactPhase::kFree) << "at the height is not below";
+  EXPECT_EQ(tick(at(0, 0, kTop_m - 1e-4)).phase, ContactPhase::kContact);
+}
+
+TEST_F(ContactTest, Law1BesideTheMaterialThereIsNoForceUntilAboveAgain) {
+  tick(at(0.024, 0, 0.125));
+  for (const double x_m : {0.024, 0.01, 0.0}) {  // then under the sheet
+    const ContactOutput output = tick(at(x_m, 0, 0.115));
+    EXPECT_EQ(output.phase, ContactPhase::kBeside);
+    EXPECT_EQ(output.force_N, 0);
+    EXPECT_EQ(output.penetration_m, 0);
+  }
+  tick(at(0, 0, 0.121));
+  EXPECT_EQ(tick(at(0, 0, 0.119)).phase, ContactPhase::kContact);
+}
+
+TEST_F(ContactTest, Law1ASessionThatBeginsBelowFeelsNothing) {
+  EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kBeside);
+  EXPECT_EQ(tick(at(0, 0, 0.118)).force_N, 0);
+}
+
+TEST_F(ContactTest, Law2HookesLawTimesOverlap) {
+  tick(at(0, 0, 0.125));
+  for (const double dx_m : {1e-6, 1e-3, 5e-3, 6.9e-3, 2e-3}) {
+    const ContactOutput output = tick(at(0, 0, kTop_m - dx_m));
+    EXPECT_NEAR(output.force_N, 5000 * dx_m, 1e-9);
+    EXPECT_NEAR(output.penetration_m, dx_m, 1e-15);
+    EXPECT_EQ(output.active_sheet, 0);
+  }
+  // Half over the edge at x = 20 mm (a hexagon is symmetric): half the force, within rounding of
+  // its corners to the lattice.
+  EXPECT_NEAR(tick(at(0.02, 0, kTop_m - 4e-3)).force_N, 0.5 * 5000 * 4e-3, 0.02);
+  // Wholly past it: let go, and no force on the way back under the sheet.
+  EXPECT_EQ(tick(at(0.024, 0, kTop_m - 4e-3)).force_N, 0);
+  EXPECT_EQ(tick(at(0, 0, kTop_m - 4e-3)).force_N, 0);
+}
+
+TEST_F(ContactTest, Law2DampingIsOnTheRateAndNeverPulls) {
+  Tissue damped;
+  damped.damping_N_s_per_m = 10;
+  set_tissue(damped);
+  tick(at(0, 0, 0.125));
+  EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 5, 1e-9) << "no rate at first contact";
+  EXPECT_NEAR(tick(at(0, 0, kTop_m - 1.1e-3)).force_N, 5.5 + 10 * 0.1, 1e-8);
+  EXPECT_EQ(tick(at(0, 0, kTop_m - 0.1e-3)).force_N, 0) << "0.5 N - 10 N";
+}
+
+TEST_F(ContactTest, Law3GivesWayInTheVeryTickAndNotAtTheThresholdItself) {
+  Tissue round;
+  round.stiffness_N_per_m = 4096;
+  round.threshold_N = 32;  // dx = 2^-7 m exactly
+  set_tissue(round);
+  tick(at(0, 0, 0.125));
+  const double break_m = 0x1p-7;
+  // A sheet at a height that makes dx exact.
+  auto exact = std::make_unique<Sheet>(*sheets_[0]);
+  exact->z_m = 0.125;
+  sheets_[0] = exact.get();
+  tick(at(0, 0, 0.13));
+  const ContactOutput at_threshold = tick(at(0, 0, 0.125 - break_m));
+  EXPECT_EQ(at_threshold.force_N, 32);
+  EXPECT_FALSE(at_threshold.gave_way);
+  const ContactOutput beyond = tick(at(0, 0, 0.125 - break_m - 1e-9));
+  EXPECT_TRUE(beyond.gave_way);
+  EXPECT_EQ(beyond.force_N, 0);
+  EXPECT_GT(beyond.judged_force_N, 32);
+  EXPECT_EQ(beyond.phase, ContactPhase::kPunctured);
+  EXPECT_EQ(beyond.cut.sheet, 0);
+  EXPECT_EQ(beyond.cut.cut, 1U);
+  EXPECT_EQ(beyond.cut.outline,
+            outline_on_lattice(model_.tool, at(0, 0, 0.1), exact->transform, 0.125));
+  for (const double z_m : {0.11, 0.1, 0.1249, 0.12}) {
+    const ContactOutput after = tick(at(0, 0, z_m));
+    EXPECT_EQ(after.force_N, 0);
+    EXPECT_FALSE(after.gave_way);
+    EXPECT_EQ(after.phase, ContactPhase::kPunctured);
+  }
+}
+
+TEST_F(ContactTest, Law4TheTopmostBearsAndShields) {
+  place({0.120, 0.118, 0.116});
+  tick(at(0, 0, 0.125));
+  ContactOutput output = tick(at(0, 0, 0.1135));  // below all three, 6.5 mm into the first
+  EXPECT_EQ(output.active_sheet, 0);
+  EXPECT_NEAR(output.force_N, 5000 * 6.5e-3, 1e-9);
+  output = tick(at(0, 0, 0.1125));  // 7.5 mm: the first gives way
+  EXPECT_TRUE(output.gave_way);
+  EXPECT_EQ(output.active_sheet, 0);
+  EXPECT_EQ(output.force_N, 0) << "the second is shielded in this tick";
+  output = tick(at(0, 0, 0.1125));  // 5.5 mm into the second
+  EXPECT_EQ(output.active_sheet, 1);
+  EXPECT_NEAR(output.force_N, 5000 * 5.5e-3, 1e-9);
+  output = tick(at(0, 0, 0.105));  // 13 mm: the second
+  EXPECT_TRUE(output.gave_way);
+  output = tick(at(0, 0, 0.105));  // 11 mm into the third, at once too much
+  EXPECT_TRUE(output.gave_way);
+  EXPECT_EQ(output.active_sheet, 2);
+  EXPECT_EQ(output.force_N, 0);
+  EXPECT_EQ(tick(at(0, 0, 0.105)).force_N, 0);
+}
+
+TEST_F(ContactTest, Law4WithdrawalFromAShieldedSheetLeavesItWhole) {
+  place({0.120, 0.118});
+  tick(at(0, 0, 0.125));
+  tick(at(0, 0, 0.114));
+  EXPECT_EQ(tick(at(0, 0, 0.119)).active_sheet, 0);
+  EXPECT_EQ(tick(at(0, 0, 0.121)).phase, ContactPhase::kFree);
+  EXPECT_EQ(state_.tracks[1].cuts_requested, 0U);
+}
+
+TEST_F(ContactTest, Law5AHoleIsOpenBeforeAndAfterItsMeshIsThere) {
+  tick(at(0, 0, 0.125));
+  const ContactOutput puncture = tick(at(0, 0, 0.112));
+  ASSERT_TRUE(puncture.gave_way);
+  for (const bool published : {false, true}) {
+    if (published) publish(puncture.cut);
+    EXPECT_EQ(tick(at(0, 0, 0.121)).phase, ContactPhase::kFree);
+    EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kBeside) << published;
+    EXPECT_EQ(tick(at(0, 0, 0.111)).force_N, 0);
+    // A few micrometres off it is still its own hole.
+    tick(at(4e-6, -3e-6, 0.121));
+    EXPECT_EQ(tick(at(4e-6, -3e-6, 0.115)).phase, ContactPhase::kBeside) << published;
+    // Half a tool further there is half the material.
+    tick(at(0.003, 0, 0.121));
+    const double force_N = tick(at(0.003, 0, 0.119)).force_N;
+    EXPECT_GT(force_N, 0.3 * 5);
+    EXPECT_LT(force_N, 0.8 * 5);
+    // And away from it the sheet is whole.
+    tick(at(0.01, 0, 0.121));
+    EXPECT_NEAR(tick(at(0.01, 0, 0.119)).force_N, 5, 1e-9);
+  }
+  EXPECT_EQ(state_.tracks[0].pending_count, 0) << "the mesh has the hole now";
+}
+
+TEST_F(ContactTest, Law5PendingHolesArePublishedInOrderAndTooManyAreABacklog) {
+  std::vector<CutRequest> requests;
+  const auto puncture = [&](double x_m) {
+    tick(at(x_m, 0, 0.125));
+    ContactOutput output = tick(at(x_m, 0, 0.112));
+    if (output.gave_way) requests.push_back(output.cut);
+    return output;
+  };
+  for (int i = 0; i < kMaxPendingHoles; ++i)
+    EXPECT_TRUE(puncture(-0.015 + 0.007 * i).gave_way);
+  const ContactOutput full = puncture(0.015);
+  EXPECT_TRUE(full.backlog);
+  EXPECT_FALSE(full.gave_way);
+  EXPECT_EQ(full.force_N, 0);
+  publish(requests[0]);
+  publish(requests[1]);
+  tick(at(0, 0, 0.125));
+  EXPECT_EQ(state_.tracks[0].pending_count, 2);
+  EXPECT_EQ(state_.tracks[0].pending[0], requests[2].outline);
+  for (int i = 0; i < kMaxPendingHoles; ++i) {
+    tick(at(-0.015 + 0.007 * i, 0, 0.125));
+    EXPECT_EQ(tick(at(-0.015 + 0.007 * i, 0, 0.115)).phase, ContactPhase::kBeside) << i;
+  }
+  EXPECT_TRUE(puncture(0.015).gave_way) << "there is room again";
+  EXPECT_EQ(requests.back().cut, 5U);
+}
+
+TEST_F(ContactTest, Law2TheForceActsInTheMiddleOfTheOverlap) {
+  tick(at(0, 0, 0.125));
+  ContactOutput output = tick(at(0.001, 0.002, kTop_m - 4e-3));
+  EXPECT_LT((output.wrench_device - (Wrench() << 0, 0, 20, 0, 0, 0).finished()).norm(), 1e-4)
+      << "the middle of the tool is the plate's origin, but for the corners' rounding";
+  // Half over the edge: half a hexagon is a rectangle (to r / 2) and a triangle (from there to r).
+  output = tick(at(0.02, 0, kTop_m - 4e-3));
+  const double r = 0.003;
+  const double rectangle = 2, triangle = 1;  // areas
+  const double centroid_m =
+      -(rectangle * r / 4 + triangle * (r / 2 + r / 6)) / (rectangle + triangle);
+  EXPECT_NEAR(output.wrench_device[4] / -output.wrench_device[2], centroid_m, 1e-5);
+  EXPECT_NEAR(output.wrench_device[3], 0, 1e-4);
+}
+
+TEST_F(ContactTest, Law2ByNetworkTheResponseIsTheForceOncePublished) {
+  model_.law = ForceLawKind::kNetwork;
+  EXPECT_EQ(tick(at(0, 0, 0.16)).ahead.sheet, -1) << "too far above";
+  const ContactOutput near = tick(at(0.001, 0, 0.125));
+  ASSERT_EQ(near.ahead.sheet, 0);
+  EXPECT_EQ(near.ahead.outline,
+            outline_on_lattice(model_.tool, at(0.001, 0, 0.125), sheets_[0]->transform, kTop_m));
+  // Without one, Hooke's law.
+  EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 5, 1e-9);
+  // With one it is approached, never passed, and reached.
+  response_ = {0, 3000, {1e-3, 0}};
+  double last_N = 5;
+  for (int i = 0; i < 60; ++i) {
+    const ContactOutput output = tick(at(0, 0, kTop_m - 1e-3));
+    EXPECT_LT(output.force_N, last_N);
+    EXPECT_LT(last_N - output.force_N, 0.5) << "no step";
+    EXPECT_GT(output.force_N, 3);
+    last_N = output.force_N;
+  }
+  const ContactOutput reached = tick(at(0, 0, kTop_m - 1e-3));
+  EXPECT_NEAR(reached.force_N, 3, 1e-4);
+  EXPECT_NEAR(reached.wrench_device[4], -3e-3, 1e-6) << "about y: x = 1 mm times 3 N";
+  // There before the contact: from its first tick on.
+  tick(at(0, 0, 0.125));
+  EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 3, 1e-12);
+  // Another sheet's does not count.
+  response_.sheet = 1;
+  tick(at(0, 0, 0.125));
+  EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 5, 1e-9);
+  // Past the sheet that gave way it is the next one's that is wanted.
+  place({0.12, 0.11});
+  tick(at(0, 0, 0.125));
+  EXPECT_EQ(tick(at(0, 0, 0.1125)).ahead.sheet, 1);
+}
+
+TEST_F(ContactTest, Law6DownAlongATiltedAxisTheOutlineKeepsItsPlace) {
+  SceneTool shape;
+  shape.tilt_deg = 40;
+  shape.tilt_azimuth_deg = 25;
+  model_.tool = make_tool(shape);
+  const Eigen::Vector3d axis = model_.tool.axis_plate;
+  EXPECT_NEAR(axis.z(), std::cos(40 * std::numbers::pi / 180), 1e-15);
+  const auto along = [&](double above_m) {
+    Pose pose;
+    pose.p_m = Eigen::Vector3d(0, 0, kTop_m) + above_m / axis.z() * axis;
+    return pose;
+  };
+  tick(along(0.005));
+  EXPECT_NEAR(tick(along(-0.003)).force_N, 15, 1e-9);
+  const ContactOutput puncture = tick(along(-0.0071));
+  ASSERT_TRUE(puncture.gave_way);
+  const LatticeOutline above =
+      outline_on_lattice(model_.tool, along(0.005), sheets_[0]->transform, kTop_m);
+  ASSERT_EQ(puncture.cut.outline.size, above.size);
+  for (int k = 0; k < above.size; ++k) {  // but for rounding that falls the other way
+    EXPECT_LE(std::abs(puncture.cut.outline.points[k].x - above.points[k].x), 1);
+    EXPECT_LE(std::abs(puncture.cut.outline.points[k].y - above.points[k].y), 1);
+  }
+  // Sheared along the tilt, as wide as before across it.
+  const double stretch =
+      static_cast<double>(area(puncture.cut.outline)) /
+      static_cast<double>(area(outline_on_lattice(make_tool(SceneTool{}), at(0, 0, 0.1),
+                                                  sheets_[0]->transform, kTop_m)));
+  EXPECT_NEAR(stretch, 1 / axis.z(), 1e-3);
+}
+
+TEST_F(ContactTest, BeyondTheLargestTiltTheToolIsNotUpright) {
+  SceneTool shape;
+  shape.tilt_deg = 45;
+  model_.tool = make_tool(shape);
+  EXPECT_FALSE(tick(at(0, 0, 0.125)).not_upright);
+  Pose tilted = at(0, 0, 0.125);
+  tilted.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
+  EXPECT_TRUE(tick(tilted).not_upright);
+  tilted.q = Eigen::AngleAxisd(-0.01, Eigen::Vector3d::UnitY());
+  EXPECT_FALSE(tick(tilted).not_upright);
+}
+
+TEST_F(ContactTest, EachSheetHasItsTissueAndHoldsTheShaft) {
+  place({0.12, 0.11});
+  Tissue soft;
+  soft.stiffness_N_per_m = 1000;
+  soft.threshold_N = 2;
+  soft.shaft.dry_friction_N = 3;
+  soft.shaft.rim_stiffness_N_per_m = 2000;
+  set_tissue(soft);
+  auto hard = std::make_unique<Sheet>(*sheets_[1]);
+  hard->tissue = Tissue{};
+  sheets_[1] = hard.get();
+  tick(at(0, 0, 0.125));
+  EXPECT_NEAR(tick(at(0, 0, 0.1185)).force_N, 1.5, 1e-9);
+  EXPECT_TRUE(tick(at(0, 0, 0.1179)).gave_way);
+  ContactOutput output = tick(at(0, 0, 0.1129));  // 5 mm further: the friction is fully there
+  EXPECT_EQ(output.force_N, 0);
+  EXPECT_NEAR(output.wrench_device[2], 3, 1e-12);
+  output = tick(at(0, 0, 0.108));  // and adds to what the next sheet bears
+  EXPECT_NEAR(output.force_N, 10, 1e-9);
+  EXPECT_NEAR(output.wrench_device[2], 13, 1e-9);
+  // Pushed aside by 1 mm: the rim pushes back in the sheet's plane, with its moment.
+  output = tick(at(0.001, 0, 0.108));
+  EXPECT_NEAR(output.wrench_device[0], -2, 1e-9);
+  EXPECT_NEAR(output.wrench_device[4], 0.012 * -2, 1e-4);
+  // Drawn back out it is gone.
+  EXPECT_LT(tick(at(0, 0, 0.119)).wrench_device[2], 0);
+  EXPECT_EQ(tick(at(0, 0, 0.121)).wrench_device, Wrench::Zero());
+  EXPECT_EQ(tick(at(0, 0, 0.119)).wrench_device, Wrench::Zero()) << "back through its hole";
+}
+
+TEST_F(ContactTest, TheToolTurnsAndTiltsWithThePlate) {
+  // A tip held out sideways: turning the plate moves it off the sheet.
+  model_.tool.tip_plate_m = {0.03, 0, 0};
+  for (Eigen::Vector3d& corner : model_.tool.corner_plate_m)
+    corner.x() += 0.03;
+  tick(at(-0.03, 0, 0.125));
+  EXPECT_EQ(tick(at(-0.03, 0, 0.119)).phase, ContactPhase::kContact);
+  tick(at(-0.03, 0, 0.125));
+  EXPECT_EQ(tick(at(-0.03, 0, 0.119, std::numbers::pi)).phase, ContactPhase::kBeside);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: Apache-2.0
+// The limits: inside they find nothing, outside they name their fault; what may be written is
+// always within bounds.
+#include "runtime/control/limits.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdio>
+#include <random>
+
+#include "runtime/mechanism/jacobian.h"
+#include "tests/support/device_workspace.h"
+
+namespace trocar::runtime {
+namespace {
+
+double unit(std::mt19937_64& random) {
+  return static_cast<double>(random() >> 11) * 0x1p-53;
+}
+
+TEST(Limits, WorkspaceIsABoxAndATilt) {
+  const SafetyLimits limits;
+  std::mt19937_64 random(3);
+  int inside = 0, outside = 0;
+  for (int i = 0; i < 20000; ++i) {
+    Pose pose;
+    pose.p_m = {0.16 * unit(random) - 0.08, 0.16 * unit(random) - 0.08, 0.26 * unit(random)};
+    const double tilt_rad = unit(random);
+    const double azimuth_rad = 6 * unit(random);
+    pose.q = from_rotation_vector(tilt_rad *
+                                  Eigen::Vector3d(std::cos(azimuth_rad), std::sin(azimuth_rad), 0));
+    const bool good = std::abs(pose.p_m.x()) <= 0.06 && std::abs(pose.p_m.y()) <= 0.06 &&
+                      pose.p_m.z() >= 0.06 && pose.p_m.z() <= 0.24 && tilt_rad <= 0.6;
+    ASSERT_EQ(check_workspace(limits, pose), good ? Fault::kNone : Fault::kWorkspace);
+    ++(good ? inside : outside);
+  }
+  EXPECT_GT(inside, 1000);
+  EXPECT_GT(outside, 1000);
+  Pose broken;
+  broken.p_m = {0, NAN, 0.1};
+  EXPECT_EQ(check_workspace(limits, broken), Fault::kWorkspace);
+  broken.p_m.y() = 0;
+  broken.q.x() = NAN;
+  EXPECT_EQ(check_workspace(limits, broken), Fault::kWorkspace);
+}
+
+TEST(Limits, SpeedIsSeenAtEveryRateAndACountIsNone) {
+  const SafetyLimits limits;
+  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
+    for (const double turns : {0.0, 1.0}) {
+      const double most = turns > 0 ? limits.turn_rate_max_rad_per_s : limits.speed_max_m_per_s;
+      const auto at = [&](double way) {
+        Pose pose;
+        if (turns > 0) {
+          pose.q = from_rotation_vector({0, way, 0});
+        } else {
+          pose.p_m.x() = way;
+        }
+        return pose;
+      };
+      for (const double share : {0.98, 1.1}) {
+        LimitState state;
+        double seen_s = -1;
+        for (int k = 0; k * 1.0 < 0.05 * rate_Hz; ++k) {
+          const double t_s = k / rate_Hz;
+          if (check_speed(limits, at(share * most * t_s), 1 / rate_Hz, state) != Fault::kNone) {
+            seen_s = t_s;
+            break;
+          }
+        }
+        if (share < 1) {
+          EXPECT_EQ(seen_s, -1) << rate_Hz;
+        } else {  // ln(11) time constants
+          EXPECT_GT(seen_s, 0) << rate_Hz;
+          EXPECT_LT(seen_s, 3.2 * limits.speed_window_s + 2 / rate_Hz) << rate_Hz;
+        }
+      }
+    }
+    // Forth and back by 0.1 mm every tick: 0.8 m/s at 8 kHz from tick to tick.
+    LimitState state;
+    for (int k = 0; k < 1000; ++k) {
+      Pose pose;
+      pose.p_m.x() = k % 2 == 0 ? 0 : 1e-4;
+      ASSERT_EQ(check_speed(limits, pose, 1 / rate_Hz, state), Fault::kNone);
+    }
+  }
+  LimitState state;
+  Pose broken;
+  check_speed(limits, broken, 1e-3, state);
+  broken.p_m.x() = NAN;
+  EXPECT_EQ(check_speed(limits, broken, 1e-3, state), Fault::kSpeed);
+  check_speed(limits, Pose{}, 1e-3, state);
+  EXPECT_EQ(check_speed(limits, Pose{}, 1e-3, state), Fault::kNone) << "and it is over with it";
+}
+
+TEST(Limits, SingularityIsAConditionNumberAndADistance) {
+  const SafetyLimits limits;
+  std::mt19937_64 random(29);
+  int found[2] = {0, 0};
+  for (int i = 0; i < 20000; ++i) {
+    Singularity at;
+    at.inverse_condition = 0.04 * unit(random);
+    at.nearest_branch_m = 1e-3 * (2 * unit(random) - 1);
+    const bool good = at.inverse_condition >= 0.02 && at.nearest_branch_m >= 0.5e-3;
+    ASSERT_EQ(check_singularity(limits, at), good ? Fault::kNone : Fault::kSingularity);
+    ++found[good ? 0 : 1];
+  }
+  EXPECT_GT(found[0], 1000);
+  EXPECT_GT(found[1], 1000);
+  for (double Singularity::*measure :
+       {&Singularity::inverse_condition, &Singularity::nearest_branch_m}) {
+    Singularity at;
+    at.inverse_condition = at.nearest_branch_m = 1;
+    ASSERT_EQ(check_singularity(limits, at), Fault::kNone);
+    at.*measure = NAN;
+    EXPECT_EQ(check_singularity(limits, at), Fault::kSingularity);
+  }
+}
+
+// The poses that the design states, all of them usable; and beyond them poses that only the
+// distance finds, since the condition number is still good there.
+TEST(Limits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
+  const SafetyLimits limits;
+  const DeviceDescription device = default_device_description();
+  const auto at = [&](const Pose& T, Singularity& singularity) {
+    const InverseResult inverse = inverse_kinematics(device, T);
+    if (!inverse.status || !check_joint_limits(device, encoder_angles(inverse.joints)))
+      return false;
+    const JacobianResult motion = jacobian(device, T, inverse.joints);
+    singularity = measure_singularity(device, T, inverse.joints, motion.G);
+    return true;
+  };
+  testing_support::Random random(31);
+  double least_m = 1;
+  for (int i = 0; i < 100'000; ++i) {
+    Singularity found;
+    ASSERT_TRUE(at(testing_support::random_workspace_pose(random), found));
+    ASSERT_EQ(check_singularity(limits, found), Fault::kNone);
+    least_m = std::min(least_m, found.nearest_branch_m);
+  }
+  std::printf("nearest branch over the stated workspace: %.3f mm\n", least_m * 1e3);
+  EXPECT_LT(least_m, 1e-3) << "it is near, so the limit is not idle";
+  int by_distance_alone = 0;
+  for (int i = 0; i < 100'000; ++i) {
+    Singularity found;
+    const testing_support::Workspace box = {0.06, 0.24, 0.06, limits.plate_tilt_max_rad};
+    if (!at(testing_support::random_workspace_pose(random, box), found)) continue;
+    by_distance_alone += found.inverse_condition >= limits.inverse_condition_min &&
+                         check_singularity(limits, found) == Fault::kSingularity;
+  }
+  EXPECT_GT(by_distance_alone, 50);
+}
+
+TEST(Limits, HeatIsOverdrawnAfterTheTimeThatABudgetLasts) {
+  const DeviceDescription device = default_device_description();
+  const MotorModel motor = make_motor_model(device);
+  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
+    for (int i = 0; i < kMotors; ++i) {
+      LimitState state;
+      MotorVector tau = MotorVector::Zero();
+      tau[i] = i % 2 == 0 ? device.motor_continuous_torque_Nm : -device.motor_continuous_torque_Nm;
+      for (int k = 0; k < 20 * rate_Hz; ++k)
+        ASSERT_EQ(check_heat(motor, tau, 1 / rate_Hz, state), Fault::kNone);
+      EXPECT_NEAR(budget_spent(motor, state.load), 0, 1e-9) << "the continuous torque, for ever";
+      state = {};
+      tau[i] *= 2;  // the peak torque, whatever limit_torques would say
+      int ticks = 0;
+      while (check_heat(motor, tau, 1 / rate_Hz, state) == Fault::kNone)
+        ASSERT_LT(++ticks, 20000);
+      EXPECT_NEAR(ticks / rate_Hz, device.motor_peak_time_s, 2 / rate_Hz);
+    }
+    if (rate_Hz > 1000) break;
+  }
+}
+
+TEST(Limits, OverloadIsTooLittleForTooLongFromMotorsThatGiveWay) {
+  const SafetyLimits limits;
+  const MotorModel motor = make_motor_model(default_device_description());
+  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
+    const double dt_s = 1 / rate_Hz;
+    LimitState cold;
+    for (int k = 0; k < 3 * rate_Hz; ++k)
+      ASSERT_EQ(check_overload(limits, motor, 0.1, dt_s, cold), Fault::kNone) << "it never could";
+    LimitState hot;
+    hot.load.excess_A2s[5] =
+        0.9 * (motor.peak_A.cwiseAbs2() - motor.continuous_A.cwiseAbs2())[5] * motor.peak_time_s;
+    for (int k = 0; k < 3 * rate_Hz; ++k)
+      ASSERT_EQ(check_overload(limits, motor, 0.5, dt_s, hot), Fault::kNone);
+    for (int k = 0; k < 3 * rate_Hz; ++k)  // now and then a tick that gives enough
+      ASSERT_EQ(check_overload(limits, motor, k % 400 == 0 ? 1 : 0.1, dt_s, hot), Fault::kNone);
+    ASSERT_EQ(check_overload(limits, motor, 1, dt_s, hot), Fault::kNone);
+    int ticks = 0;
+    while (check_overload(limits, motor, 0.49, dt_s, hot) == Fault::kNone)
+      ASSERT_LT(++ticks, 20000);
+    EXPECT_NEAR(ticks * dt_s, limits.overload_time_max_s, 1.1 * dt_s);
+    EXPECT_EQ(check_overload(limits, motor, NAN, dt_s, hot), Fault::kMotorOverload);
+  }
+}
+
+// Law 1, at rest and with nothing wanted: each limit that is nan, or negative where nothing can be.
+TEST(Limits, ALimitThatIsNanPermitsNothing) {
+  const MotorModel motor = make_motor_model(default_device_description());
+  const auto found = [&](const SafetyLimits& limits) {
+    LimitState state;
+    MotorVector wanted = MotorVector::Zero();
+    Pose at;
+    at.p_m.z() = 0.15;
+    if (const Fault f = check_workspace(limits, at); f != Fault::kNone) return f;
+    if (const Fault f = check_speed(limits, at, 1e-3, state); f != Fault::kNone) return f;
+    if (const Fault f = check_overload(limits, motor, 1, 1e-3, state); f != Fault::kNone) return f;
+    return limit_torques(limits, motor.peak_Nm, MotorVector::Zero(), 1e-3, wanted, state);
+  };
+  ASSERT_EQ(found({}), Fault::kNone);
+  using Limit = double SafetyLimits::*;
+  for (const auto& [limit, fault] :
+       {std::pair<Limit, Fault>{&SafetyLimits::plate_tilt_max_rad, Fault::kWorkspace},
+        {&SafetyLimits::speed_max_m_per_s, Fault::kSpeed},
+        {&SafetyLimits::turn_rate_max_rad_per_s, Fault::kSpeed},
+        {&SafetyLimits::speed_window_s, Fault::kSpeed},
+        {&SafetyLimits::overload_time_max_s, Fault::kMotorOverload},
+        {&SafetyLimits::torque_max_Nm, Fault::kTorqueLimit},
+        {&SafetyLimits::torque_rise_max_Nm_per_s, Fault::kTorqueRate},
+        {&SafetyLimits::torque_rise_time_max_s, Fault::kTorqueRate}}) {
+    for (const double bad : {static_cast<double>(NAN), -0.1, -static_cast<double>(INFINITY)}) {
+      SafetyLimits limits;
+      limits.*limit = bad;
+      EXPECT_EQ(found(limits), fault) << to_word(fault) << " at " << bad;
+    }
+  }
+}
+
+TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
+  std::mt19937_64 random(17);
+  SafetyLimits limits;
+  limits.torque_rise_time_max_s = 1e9;
+  constexpr double kPeak_Nm = 6;
+  MotorVector last = MotorVector::Zero();
+  LimitState state;
+  int refused = 0, shortened = 0, unchanged = 0, scaled = 0;
+  for (int i = 0; i < 20000; ++i) {
+    limits.torque_rise_max_Nm_per_s = i % 3 == 0 ? 1e9 : 800;
+    MotorVector wanted, limit_Nm;
+    for (int k = 0; k < kMotors; ++k) {
+      limit_Nm[k] = kPeak_Nm * (1 - 0.6 * unit(random));  // the last torques may be beyond it
+      wanted[k] = (unit(random) - 0.5) * (i % 7 == 0 ? 2.2 : 1.9) * limit_Nm[k];
+    }
+    const MotorVector before = wanted;
+    const bool too_much = wanted.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff() > 1 + 1e-9;
+    const Fault fault = limit_torques(limits, limit_Nm, last, 1e-3, wanted, state);
+    ASSERT_EQ(fault, too_much ? Fault::kTorqueLimit : Fault::kNone);
+    if (fault != Fault::kNone) {
+      ++refused;
+      continue;
+    }
+    ASSERT_TRUE((wanted.cwiseAbs().array() <= limit_Nm.array()).all());
+    ++(wanted == before ? unchanged : shortened);
+    bool by_rate = false;
+    const MotorVector slower =
+        limit_rise(last, before, limits.torque_rise_max_Nm_per_s * 1e-3, by_rate);
+    const double share = slower.norm() > 0 ? wanted.norm() / slower.norm() : 1;
+    ASSERT_LE(share, 1 + 1e-12);
+    ASSERT_LT((wanted - share * slower).cwiseAbs().maxCoeff(), 1e-12) << "never motor by motor";
+    scaled += share < 1 - 1e-12;
+    last = wanted;
+  }
+  EXPECT_GT(refused, 100);
+  EXPECT_GT(shortened, 100);
+  EXPECT_GT(unchanged, 100);
+  EXPECT_GT(scaled, 100);
+  for (const double bad : {static_cast<double>(NAN), static_cast<double>(INFINITY)}) {
+    MotorVector wanted = MotorVector::Zero();
+    wanted[3] = bad;
+    EXPECT_EQ(limit_torques(limits, MotorVector::Constant(kPeak_Nm), last, 1e-3, wanted, state),
+              Fault::kTorqueNotFinite);
+  }
+}
+
+TEST(Limits, AWallThatRingsAgainstTheRateLimitIsAFaultAndAReleaseIsNoPause) {
+  const SafetyLimits limits;
+  LimitState state;
+  MotorVector last = MotorVector::Zero();
+  Fault fault = Fault::kNone;
+  int tick = 0;
+  for (; tick < 1000 && fault == Fault::kNone; ++tick) {  // full up, then nothing, in turn
+    MotorVector wanted = MotorVector::Constant(tick % 2 == 0 ? 5.9 : 0);
+    fault = limit_torques(limits, MotorVector::Constant(6), last, 1e-3, wanted, state);
+    last = wanted;
+  }
+  EXPECT_EQ(fault, Fault::kTorqueRate);
+  EXPECT_LE(tick, 50);
+  EXPECT_GE(tick, 30);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

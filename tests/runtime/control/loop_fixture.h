@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// The haptic loop against a device that does what it is told to, pushed into one sheet: for tests
+// of single ticks.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "runtime/control/haptic_loop.h"
+#include "tests/support/sheet_fixture.h"
+
+namespace trocar::runtime::testing_support {
+
+/// Says what it is told to and keeps what it hears.
+class ScriptedDevice final : public Device {
+ public:
+  DeviceStatus read(DeviceState& state) noexcept override {
+    if (on_read == DeviceStatus::kOk) state = next;
+    return on_read;
+  }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    written = command;
+    return on_write;
+  }
+  void restore() noexcept override { ++restored; }
+  DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
+  int restored = 0;
+  DeviceState next;
+  DeviceCommand written;
+};
+
+inline double largest(const DeviceCommand& command) {
+  double result = 0;
+  for (const double tau : command.tau_motor_Nm)
+    result = std::max(result, std::abs(tau));
+  return result;
+}
+
+/// A sheet at 0.12 m, a device pushed 4 mm into it (20 N), one good tick done before each test.
+class LoopFixture : public testing::Test {
+ protected:
+  void SetUp() override {
+    const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
+    sheets_ = std::move(*place_slices(scene, test::square_asset(1), "a"));
+    current_ = {sheets_[0].get()};
+    model_.device = default_device_description();
+    model_.contact.tool = make_tool(scene.tool);
+    model_.rate_Hz = 1000;
+    model_.limits.torque_rise_max_Nm_per_s = 1e6;
+    let_it_jump(true);
+    go_to(0.125);
+    tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kReady);
+    tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+    go_to(0.116);
+    tick();
+    ASSERT_EQ(state_.safety.fault, Fault::kNone);
+    ASSERT_NEAR(result_.row.wrench_wanted[2], 20, 1e-9);
+    ASSERT_GT(largest(device_.written), 0.1);
+    good_ = device_.written;
+    let_it_jump(false);
+  }
+  /// A test's device goes where it is told to from one tick to the next.
+  void let_it_jump(bool may) {
+    model_.limits.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
+    model_.limits.speed_max_m_per_s = may ? 1e3 : 2;
+    state_.limits.has_pose = false;
+  }
+  void go_to(double z_m, double x_m = 0) {
+    Pose pose;
+    pose.p_m = {x_m, 0, z_m};
+    const InverseResult inverse = inverse_kinematics(model_.device, pose);
+    ASSERT_TRUE(inverse.status);
+    device_.next.encoder_rad = encoder_angles(inverse.joints);
+  }
+  void tick(double gap_s = 1e-3) {
+    TickInputs inputs;
+    inputs.sheets = current_;
+    inputs.gap_s = gap_s;
+    inputs.missed_in_row = missed_in_row_;
+    inputs.outside = outside_;
+    inputs.recover = recover_;
+    haptic_tick(model_, inputs, device_, state_, result_);
+  }
+  /// The next tick must have this fault, and laws 1 to 3 must hold from it on.
+  void expect_fault(Fault fault, double gap_s = 1e-3) {
+    tick(gap_s);
+    ASSERT_EQ(state_.safety.fault, fault) << to_word(state_.safety.fault);
+    EXPECT_EQ(result_.row.fault, fault);
+    EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
+    device_.on_read = device_.on_write = DeviceStatus::kOk;  // all is well again: it latches
+    go_to(0.116);
+    double last = largest(device_.written);
+    EXPECT_LE(last, largest(good_));
+    const bool in_writing = last == largest(good_);
+    int ticks = 1;
+    for (; !result_.at_rest; ++ticks) {
+      ASSERT_LT(ticks, 100);
+      tick();
+      EXPECT_EQ(state_.safety.fault, fault);
+      const double left = std::max(0.0, 1 - static_cast<double>(state_.safety.ramp_ticks_done) / 4);
+      for (int i = 0; i < kMotors; ++i) {
+        ASSERT_NEAR(device_.written.tau_motor_Nm[i], left * state_.tau_at_stop_Nm[i], 1e-12);
+      }
+      EXPECT_LT(largest(device_.written), last);
+      last = largest(device_.written);
+    }
+    EXPECT_EQ(ticks, in_writing ? 5 : 4) << "the ramp is 4 ms";
+    EXPECT_EQ(largest(device_.written), 0);
+    tick();
+    EXPECT_EQ(largest(device_.written), 0);
+    EXPECT_EQ(result_.row.fault, fault);
+    EXPECT_EQ(result_.row.safety, SafetyState::kFault);
+  }
+
+  std::vector<std::unique_ptr<const Sheet>> sheets_;
+  std::vector<const Sheet*> current_;
+  LoopModel model_;
+  LoopState state_;
+  TickResult result_;
+  ScriptedDevice device_;
+  DeviceCommand good_;
+  int missed_in_row_ = 0;
+  Fault outside_ = Fault::kNone;
+  bool recover_ = false;
+};
+
+}  // namespace trocar::runtime::testing_support

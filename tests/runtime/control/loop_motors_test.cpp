@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the motors' heat, friction and weight make of the loop's torques.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "tests/runtime/control/loop_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+using testing_support::largest;
+using LoopMotors = testing_support::LoopFixture;
+
+// The wall softens along its own direction, down to what motors may give for ever, and is back once
+// they have cooled; nobody is stopped.
+TEST_F(LoopMotors, HotMotorsGiveWaySmoothlyAndComeBack) {
+  DeviceDescription& device = model_.device;
+  device.motor_continuous_torque_Nm = 0.7 * largest(good_);
+  device.motor_peak_time_s = 0.2;
+  device.motor_peak_torque_Nm = 1.5 * largest(good_);
+  double last_N = result_.row.wrench_delivered[2], largest_step_N = 0, heat = 0;
+  for (int i = 0; i < 2000; ++i) {
+    tick();
+    ASSERT_EQ(state_.safety.fault, Fault::kNone) << i;
+    for (int k = 0; k < 6; ++k) {
+      ASSERT_NEAR(result_.row.wrench_delivered[k],
+                  result_.row.wrench_scale * result_.row.wrench_wanted[k], 1e-9);
+    }
+    largest_step_N = std::max(largest_step_N, std::abs(result_.row.wrench_delivered[2] - last_N));
+    last_N = result_.row.wrench_delivered[2];
+    heat = std::max(heat, result_.row.motor_heat_max);
+  }
+  EXPECT_LT(largest(device_.written), 1.01 * device.motor_continuous_torque_Nm);
+  EXPECT_GT(largest(device_.written), 0.98 * device.motor_continuous_torque_Nm);
+  EXPECT_NEAR(last_N, 20 * 0.7, 0.4);
+  EXPECT_LT(largest_step_N, 0.5);
+  EXPECT_GT(heat, 0.95);
+  EXPECT_LE(heat, 1 + 1e-9);
+  let_it_jump(true);
+  go_to(0.125);
+  for (int i = 0; i < 2000; ++i)
+    tick();
+  go_to(0.116);
+  tick();
+  EXPECT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
+}
+
+TEST_F(LoopMotors, MotorOverloadWhenHotMotorsGiveTooLittleForTooLong) {
+  model_.device.motor_continuous_torque_Nm = 0.3 * largest(good_);
+  model_.device.motor_peak_torque_Nm = 1.5 * largest(good_);
+  model_.device.motor_peak_time_s = 0.02;
+  model_.limits.overload_time_max_s = 0.05;
+  int ticks = 0;
+  for (; state_.safety.fault == Fault::kNone; ++ticks) {
+    ASSERT_LT(ticks, 1000);
+    tick();
+  }
+  EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
+  EXPECT_GT(ticks, 50);
+  EXPECT_LT(ticks, 150);
+  for (int i = 0; i < 10; ++i)
+    tick();
+  recover_ = true;
+  tick();
+  recover_ = false;
+  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+  let_it_jump(true);
+  go_to(0.121);
+  tick();
+  ASSERT_GT(result_.row.motor_heat_max, 0.6);
+  for (int i = 0; result_.row.motor_heat_max > 0.5; ++i) {
+    ASSERT_LT(i, 5000);
+    ASSERT_EQ(state_.safety.quiet_ticks, 0U) << "hot: the quiet time has not begun";
+    tick();
+  }
+  for (int i = 0; i < 300; ++i)
+    tick();
+  EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+}
+
+TEST_F(LoopMotors, MotorOverloadWhenABudgetIsOverdrawn) {
+  model_.device.motor_continuous_torque_Nm = 0.01;
+  model_.device.motor_peak_time_s = 1e-9;  // shorter than a tick: nothing can give way in time
+  expect_fault(Fault::kMotorOverload);
+}
+
+// Added to what is rendered, told apart from it, slowly from nothing on, and never beyond a limit.
+TEST_F(LoopMotors, WeightAndFrictionAreCompensatedIfAskedFor) {
+  model_.compensation.gravity = true;
+  model_.device.gravity_m_per_s2 = 9.81;
+  double last_N = 0;
+  for (int i = 1; i <= 400; ++i) {
+    tick();
+    ASSERT_EQ(state_.safety.fault, Fault::kNone);
+    ASSERT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
+    const Wrench all = state_.G.transpose() * state_.tau_motor_Nm;
+    ASSERT_NEAR(all[2] - 20, std::min(1.0, i / 250.0) * 0.35 * 9.81, 1e-6);
+    ASSERT_GE(all[2], last_N);
+    last_N = all[2];
+  }
+  const double limit_Nm = 0.9 * largest(device_.written);
+  model_.device.motor_peak_torque_Nm = model_.device.motor_continuous_torque_Nm = limit_Nm;
+  tick();
+  EXPECT_LE(largest(device_.written), limit_Nm);
+  EXPECT_LT(result_.row.wrench_scale, 1);
+  for (int k = 0; k < 6; ++k) {
+    EXPECT_NEAR(result_.row.wrench_delivered[k],
+                result_.row.wrench_scale * result_.row.wrench_wanted[k], 1e-9);
+  }
+}
+
+TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneIsTooMuchForHotMotors) {
+  model_.compensation.gravity = true;
+  model_.device.gravity_m_per_s2 = 9.81;
+  model_.device.plate_mass_kg = 10;
+  model_.limits.timing.ramp_up_s = 0;
+  model_.limits.overload_time_max_s = 1e9;
+  tick();
+  ASSERT_EQ(state_.safety.fault, Fault::kNone);
+  model_.device.motor_continuous_torque_Nm = 0.5 * state_.beside_Nm.cwiseAbs().maxCoeff();
+  model_.device.motor_peak_time_s = 0.02;
+  int ticks = 0;
+  for (; state_.safety.fault == Fault::kNone; ++ticks) {
+    ASSERT_LT(ticks, 2000);
+    tick();
+  }
+  EXPECT_GT(ticks, 10);
+  EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
+}
+
+TEST_F(LoopMotors, CompensationMovesWithTheMotors) {
+  model_.compensation.friction = true;
+  model_.device.joint_coulomb_friction_Nm = 0.1;
+  model_.limits.timing.ramp_up_s = 0;
+  double z_m = 0.116;
+  for (int i = 0; i < 60; ++i) {
+    go_to(z_m += 0.1e-3);
+    tick();
+    ASSERT_EQ(state_.safety.fault, Fault::kNone);
+  }
+  const MotorVector rate = state_.G * state_.limits.twist_device;
+  for (int i = 0; i < kMotors; ++i) {
+    ASSERT_GT(std::abs(rate[i]), 0.1) << "fast enough for all of it";
+    EXPECT_NEAR(state_.beside_Nm[i],
+                0.8 * (std::copysign(0.1, rate[i]) +
+                       model_.device.joint_viscous_friction_Nms_per_rad * rate[i]),
+                1e-12);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: Apache-2.0
+// A session with punctures or faults makes no allocation on the haptic thread, a tick no system
+// call. The program has the counting
+// hooks linked in; the first test shows that they count.
+#include <gtest/gtest.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstddef>
+#include <cstdlib>
+#include <functional>
+#include <new>
+#include <string>
+#include <thread>
+
+#include "runtime/realtime/allocation_counter.h"
+#include "runtime/session/session.h"
+#include "tests/support/loop_rig.h"
+#include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// Keeps the compiler from leaving out an allocation that nobody uses.
+void* volatile kept;
+
+template <typename Act>
+std::uint64_t counted(Act&& act) {
+  const std::uint64_t before = allocations_in_scopes();
+  {
+    const NoAllocationScope scope;
+    act();
+  }
+  return allocations_in_scopes() - before;
+}
+
+class NoAllocation : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  }
+};
+
+TEST_F(NoAllocation, TheHooksCountEveryWay) {
+  EXPECT_EQ(counted([] {}), 0U);
+  EXPECT_EQ(counted([] {
+              kept = std::malloc(10);
+              std::free(kept);
+            }),
+            2U);
+  EXPECT_EQ(counted([] {
+              kept = std::calloc(3, 7);
+              kept = std::realloc(kept, 5000);
+              std::free(kept);
+            }),
+            3U);
+  EXPECT_EQ(counted([] {
+              kept = std::aligned_alloc(64, 128);
+              std::free(kept);
+            }),
+            2U);
+  EXPECT_EQ(counted([] {
+              void* block = nullptr;
+              ASSERT_EQ(::posix_memalign(&block, 64, 100), 0);
+              kept = block;
+              std::free(kept);
+            }),
+            2U);
+  EXPECT_EQ(counted([] {
+              int* volatile one = new int(7);
+              delete one;
+            }),
+            2U);
+  EXPECT_EQ(counted([] {
+              std::vector<double> numbers(100);
+              kept = numbers.data();
+            }),
+            2U);
+  EXPECT_EQ(counted([] { std::free(nullptr); }), 0U);
+}
+
+TEST_F(NoAllocation, OnlyTheScopesThreadAndTimeCount) {
+  const std::uint64_t before = allocations_in_scopes();
+  kept = std::malloc(10);
+  std::free(kept);
+  {
+    std::atomic<bool> go{false}, done{false};
+    std::thread other([&] {
+      while (!go) {
+      }
+      kept = std::malloc(10);
+      std::free(kept);
+      done = true;
+    });
+    {
+      const NoAllocationScope scope;
+      go = true;
+      while (!done) {
+      }
+    }
+    other.join();
+  }
+  EXPECT_EQ(allocations_in_scopes(), before);
+}
+
+class Clocks : public NoAllocation, public testing::WithParamInterface<Clock> {};
+INSTANTIATE_TEST_SUITE_P(NoAllocation, Clocks, testing::Values(Clock::kVirtual, Clock::kReal));
+
+TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
+  Scene scene = test::descent_scene({0.13, 0.12}, 0.133, 0.1, 0.06);
+  // Down through both, up and down again beside the holes: contact, partial contact, four cuts.
+  const double down_s = scene.hand.trajectory.back().t_s;
+  scene.hand.trajectory.push_back({down_s + 0.3, {0, 0, 0.135}});
+  scene.hand.trajectory.push_back({down_s + 0.5, {0.009, 0, 0.135}});
+  scene.hand.trajectory.push_back({down_s + 1.0, {0.009, 0, 0.1}});
+  scene.duration_s = down_s + 1.1;
+  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
+  auto device = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(device);
+  const test::TemporaryFolder folder;
+  SessionOptions options;
+  options.clock = GetParam();
+  options.duration_s = scene.duration_s;
+  options.record = folder / "r.csv";
+  options.limits.gap_max_s = 0;
+  const auto report = run_session(
+      scene, default_device_description(), remesher, *device,
+      [&](double dt_s) { device->step(dt_s); }, options);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->fault, Fault::kNone) << to_word(report->fault);
+  EXPECT_EQ(report->punctures.size(), 4U);
+  ASSERT_TRUE(report->allocations_in_loop);
+  EXPECT_EQ(*report->allocations_in_loop, 0U);
+}
+
+TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
+  // Out of a low workspace and back, twice, with the coupling and the network law's looking ahead.
+  Scene scene = test::descent_scene({0.13}, 0.133, 0.1, 0.06);
+  scene.hand.trajectory = {{0, {0, 0, 0.133}, {}},   {0.2, {0, 0, 0.126}, {}},
+                           {0.4, {0, 0, 0.145}, {}}, {0.6, {0, 0, 0.133}, {}},
+                           {1.2, {0, 0, 0.133}, {}}, {1.3, {0, 0, 0.145}, {}},
+                           {1.5, {0, 0, 0.133}, {}}};
+  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+    auto device = make_simulated_device(scene, default_device_description());
+    ASSERT_TRUE(device);
+    const test::TemporaryFolder folder;
+    SessionOptions options;
+    options.clock = clock;
+    options.duration_s = 2;
+    options.record = folder / "r.csv";
+    options.black_box = folder.path();
+    options.recovery = RecoveryPolicy::kAuto;
+    options.coupling.on = true;
+    options.limits.gap_max_s = 0;
+    options.limits.workspace_max_m[2] = 0.14;
+    const auto report = run_session(
+        scene, default_device_description(), remesher, *device,
+        [&](double dt_s) { device->step(dt_s); }, options);
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->faults_count, 2U);
+    EXPECT_EQ(report->end, SessionEnd::kDone);
+    ASSERT_EQ(report->black_boxes.size(), 2U);
+    EXPECT_FALSE(report->black_boxes[0].error);
+    ASSERT_TRUE(report->allocations_in_loop);
+    EXPECT_EQ(*report->allocations_in_loop, 0U);
+  }
+}
+
+/// In a child that the kernel ends at its first system call but exit.
+int status_under_seccomp(const std::function<void()>& act) {
+  const pid_t child = ::fork();
+  if (child == 0) {
+    sock_filter filter[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_exit_group, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS),
+    };
+    const sock_fprog program{sizeof filter / sizeof filter[0], filter};
+    if (::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 ||
+        ::prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) {
+      ::_exit(77);
+    }
+    act();
+    ::_exit(0);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  return status;
+}
+
+TEST_F(NoAllocation, ATickMakesNoSystemCall) {
+  const int kept_out = status_under_seccomp([] { ::getppid(); });
+  if (WIFEXITED(kept_out)) GTEST_SKIP() << "no seccomp here";
+  ASSERT_TRUE(WIFSIGNALED(kept_out) && WTERMSIG(kept_out) == SIGSYS) << "a call is seen";
+  test::RigOptions options;
+  options.tissue.threshold_N = 35;
+  options.pressed_N = 40;
+  for (const bool faulty : {false, true}) {
+    test::Rig rig(options);
+    if (faulty) rig.model_.limits.workspace_min_m[2] = test::kRigSheet_m - 0.002;
+    const int status = status_under_seccomp([&] {
+      for (int i = 0; i < 800; ++i)
+        rig.tick();  // contact, the controller, a puncture; or a fault and its ramp
+      const bool as_meant = faulty ? rig.state_.safety.fault == Fault::kWorkspace
+                                   : rig.state_.contact.tracks[0].state == SheetState::kPunctured;
+      if (!as_meant) ::_exit(3);
+    });
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

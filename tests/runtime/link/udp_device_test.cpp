@@ -1,0 +1,626 @@
+// SPDX-License-Identifier: Apache-2.0
+// The loop's side of the link over real sockets of this machine: what it hears, what it does not,
+// when it says that the link is lost, and that none of it allocates.
+#include "runtime/link/udp_device.h"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <thread>
+
+#include "runtime/simulation/drive.h"
+#include "runtime/link/link_key.h"
+#include "runtime/realtime/allocation_counter.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+SimulatedDevice held_device() {
+  HandTrajectory hand;
+  hand.keyframes.resize(1);
+  hand.keyframes[0].T_device_tool.p_m.z() = 0.15;
+  return std::move(*SimulatedDevice::make(default_device_description(), hand, {}));
+}
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
+      .count();
+}
+void sleep_ms(int ms) {
+  std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+}
+
+/// A drive on a socket, served by a thread: states every millisecond, or in lock-step.
+class Peer {
+ public:
+  /// The watchdog is patient: a machine that stalls this test for a while is not what is tested.
+  explicit Peer(LinkClock clock, const char* faults = "", double watchdog_s = 1)
+      : Peer(clock, faults, watchdog_s, {0x7f000001, 0}, random_link_key()) {}
+  /// A drive that was started again: another process would have the same key and address.
+  Peer(LinkClock clock, const char* faults, double watchdog_s, const Endpoint& at,
+       const LinkKey& with)
+      : socket_(std::move(*UdpSocket::listen(at))), key(with) {
+    DriveOptions options;
+    options.key = key;
+    options.clock = clock;
+    options.period_s = 1e-3;
+    options.watchdog_s = watchdog_s;
+    options.session_s = 1000;
+    options.faults = *parse_fault_plan(faults);
+    endpoint = socket_.local();
+    thread_ = std::thread([this, options] { serve(options); });
+  }
+  ~Peer() {
+    done_ = true;
+    thread_.join();
+  }
+  Peer(const Peer&) = delete;
+  Peer& operator=(const Peer&) = delete;
+
+  /// States are not sent while it is set; commands are heard.
+  std::atomic<bool> mute{false};
+  /// Nothing is heard while it is set; states are sent.
+  std::atomic<bool> deaf{false};
+  /// Datagrams that came.
+  std::atomic<int> heard{0};
+  /// Called with each state before it is sent, to send more; once `sends_more` is set.
+  std::function<void(const Drive::Answer&, UdpSocket&, const Endpoint&)> also;
+  std::atomic<bool> sends_more{false};
+
+ private:
+  UdpSocket socket_;
+
+ public:
+  LinkKey key;
+  Endpoint endpoint;
+
+ private:
+  void serve(const DriveOptions& options) {
+    Drive drive(options, held_device());
+    Endpoint host;
+    while (!done_) {
+      socket_.wait(1e-3);
+      std::array<std::uint8_t, 512> buffer;
+      std::size_t bytes = 0;
+      Endpoint from;
+      Drive::Answer answer;
+      while (socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
+        ++heard;
+        if (deaf) continue;
+        bool from_host = false;
+        drive.receive(std::span(buffer).first(std::min<std::size_t>(bytes, 512)), now_ns(), answer,
+                      from_host);
+        if (from_host) host = from;
+        if (answer.size > 0) socket_.send_to(answer.view(), from);
+      }
+      if (options.clock == LinkClock::kLockStep) continue;
+      drive.tick(now_ns(), 1, answer);
+      if (answer.size == 0 || mute) continue;
+      if (sends_more) also(answer, socket_, host);
+      socket_.send_to(answer.view(), host);
+    }
+  }
+  std::atomic<bool> done_{false};
+  std::thread thread_;
+};
+
+UdpDeviceOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
+  UdpDeviceOptions options;
+  options.peer = peer.endpoint;
+  options.key = peer.key;
+  options.clock = clock;
+  options.connect_timeout_s = 5;
+  // This machine may be busy with other things than this test for as long as that.
+  options.silence_s = 0.5;
+  return options;
+}
+
+std::unique_ptr<UdpDevice> connected(const UdpDeviceOptions& options) {
+  auto device = UdpDevice::connect(options);
+  EXPECT_TRUE(device) << device.error().message;
+  return device ? std::move(*device) : nullptr;
+}
+
+/// What a recovering loop does: asks, tick by tick, until the drive is there again, for at most
+/// five seconds; then its status.
+DeviceStatus restored(UdpDevice& device, DeviceState& state) {
+  DeviceStatus status = DeviceStatus::kLinkLost;
+  for (int ms = 0; ms < 5000; ++ms) {
+    status = device.read(state);
+    if (status == DeviceStatus::kOk) break;
+    if (status != DeviceStatus::kNoData) device.restore();
+    device.write({});
+    sleep_ms(1);
+  }
+  return status;
+}
+
+/// Reads until the status is another than kNoData, for at most two seconds.
+DeviceStatus next(UdpDevice& device, DeviceState& state) {
+  for (int ms = 0; ms < 2000; ++ms) {
+    const DeviceStatus status = device.read(state);
+    if (status != DeviceStatus::kNoData) return status;
+    sleep_ms(1);
+  }
+  return DeviceStatus::kNoData;
+}
+
+TEST(UdpDevice, HearsTheDriveAndIsHeard) {
+  Peer peer(LinkClock::kReal);
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  DeviceState state;
+  DeviceState expected;
+  held_device().read(expected);
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk) << "the first state is there after connect()";
+  EXPECT_EQ(state.encoder_rad, expected.encoder_rad);
+  for (int tick = 0; tick < 50; ++tick) {
+    DeviceCommand command;
+    command.tau_motor_Nm.fill(0.2);
+    ASSERT_EQ(device->write(command), DeviceStatus::kOk);
+    const double before_s = state.t_s;
+    ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
+    EXPECT_GT(state.t_s, before_s);
+  }
+  EXPECT_NE(state.encoder_rad, expected.encoder_rad) << "it moves";
+  EXPECT_EQ(device->packets().refused(), 0U);
+}
+
+TEST(UdpDevice, TheNewestOfSeveralStatesCounts) {
+  Peer peer(LinkClock::kReal);
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  DeviceState state, last;
+  next(*device, state);
+  sleep_ms(30);
+  ASSERT_EQ(device->read(last), DeviceStatus::kOk);
+  EXPECT_GT(last.t_s, state.t_s + 2e-3);
+  EXPECT_GT(device->packets().accepted(), 3U);
+}
+
+TEST(UdpDevice, AfterALongQueueTheNextStateCounts) {
+  Peer peer(LinkClock::kReal);
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  sleep_ms(500);  // as long as a loop may take to start: the socket's buffer is full
+  DeviceState state;
+  EXPECT_EQ(device->read(state), DeviceStatus::kNoData);
+  EXPECT_EQ(state.t_s, 0);
+  ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
+  EXPECT_GT(state.t_s, 0.2);
+}
+
+TEST(UdpDevice, InLockStepEachWriteHasItsAnswer) {
+  Peer peer(LinkClock::kLockStep);
+  const auto device = connected(to(peer, LinkClock::kLockStep));
+  ASSERT_TRUE(device);
+  SimulatedDevice twin = held_device();
+  DeviceState state, expected;
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+  for (int tick = 0; tick < 100; ++tick) {
+    DeviceCommand command;
+    command.tau_motor_Nm.fill(0.01 * tick);
+    ASSERT_EQ(device->write(command), DeviceStatus::kOk);
+    ASSERT_TRUE(device->wait_for_answer());
+    twin.write(command);
+    twin.step(1e-3);
+    twin.read(expected);
+    ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+    ASSERT_EQ(state.encoder_rad, expected.encoder_rad);
+  }
+}
+
+TEST(UdpDevice, SilenceIsALostLinkAfterItsTimeAndNotBefore) {
+  Peer peer(LinkClock::kReal);
+  UdpDeviceOptions options = to(peer);
+  options.silence_s = 0.3;
+  const auto device = connected(options);
+  ASSERT_TRUE(device);
+  peer.mute = true;
+  sleep_ms(5);
+  DeviceState state;
+  state.t_s = -1;
+  DeviceStatus status = DeviceStatus::kOk;
+  while (status == DeviceStatus::kOk)
+    status = device->read(state);
+  const auto quiet = Clock::now();
+  const DeviceState before = state;
+  for (int ms = 0; ms < 5000 && status == DeviceStatus::kNoData; ++ms) {
+    sleep_ms(1);
+    status = device->read(state);
+  }
+  EXPECT_EQ(status, DeviceStatus::kLinkLost);
+  EXPECT_GT(Clock::now() - quiet, std::chrono::milliseconds(150));
+  EXPECT_EQ(state.t_s, before.t_s);
+  EXPECT_EQ(state.encoder_rad, before.encoder_rad) << "a state is not touched without a new one";
+  // A new session with the same drive, in the same world.
+  peer.mute = false;
+  ASSERT_EQ(restored(*device, state), DeviceStatus::kOk);
+  EXPECT_GT(state.t_s, before.t_s);
+}
+
+TEST(UdpDevice, NothingIsRestoredThatIsNotLost) {
+  Peer peer(LinkClock::kReal);
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  DeviceState state;
+  for (int tick = 0; tick < 50; ++tick) {
+    ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+    ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
+    device->restore();
+  }
+  EXPECT_EQ(device->sessions(), 1U);
+}
+
+TEST(UdpDevice, ADriveThatWasStartedAgainIsFoundAgain) {
+  auto peer = std::make_unique<Peer>(LinkClock::kReal);
+  const Endpoint at = peer->endpoint;
+  const LinkKey key = peer->key;
+  UdpDeviceOptions options = to(*peer);
+  options.silence_s = 0.05;
+  options.connect_timeout_s = 0.1;  // one attempt of many
+  const auto device = connected(options);
+  ASSERT_TRUE(device);
+  DeviceState state;
+  ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+  peer.reset();
+  DeviceStatus status = DeviceStatus::kOk;
+  for (int ms = 0; ms < 3000 && status != DeviceStatus::kLinkLost; ++ms) {
+    device->write({});
+    status = device->read(state);
+    sleep_ms(1);
+  }
+  ASSERT_EQ(status, DeviceStatus::kLinkLost);
+  device->restore();
+  for (int ms = 0; ms < 300; ms += 10) {  // nobody is there yet
+    ASSERT_EQ(device->read(state), DeviceStatus::kLinkLost);
+    ASSERT_EQ(device->write({}), DeviceStatus::kLinkLost);
+    device->restore();
+    sleep_ms(10);
+  }
+  Peer again(LinkClock::kReal, "", 1, at, key);
+  EXPECT_EQ(restored(*device, state), DeviceStatus::kOk);
+  EXPECT_EQ(device->sessions(), 2U);
+  EXPECT_LT(state.t_s, 1) << "a world of its own";
+  ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+  EXPECT_EQ(next(*device, state), DeviceStatus::kOk);
+}
+
+TEST(UdpDevice, ADriveThatComesBackWithAnotherClockIsAskedWithPausesAndNamed) {
+  auto peer = std::make_unique<Peer>(LinkClock::kReal);
+  const auto device = connected(to(*peer));
+  ASSERT_TRUE(device);
+  const Endpoint at = peer->endpoint;
+  const LinkKey key = peer->key;
+  peer.reset();
+  DeviceState state;
+  DeviceStatus status = DeviceStatus::kOk;
+  for (int ms = 0; ms < 5000 && status != DeviceStatus::kLinkLost; ++ms) {
+    device->write({});
+    status = device->read(state);
+    sleep_ms(1);
+  }
+  ASSERT_EQ(status, DeviceStatus::kLinkLost);
+  Peer other(LinkClock::kLockStep, "", 1, at, key);
+  const auto before = Clock::now();
+  device->restore();
+  for (int ms = 0; ms < 5000 && other.heard < 6; ++ms)
+    sleep_ms(1);
+  sleep_ms(200);
+  device->close();
+  const int heard = other.heard;
+  const double asked_s = std::chrono::duration<double>(Clock::now() - before).count();
+  EXPECT_GE(heard, 6) << "it is asked again and again";
+  EXPECT_LE(heard, 2 * (asked_s / 0.05 + 2)) << "a farewell and a hello each time";
+  ASSERT_TRUE(device->restore_error());
+  EXPECT_NE(device->restore_error()->message.find("--clock virtual"), std::string::npos);
+}
+
+TEST(UdpDevice, InLockStepTimeWaitsForADriveThatIsStartedAgain) {
+  auto peer = std::make_unique<Peer>(LinkClock::kLockStep);
+  const Endpoint at = peer->endpoint;
+  const LinkKey key = peer->key;
+  UdpDeviceOptions options = to(*peer, LinkClock::kLockStep);
+  options.answer_s = 0.2;
+  options.connect_timeout_s = 2;
+  const auto device = connected(options);
+  ASSERT_TRUE(device);
+  DeviceState state;
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+  const auto lose = [&] {
+    peer.reset();
+    device->write({});
+    EXPECT_FALSE(device->wait_for_answer());
+    EXPECT_EQ(device->read(state), DeviceStatus::kLinkLost);
+    device->restore();
+  };
+  lose();
+  std::thread later([&] {
+    sleep_ms(300);
+    peer = std::make_unique<Peer>(LinkClock::kLockStep, "", 1, at, key);
+  });
+  EXPECT_TRUE(device->wait_for_answer());
+  later.join();
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+  EXPECT_EQ(state.t_s, 0);
+  ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+  ASSERT_TRUE(device->wait_for_answer());
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+  EXPECT_NEAR(state.t_s, 1e-3, 1e-9);
+  // And if nobody comes, it is over: no tick waits for it again.
+  lose();
+  EXPECT_FALSE(device->wait_for_answer());
+  const auto before = Clock::now();
+  for (int tick = 0; tick < 20; ++tick) {
+    EXPECT_EQ(device->read(state), DeviceStatus::kLinkLost);
+    device->restore();
+    device->write({});
+    EXPECT_FALSE(device->wait_for_answer());
+  }
+  EXPECT_LT(Clock::now() - before, std::chrono::seconds(2)) << "a tenth of 20 attempts";
+}
+
+TEST(UdpDevice, AMotorsFaultEndsWithItsSession) {
+  Peer peer(LinkClock::kReal, "dead:2@0.02..0.2");
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  DeviceState state;
+  DeviceCommand command;
+  command.tau_motor_Nm.fill(1);
+  DeviceStatus status = DeviceStatus::kOk;
+  for (int ms = 0; ms < 3000 && status == DeviceStatus::kOk; ++ms) {
+    device->write(command);
+    status = next(*device, state);
+  }
+  ASSERT_EQ(status, DeviceStatus::kMotorFault);
+  for (int ms = 0; ms < 400; ++ms) {  // the motor is well again, and that changes nothing
+    device->write({});
+    status = next(*device, state);
+  }
+  ASSERT_EQ(status, DeviceStatus::kMotorFault);
+  EXPECT_EQ(restored(*device, state), DeviceStatus::kOk);
+  EXPECT_EQ(device->sessions(), 2U);
+}
+
+/// Torque commands to a peer that goes deaf after the first, until the link is lost; how many.
+int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
+  const auto device = connected(options);
+  if (!device) return -1;
+  DeviceState state;
+  EXPECT_EQ(device->write({}), DeviceStatus::kOk);
+  sleep_ms(30);
+  next(*device, state);
+  peer.deaf = true;
+  for (int sent = 1; sent <= most; ++sent) {
+    EXPECT_EQ(device->write({}), DeviceStatus::kOk);
+    sleep_ms(1);
+    if (device->read(state) == DeviceStatus::kLinkLost) return sent;
+  }
+  return most + 1;
+}
+
+TEST(UdpDevice, ADriveThatDoesNotHearUsIsALostLinkToo) {
+  Peer patient(LinkClock::kReal, "", 1000);
+  UdpDeviceOptions options = to(patient);
+  options.silence_s = 0.4;
+  options.period_s = 1e-3;
+  const int until = commands_until_lost(patient, options, 3000);
+  EXPECT_GE(until, 200) << "its states still come: 400 ms of our commands must be missing";
+  EXPECT_LE(until, 3000);
+}
+
+TEST(UdpDevice, ADriveWhoseWatchdogActedIsALostLinkToo) {
+  Peer peer(LinkClock::kReal, "", 0.01);  // it says so
+  UdpDeviceOptions options = to(peer);
+  options.silence_s = 10;
+  EXPECT_LE(commands_until_lost(peer, options, 2000), 2000);
+}
+
+TEST(UdpDevice, AClosedPortIsALostLinkAtOnce) {
+  auto peer = std::make_unique<Peer>(LinkClock::kReal);
+  UdpDeviceOptions options = to(*peer);
+  options.silence_s = 1000;
+  const auto device = connected(options);
+  ASSERT_TRUE(device);
+  peer.reset();
+  DeviceState state;
+  while (device->read(state) == DeviceStatus::kOk) {
+  }
+  device->write({});
+  sleep_ms(20);
+  const bool lost = device->read(state) == DeviceStatus::kLinkLost ||
+                    device->write({}) == DeviceStatus::kLinkLost;
+  EXPECT_TRUE(lost);
+}
+
+TEST(UdpDevice, EmergencyStopAndDeadMotorAreTold) {
+  for (const auto& [faults, wanted] : {std::pair{"stop@0.02", DeviceStatus::kEmergencyStop},
+                                       std::pair{"dead:2@0.02", DeviceStatus::kMotorFault}}) {
+    Peer peer(LinkClock::kLockStep, faults);
+    const auto device = connected(to(peer, LinkClock::kLockStep));
+    ASSERT_TRUE(device);
+    DeviceState state;
+    DeviceCommand command;
+    command.tau_motor_Nm.fill(1);
+    DeviceStatus status = device->read(state);
+    int tick = 0;
+    for (; tick < 60 && status == DeviceStatus::kOk; ++tick) {
+      ASSERT_EQ(device->write(command), DeviceStatus::kOk);
+      ASSERT_TRUE(device->wait_for_answer());
+      status = device->read(state);
+    }
+    EXPECT_EQ(status, wanted);
+    EXPECT_GE(tick, 20);
+    EXPECT_LE(tick, 28);
+  }
+}
+
+TEST(UdpDevice, NoiseReplaysAndEchoesAreCountedAndNothingElse) {
+  Peer peer(LinkClock::kReal);
+  Drive::Answer first;
+  peer.also = [&](const Drive::Answer& state, UdpSocket& socket, const Endpoint& host) {
+    if (first.size == 0) first = state;
+    Drive::Answer bent = state;
+    bent.bytes[60] ^= 4;
+    std::array<std::uint8_t, 400> large{};
+    socket.send_to(first.view(), host);               // an old one
+    socket.send_to(bent.view(), host);                // changed
+    socket.send_to(state.view().first(100), host);    // cut
+    socket.send_to(std::span(large).first(0), host);  // empty
+    socket.send_to(large, host);
+  };
+  peer.sends_more = true;
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  DeviceState state;
+  double last_s = -1;
+  for (int tick = 0; tick < 40; ++tick) {
+    ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+    ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
+    EXPECT_GT(state.t_s, last_s);
+    last_s = state.t_s;
+  }
+  const auto& counts = device->packets().by_refusal;
+  EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSequence)], 10U);
+  EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kMac)], 10U);
+  EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSize)], 30U);
+}
+
+TEST(UdpDevice, ATorqueThatIsNoneIsNotSent) {
+  Peer peer(LinkClock::kLockStep);
+  const auto device = connected(to(peer, LinkClock::kLockStep));
+  ASSERT_TRUE(device);
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 1e4}) {
+    DeviceCommand command;
+    command.tau_motor_Nm[3] = bad;
+    EXPECT_EQ(device->write(command), DeviceStatus::kNoData);
+  }
+  EXPECT_EQ(device->write({}), DeviceStatus::kOk);
+}
+
+TEST(UdpDevice, ConnectingSaysWhatIsWrong) {
+  Peer peer(LinkClock::kReal);
+  UdpDeviceOptions options = to(peer, LinkClock::kLockStep);
+  auto wrong_clock = UdpDevice::connect(options);
+  ASSERT_FALSE(wrong_clock);
+  EXPECT_EQ(wrong_clock.error().code, ExitCode::kUsage);
+  EXPECT_NE(wrong_clock.error().message.find("--clock real"), std::string::npos);
+  options = to(peer);
+  options.key = random_link_key();
+  options.connect_timeout_s = 0.2;
+  auto wrong_key = UdpDevice::connect(options);
+  ASSERT_FALSE(wrong_key);
+  EXPECT_EQ(wrong_key.error().code, ExitCode::kDeviceFault);
+  EXPECT_NE(wrong_key.error().message.find("key"), std::string::npos);
+}
+
+TEST(UdpDevice, ReadAndWriteAllocateNothing) {
+  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  Peer peer(LinkClock::kReal);
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  DeviceState state;
+  const std::uint64_t before = allocations_in_scopes();
+  for (int tick = 0; tick < 100; ++tick) {
+    {
+      const NoAllocationScope scope;
+      device->read(state);
+      device->write({});
+    }
+    sleep_ms(1);
+  }
+  EXPECT_EQ(allocations_in_scopes(), before);
+  EXPECT_GT(device->packets().accepted(), 10U);
+}
+
+// --- keys and addresses --------------------------------------------------------------------
+
+class KeyFile : public testing::Test {
+ protected:
+  void SetUp() override { ASSERT_TRUE(start_link()); }
+  void write(const std::string& text) { std::ofstream(file_, std::ios::binary) << text; }
+  test::TemporaryFolder temporary_;
+  fs::path folder_ = temporary_.path();
+  fs::path file_ = folder_ / "key";
+};
+
+TEST_F(KeyFile, IsMadePrivateOnceAndReadAgain) {
+  const auto made = make_link_key(file_);
+  ASSERT_TRUE(made) << made.error().message;
+  struct stat status {};
+  ASSERT_EQ(::stat(file_.c_str(), &status), 0);
+  EXPECT_EQ(status.st_mode & 0777, 0600U);
+  const auto read = read_link_key(file_);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->bytes, made->bytes);
+  const auto again = make_link_key(file_);
+  ASSERT_FALSE(again) << "a key that is there stays";
+  EXPECT_EQ(again.error().code, ExitCode::kUnwritable);
+  EXPECT_EQ(read_link_key(file_)->bytes, made->bytes);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1) << "nothing is left behind";
+  EXPECT_FALSE(make_link_key(folder_ / "no" / "such"));
+}
+
+TEST_F(KeyFile, OfOthersOrOfNonsenseIsRefused) {
+  EXPECT_FALSE(read_link_key(file_));
+  EXPECT_FALSE(read_link_key(folder_));
+  EXPECT_FALSE(read_link_key("/dev/zero"));
+  const std::string digits(64, 'a');
+  write(digits + "\n");
+  for (const int mode : {0640, 0604, 0620, 0660, 0644}) {
+    ::chmod(file_.c_str(), static_cast<mode_t>(mode));
+    const auto read = read_link_key(file_);
+    ASSERT_FALSE(read) << std::oct << mode;
+    EXPECT_NE(read.error().message.find("chmod 600"), std::string::npos);
+  }
+  for (const int mode : {0600, 0400}) {
+    ::chmod(file_.c_str(), static_cast<mode_t>(mode));
+    EXPECT_TRUE(read_link_key(file_)) << std::oct << mode;
+  }
+  ::chmod(file_.c_str(), 0600);
+  for (const std::string& bad :
+       {std::string(), digits.substr(1), digits + "a", digits + "\n\n", digits.substr(1) + "g",
+        digits.substr(1) + "\n", digits + "\r\n"}) {
+    write(bad);
+    EXPECT_FALSE(read_link_key(file_)) << bad;
+  }
+}
+
+TEST(Endpoint, IsHostAndPort) {
+  const auto good = parse_endpoint("127.0.0.1:4840", 1);
+  ASSERT_TRUE(good);
+  EXPECT_EQ(*good, (Endpoint{0x7f000001, 4840}));
+  EXPECT_TRUE(good->is_loopback());
+  EXPECT_EQ(to_string(*good), "127.0.0.1:4840");
+  EXPECT_TRUE(parse_endpoint("localhost:1", 1)->is_loopback());
+  EXPECT_FALSE(parse_endpoint("192.0.2.1:9", 1)->is_loopback());
+  EXPECT_TRUE(parse_endpoint("127.0.0.1:0", 0));
+  for (const char* bad :
+       {"", ":", "127.0.0.1", "127.0.0.1:", ":4840", "127.0.0.1:0", "127.0.0.1:65536",
+        "127.0.0.1:-1", "127.0.0.1:4840x", "127.0.0.1: 1", "300.0.0.1:1"}) {
+    const auto refused = parse_endpoint(bad, 1);
+    ASSERT_FALSE(refused) << bad;
+    EXPECT_EQ(refused.error().code, ExitCode::kUsage);
+  }
+  const auto taken = UdpSocket::listen({0x7f000001, 0});
+  ASSERT_TRUE(taken);
+  const auto twice = UdpSocket::listen(taken->local());
+  ASSERT_FALSE(twice);
+  EXPECT_EQ(twice.error().code, ExitCode::kUnwritable);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,360 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every fault that a device, a sheet or a hand can bring about, at random moments while the tool is
+// pressed into a sheet, in whole sessions: torques at zero in time, latched, named; the black box
+// complete; recovery; nothing lost from the recording; and the recording replays to the last bit.
+// TROCAR_FAULT_RUNS: how often each (5).
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <optional>
+#include <random>
+#include <sstream>
+#include <thread>
+
+#include "runtime/session/replay_device.h"
+#include "runtime/session/session.h"
+#include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kRest_s = 0.005;
+
+/// What goes wrong, by the device's ticks.
+struct Trouble {
+  DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
+  std::function<void(DeviceState& state, const DeviceState& at_begin)> spoil;
+  int late_ms = 0;  ///< that reading takes
+};
+
+/// The simulated device, with a trouble from tick `begin` to `end`.
+class TroubledDevice final : public Device {
+ public:
+  TroubledDevice(SimulatedDevice& inner, Trouble trouble, std::uint64_t begin, std::uint64_t end)
+      : inner_(inner), trouble_(std::move(trouble)), begin_(begin), end_(end) {}
+  DeviceStatus read(DeviceState& state) noexcept override {
+    ++tick_;
+    DeviceState now;
+    inner_.read(now);
+    if (tick_ <= begin_) at_begin_ = now;
+    if (troubled() && trouble_.late_ms > 0) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(trouble_.late_ms));
+    }
+    if (troubled() && trouble_.on_read != DeviceStatus::kOk) return trouble_.on_read;
+    state = now;
+    if (troubled() && trouble_.spoil) trouble_.spoil(state, at_begin_);
+    return DeviceStatus::kOk;
+  }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    if (tick_ > begin_ + 50 && recover != nullptr) recover->store(true);
+    if (troubled() && trouble_.on_write != DeviceStatus::kOk) return trouble_.on_write;
+    return inner_.write(command);
+  }
+  std::atomic<bool>* recover = nullptr;  ///< the operator's button: pressed again and again
+
+ private:
+  bool troubled() const { return tick_ > begin_ && tick_ <= end_; }
+  SimulatedDevice& inner_;
+  Trouble trouble_;
+  std::uint64_t begin_, end_, tick_ = 0;
+  DeviceState at_begin_;
+};
+
+struct Case {
+  const char* name;
+  Fault fault;
+  /// A trouble, or limits that the hand's motion will meet at a moment that `random` says.
+  std::function<Trouble(std::mt19937_64& random, SessionOptions& options)> make;
+  double lasts_s = 0.03;
+  bool at_once = true;  ///< found in the tick in which it begins
+  bool loaded = true;   ///< found while the tool is in the sheet, not when it has just left it
+};
+
+double unit(std::mt19937_64& random) {
+  return static_cast<double>(random() >> 11) * 0x1p-53;
+}
+
+std::vector<Case> cases() {
+  using Random = std::mt19937_64;
+  using Options = SessionOptions;
+  const auto trouble = [](DeviceStatus on_read, DeviceStatus on_write) {
+    return [=](Random&, Options&) { return Trouble{on_read, on_write, {}, 0}; };
+  };
+  const auto any_encoder = [](auto change) {
+    return [change](Random& random, Options&) {
+      const auto i = static_cast<std::size_t>(random() % kEncoders);
+      Trouble made;
+      made.spoil = [change, i](DeviceState& state, const DeviceState& begin) {
+        change(state.encoder_rad[i], begin.encoder_rad[i]);
+      };
+      return made;
+    };
+  };
+  const auto limits = [](auto change) {
+    return [change](Random& random, Options& options) {
+      change(options.limits, unit(random));
+      return Trouble{};
+    };
+  };
+  constexpr auto kOk = DeviceStatus::kOk;
+  return {
+      {"link_lost", Fault::kLinkLost, trouble(DeviceStatus::kLinkLost, kOk)},
+      {"link_lost_in_writing", Fault::kLinkLost, trouble(kOk, DeviceStatus::kLinkLost)},
+      {"write_failed", Fault::kWriteFailed, trouble(kOk, DeviceStatus::kNoData)},
+      {"emergency_stop", Fault::kEmergencyStop, trouble(DeviceStatus::kEmergencyStop, kOk)},
+      {"motor_fault", Fault::kMotorFault, trouble(DeviceStatus::kMotorFault, kOk)},
+      {"silence", Fault::kNoData, trouble(DeviceStatus::kNoData, kOk), 0.03, false},
+      {"encoder_nan", Fault::kEncoderNotFinite,
+       any_encoder([](double& angle, double) { angle = NAN; })},
+      {"encoder_jump", Fault::kEncoderJump,
+       any_encoder([](double& angle, double) { angle += 0.3; })},
+      {"encoder_jump_for_one_tick", Fault::kEncoderJump,
+       any_encoder([](double& angle, double) { angle -= 0.3; }), 0.0005},
+      // It stands still: found once the others have moved on.
+      {"encoder_stuck", Fault::kPoseResidual,
+       [](Random& random, Options&) {
+         Trouble made;
+         const std::size_t i = 4 * (random() % kLegs);  // theta1
+         made.spoil = [i](DeviceState& state, const DeviceState& begin) {
+           state.encoder_rad[i] = begin.encoder_rad[i];
+         };
+         return made;
+       },
+       0.5, false, false},
+      {"workspace", Fault::kWorkspace,
+       limits([](SafetyLimits& l, double u) { l.workspace_min_m[2] = 0.1165 + 0.002 * u; }), 0,
+       false},
+      {"speed", Fault::kSpeed,
+       limits([](SafetyLimits& l, double u) { l.speed_max_m_per_s = 0.062 + 0.01 * u; }), 0, false,
+       false},
+      {"torque_limit", Fault::kTorqueLimit,
+       limits([](SafetyLimits& l, double u) { l.torque_max_Nm = 0.2 + 0.2 * u; }), 0, false},
+      {"torque_rate", Fault::kTorqueRate, limits([](SafetyLimits& l, double u) {
+         l.torque_rise_max_Nm_per_s = 3 + 2 * u;
+         l.torque_rise_time_max_s = 0.015;
+       }),
+       0, false},
+      {"motor_overload", Fault::kMotorOverload,
+       limits([](SafetyLimits& l, double u) { l.overload_time_max_s = 0.01 + 0.03 * u; }), 0,
+       false},
+  };
+}
+
+std::string text_of(const fs::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::stringstream all;
+  all << stream.rdbuf();
+  return all.str();
+}
+
+/// Down into the sheet, held there, moved on slowly, up, and after a pause down again.
+Scene pressing() {
+  Scene scene = test::descent_scene({0.12}, 0.122, 0.11, 0.1);
+  scene.hand.trajectory = {{0, {0, 0, 0.122}, {}},    {0.05, {0, 0, 0.122}, {}},
+                           {0.25, {0, 0, 0.112}, {}}, {0.45, {0, 0, 0.109}, {}},
+                           {0.6, {0, 0, 0.122}, {}},  {0.95, {0, 0, 0.122}, {}},
+                           {1.15, {0, 0, 0.112}, {}}, {1.3, {0, 0, 0.112}, {}}};
+  scene.duration_s = 1.3;
+  return scene;
+}
+
+int runs_of_each() {
+  const char* wanted = std::getenv("TROCAR_FAULT_RUNS");  // NOLINT(concurrency-mt-unsafe)
+  return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 5;
+}
+
+/// A limit that was low for the test is high again when the tool is pressed the second time.
+bool may_fault_again(const Case& test) {
+  return !test.at_once && test.lasts_s == 0;
+}
+
+void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
+                 const SessionReport& report, double rate_Hz, std::uint64_t begin) {
+  ASSERT_GE(report.faults.size(), 1U);
+  const FaultEvent& event = report.faults.front();
+  ASSERT_EQ(event.fault, test.fault) << to_word(event.fault);
+  const auto first = static_cast<std::size_t>(std::llround(event.t_s * rate_Hz));
+  if (test.at_once) {
+    ASSERT_EQ(first, begin);
+  }
+
+  // Under load before, at zero in time, monotonously, named, latched.
+  double before_Nm = 0, last_Nm = 0;
+  for (std::size_t k = test.loaded ? first - 1 : 0; k < first; ++k) {
+    for (const double tau : rows[k].tau_Nm)
+      before_Nm = std::max(before_Nm, std::abs(tau));
+  }
+  ASSERT_GT(before_Nm, 0.02) << "under load";
+  last_Nm = 1e9;
+  std::size_t k = first;
+  for (; k < rows.size() && rows[k].safety == SafetyState::kFault; ++k) {
+    ASSERT_EQ(rows[k].fault, test.fault);
+    double largest_Nm = 0;
+    for (const double tau : rows[k].tau_Nm)
+      largest_Nm = std::max(largest_Nm, std::abs(tau));
+    ASSERT_LE(largest_Nm, last_Nm);
+    last_Nm = largest_Nm;
+    if (static_cast<double>(k - first) >= kRest_s * rate_Hz - 1e-6) {
+      ASSERT_EQ(largest_Nm, 0);
+    }
+  }
+  ASSERT_LE(event.rest_t_s - event.t_s, kRest_s);
+  ASSERT_EQ(last_Nm, 0);
+  for (; k < rows.size() && rows[k].safety != SafetyState::kRunning; ++k) {
+    for (const double tau : rows[k].tau_Nm)
+      ASSERT_EQ(tau, 0);
+  }
+  ASSERT_LT(k, rows.size()) << "it never recovered";
+  ASSERT_EQ(rows[k].fault, Fault::kNone);
+  ASSERT_NEAR(event.recovered_t_s, rows[k].t_s, 1e-9);
+  if (may_fault_again(test)) return;
+  ASSERT_EQ(report.faults_count, 1U);
+  ASSERT_EQ(report.end, SessionEnd::kDone);
+  ASSERT_EQ(rows.back().authority, 1);
+  ASSERT_NEAR(rows.back().wrench_delivered[2], rows.back().wrench_wanted[2], 1e-9);
+  ASSERT_NEAR(rows.back().wrench_wanted[2], rows.back().penetration_m * 5000, 0.05);
+  ASSERT_GT(rows.back().wrench_delivered[2], 15) << "forces are back";
+}
+
+/// Each black box holds the recording's own lines, to the end of its ramp.
+void expect_black_boxes(const SessionReport& report, const std::string& recording, double rate_Hz) {
+  ASSERT_EQ(report.black_boxes.size(), report.faults_count);
+  ASSERT_EQ(report.black_boxes_lost, 0U);
+  std::vector<std::size_t> line{recording.find('\n') + 1};  // where each row begins
+  for (std::size_t end; (end = recording.find('\n', line.back())) != std::string::npos;)
+    line.push_back(end + 1);
+  for (std::size_t i = 0; i < report.black_boxes.size(); ++i) {
+    const BlackBoxFile& box = report.black_boxes[i];
+    ASSERT_FALSE(box.error) << box.error->message;
+    ASSERT_NE(box.file.filename().string().find(to_word(report.faults[i].fault)),
+              std::string::npos);
+    const auto rest =
+        static_cast<std::size_t>(std::llround(report.faults[i].rest_t_s * rate_Hz)) + 1;
+    const auto most = static_cast<std::size_t>(kBlackBox_s * rate_Hz);
+    const std::size_t from = rest - std::min(rest, most);
+    ASSERT_EQ(box.rows, rest - from);
+    ASSERT_EQ(text_of(box.file),
+              recording.substr(0, line[0]) + recording.substr(line[from], line[rest] - line[from]));
+  }
+}
+
+void run(const Case& test, int index) {
+  std::mt19937_64 random(static_cast<std::uint64_t>(index) * 7919 + test.name[0]);
+  const test::TemporaryFolder folder;
+  const Scene scene = pressing();
+  DeviceDescription description = default_device_description();
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  constexpr double kRates_Hz[] = {500, 1000, 2000};
+  options.rate_Hz = kRates_Hz[random() % 3];
+  options.duration_s = scene.duration_s;
+  options.record = folder.path() / "r.csv";
+  options.black_box = folder.path();
+  options.limits.timing.quiet_s = options.limits.timing.ramp_up_s = 0.05;
+  std::atomic<bool> button{false};
+  const bool by_hand = random() % 2 == 0;
+  options.recovery = by_hand ? RecoveryPolicy::kOnRequest : RecoveryPolicy::kAuto;
+  options.recover = &button;
+  const double begin_s = 0.18 + 0.25 * unit(random);
+  const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
+  const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
+  Trouble trouble = test.make(random, options);
+  if (test.fault == Fault::kMotorOverload) {
+    description.motor_continuous_torque_Nm = 0.1;
+    description.motor_peak_torque_Nm = 0.6;
+    description.motor_peak_time_s = 0.01;
+  }
+
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto simulated = make_simulated_device(scene, description);
+  ASSERT_TRUE(simulated);
+  TroubledDevice device(*simulated, trouble, begin, begin + lasts);
+  if (by_hand) device.recover = &button;
+  const auto report = run_session(
+      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options);
+  ASSERT_TRUE(report) << report.error().message;
+  const auto rows = read_recording(*options.record);
+  ASSERT_TRUE(rows) << rows.error().message;
+  ASSERT_EQ(rows->size(), report->ticks) << "nothing is lost";
+  ASSERT_EQ(report->ticks, tick_count(scene.duration_s, options.rate_Hz));
+  expect_laws(test, *rows, *report, options.rate_Hz, begin);
+  if (testing::Test::HasFatalFailure()) return;
+  expect_black_boxes(*report, text_of(*options.record), options.rate_Hz);
+  if (testing::Test::HasFatalFailure()) return;
+
+  ReplayDevice replay(*rows);
+  Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
+  SessionOptions again = options;
+  again.replay = *rows;
+  again.record = folder.path() / "again.csv";
+  again.black_box.reset();
+  const auto repeated = run_session(
+      scene, description, fresh, replay, [](double) {}, again);
+  ASSERT_TRUE(repeated);
+  ASSERT_EQ(repeated->replay_first_difference, -1);
+  ASSERT_EQ(text_of(*again.record), text_of(*options.record));
+}
+
+std::ostream& operator<<(std::ostream& stream, const Case& test) {
+  return stream << test.name;
+}
+
+class Faults : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Injected, Faults, testing::ValuesIn(cases()),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST_P(Faults, AtRandomMomentsUnderLoad) {
+  for (int i = 0; i < runs_of_each(); ++i) {
+    run(GetParam(), i);
+    ASSERT_FALSE(HasFatalFailure()) << "run " << i;
+  }
+}
+
+TEST(Faults, ALateTickInRealTime) {
+  const test::TemporaryFolder folder;
+  const Scene scene = pressing();
+  SessionOptions options;
+  options.rate_Hz = 500;
+  options.duration_s = 0.6;
+  options.record = folder.path() / "r.csv";
+  options.black_box = folder.path();
+  options.limits.missed_deadlines_max = 1'000'000;  // those are this machine's own
+  options.limits.gap_max_s = 0.25;
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto simulated = make_simulated_device(scene, default_device_description());
+  Trouble late;
+  late.late_ms = 300;
+  TroubledDevice device(*simulated, late, 120, 121);
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device,
+      [&](double dt_s) { simulated->step(dt_s); }, options);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->end, SessionEnd::kFault);
+  EXPECT_EQ(report->fault, Fault::kDeadlineMissed);
+  EXPECT_GE(report->realtime.missed_in_row_max, 100);
+  const auto rows = read_recording(*options.record);
+  ASSERT_TRUE(rows);
+  EXPECT_EQ(rows->size(), report->ticks);
+  expect_black_boxes(*report, text_of(*options.record), 500);
+  // The replay knows of it although its own time is another.
+  ReplayDevice replay(*rows);
+  Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
+  SessionOptions again;
+  again.rate_Hz = 500;
+  again.replay = *rows;
+  const auto repeated = run_session(
+      scene, default_device_description(), fresh, replay, [](double) {}, again);
+  ASSERT_TRUE(repeated);
+  EXPECT_EQ(repeated->replay_first_difference, -1);
+  EXPECT_EQ(repeated->fault, Fault::kDeadlineMissed);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: Apache-2.0
+// The paper's two experiments, run on a made-up sheet in virtual time and judged from the
+// recording alone: force zero until contact, linear to 35 N, zero from the puncture on.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "formats/geometry/mesh_validity.h"
+#include "formats/session/recording.h"
+#include "runtime/session/replay_device.h"
+#include "runtime/session/session.h"
+#include "runtime/session/summary.h"
+#include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr double kStiffness_N_per_m = 5000, kThreshold_N = 35;
+constexpr double kBreak_m = kThreshold_N / kStiffness_N_per_m;
+
+std::string bytes_of(const fs::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::stringstream all;
+  all << stream.rdbuf();
+  return all.str();
+}
+
+struct Finished {
+  SessionReport report;
+  std::unique_ptr<Remesher> remesher;
+  std::vector<RecordingRow> rows;
+};
+
+Finished run_virtual(const Scene& scene, double rate_Hz, const fs::path& record) {
+  Finished run;
+  const Asset asset = test::square_asset(static_cast<int>(scene.slices.size()));
+  auto sheets = place_slices(scene, asset, "asset");
+  EXPECT_TRUE(sheets) << sheets.error().message;
+  run.remesher = std::make_unique<Remesher>(*sheets);
+  const DeviceDescription description = default_device_description();
+  auto device = make_simulated_device(scene, description);
+  EXPECT_TRUE(device) << device.error().message;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.rate_Hz = rate_Hz;
+  options.duration_s = scene.duration_s;
+  options.record = record;
+  auto report = run_session(
+      scene, description, *run.remesher, *device, [&](double dt_s) { device->step(dt_s); },
+      options);
+  EXPECT_TRUE(report) << report.error().message;
+  run.report = *report;
+  auto rows = read_recording(record);
+  EXPECT_TRUE(rows) << rows.error().message;
+  run.rows = *rows;
+  return run;
+}
+
+Scene one_slice() {
+  return test::descent_scene({0.12}, 0.148, 0.1, 0.015);
+}
+Scene three_slices() {
+  Scene scene = test::descent_scene({0.19, 0.14, 0.10}, 0.202, 0.088, 0.0175);
+  scene.hand.stiffness_N_per_m = 8000;
+  scene.hand.damping_N_s_per_m = 140;
+  return scene;
+}
+
+/// Every law of the force that a recording can show, for sheets that the tool meets fully.
+void expect_paper_force(const std::vector<RecordingRow>& rows, std::vector<double> heights_m,
+                        const std::vector<int>& slices) {
+  std::size_t next = 0;  // the sheet to be met
+  double peak_N = 0;
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const RecordingRow& row = rows[k];
+    const double tip_z_m = row.tool_m[2];
+    const double travel_m = k > 0 ? std::abs(tip_z_m - rows[k - 1].tool_m[2]) : 0;
+    const double force_N = row.wrench_wanted[2];
+    const double dx_m = next < heights_m.size() ? heights_m[next] - tip_z_m : -1;
+    ASSERT_EQ(row.fault, Fault::kNone) << "row " << k;
+    // The delivered wrench is the wanted one.
+    for (int i = 0; i < 6; ++i)
+      ASSERT_NEAR(row.wrench_delivered[i], row.wrench_wanted[i], 1e-9 * 35);
+    if (dx_m <= 0) {
+      ASSERT_EQ(force_N, 0) << "above or between slices, row " << k;
+      ASSERT_EQ(row.penetration_m, 0);
+      continue;
+    }
+    ASSERT_EQ(row.active_slice, slices[next]);
+    ASSERT_NEAR(row.penetration_m, dx_m, 1e-15);
+    if (row.phase == ContactPhase::kContact) {
+      ASSERT_NEAR(force_N, kStiffness_N_per_m * dx_m, 1e-9) << "linear, row " << k;
+      ASSERT_LE(force_N, kThreshold_N);
+      peak_N = std::max(peak_N, force_N);
+      continue;
+    }
+    // It gives way in the tick in which the threshold would be exceeded, and not before.
+    ASSERT_EQ(row.phase, ContactPhase::kPunctured) << "row " << k;
+    ASSERT_EQ(force_N, 0);
+    ASSERT_GT(dx_m, kBreak_m);
+    ASSERT_LE(dx_m, kBreak_m + travel_m);
+    ASSERT_GT(rows[k - 1].penetration_m, kBreak_m - travel_m);
+    ASSERT_GT(peak_N, kThreshold_N - kStiffness_N_per_m * travel_m);
+    peak_N = 0;
+    ++next;
+  }
+  EXPECT_EQ(next, heights_m.size()) << "every slice has been punctured";
+}
+
+class Rates : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Paper, Rates, testing::Values(500.0, 1000.0),
+                         [](const auto& rate) { return std::to_string(int(rate.param)) + "Hz"; });
+
+TEST_P(Rates, OneSliceGivesOnePeak) {
+  const test::TemporaryFolder folder;
+  const Finished run = run_virtual(one_slice(), GetParam(), folder / "r.csv");
+  expect_paper_force(run.rows, {0.12}, {0});
+  ASSERT_EQ(run.report.punctures.size(), 1U);
+  EXPECT_NEAR(run.report.punctures[0].force_N, 35, 0.2);
+  EXPECT_NEAR(run.report.punctures[0].tool_z_m, 0.113, 5e-5);
+  EXPECT_LT(run.report.wrench_error_max, 1e-9);
+  EXPECT_EQ(run.report.scaled_ticks, 0U);
+}
+
+TEST_P(Rates, ThreeSlicesGiveThreePeaksAtTheirHeights) {
+  const test::TemporaryFolder folder;
+  const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
+  expect_paper_force(run.rows, {0.19, 0.14, 0.10}, {0, 1, 2});
+  ASSERT_EQ(run.report.punctures.size(), 3U);
+  EXPECT_LT(run.report.wrench_error_max, 1e-9);
+}
+
+TEST_P(Rates, VirtualTimeIsReproducible) {
+  const test::TemporaryFolder folder;
+  run_virtual(three_slices(), GetParam(), folder / "a.csv");
+  run_virtual(three_slices(), GetParam(), folder / "b.csv");
+  const std::string a = bytes_of(folder / "a.csv");
+  EXPECT_GT(a.size(), 100'000U);
+  EXPECT_TRUE(a == bytes_of(folder / "b.csv"));
+}
+
+TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
+  const test::TemporaryFolder folder;
+  const Scene scene = three_slices();
+  const Finished run = run_virtual(scene, GetParam(), folder / "a.csv");
+  const auto rate_Hz = recorded_rate_Hz(run.rows, "a.csv");
+  ASSERT_TRUE(rate_Hz);
+  EXPECT_EQ(*rate_Hz, GetParam());
+
+  Remesher remesher(*place_slices(scene, test::square_asset(3), "asset"));
+  ReplayDevice device(run.rows);
+  SessionOptions options;
+  options.rate_Hz = *rate_Hz;
+  options.replay = run.rows;
+  options.record = folder / "b.csv";
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device, [](double) {}, options);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->ticks, run.rows.size());
+  EXPECT_EQ(report->replay_first_difference, -1);
+  EXPECT_TRUE(bytes_of(folder / "a.csv") == bytes_of(folder / "b.csv"));
+
+  // And it would be seen if one bit were another.
+  std::vector<RecordingRow> other = run.rows;
+  other[1234].tau_Nm[3] = std::nextafter(other[1234].tau_Nm[3], 10.0);
+  ReplayDevice again(other);
+  Remesher fresh(*place_slices(scene, test::square_asset(3), "asset"));
+  options.replay = other;
+  options.record.reset();
+  const auto differs = run_session(
+      scene, default_device_description(), fresh, again, [](double) {}, options);
+  ASSERT_TRUE(differs);
+  EXPECT_EQ(differs->replay_first_difference, 1234);
+}
+
+TEST_P(Rates, PuncturedSheetsAreValidAndLackTheHoleExactly) {
+  const test::TemporaryFolder folder;
+  const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
+  ASSERT_EQ(run.remesher->records().size(), 3U);
+  for (const CutRecord& record : run.remesher->records()) {
+    ASSERT_FALSE(record.error) << record.error->message;
+    const SliceMesh before = to_slice_mesh(run.remesher->first_version(record.request.sheet).mesh);
+    const Sheet& last = run.remesher->last_version(record.request.sheet);
+    const SliceMesh after = to_slice_mesh(last.mesh);
+    const auto valid = check_sheet_mesh(last.mesh);
+    EXPECT_TRUE(valid) << valid.error().message;
+    EXPECT_EQ(last.cuts, 1U);
+    const std::int64_t hexagon = doubled_area(to_ring(record.request.outline));
+    EXPECT_GT(hexagon, 0);
+    EXPECT_EQ(record.cut.doubled_area_removed, hexagon);
+    EXPECT_EQ(doubled_area(before) - doubled_area(after), hexagon);
+    // The boundary is the sheet's own and the tool's outline.
+    EXPECT_EQ(boundary_rings(after).rings.size(), 2U);
+  }
+  // The new meshes came into use during the session.
+  EXPECT_EQ(run.rows.back().cuts_published, 3);
+}
+
+TEST(Session, SummaryHasEveryFieldOfTheContract) {
+  const test::TemporaryFolder folder;
+  const Scene scene = one_slice();
+  const Finished run = run_virtual(scene, 1000, folder / "r.csv");
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  const nlohmann::json summary = summarize(scene, options, run.report, *run.remesher);
+  for (const char* field :
+       {"ticks", "missed_deadlines", "tick_us", "wake_us", "allocations_in_loop", "max_force_N",
+        "punctures", "faults", "wrench_error_max", "torque_max_Nm"}) {
+    EXPECT_TRUE(summary.contains(field)) << field;
+  }
+  for (const char* timing : {"tick_us", "wake_us"}) {
+    for (const char* field : {"p50", "p99", "p999", "max"}) {
+      EXPECT_TRUE(summary[timing][field].is_number()) << timing << field;
+    }
+  }
+  ASSERT_EQ(summary["punctures"].size(), 1U);
+  for (const char* field : {"slice", "t_s", "tool_z_m", "force_N", "remesh_us", "hole_vertices"}) {
+    EXPECT_TRUE(summary["punctures"][0][field].is_number()) << field;
+  }
+  EXPECT_EQ(summary["punctures"][0]["hole_vertices"], 6);
+  EXPECT_EQ(summary["ticks"], run.rows.size());
+  EXPECT_NEAR(summary["max_force_N"].get<double>(), 35, 0.2);
+  EXPECT_GT(summary["torque_max_Nm"].get<double>(), 0.5);
+
+  const nlohmann::json sheets = describe_sheets(scene, *run.remesher);
+  ASSERT_EQ(sheets["sheets"].size(), 1U);
+  EXPECT_EQ(sheets["sheets"][0]["before"]["triangles"].size(), 800U);
+  EXPECT_EQ(sheets["sheets"][0]["cuts"][0]["tool"].size(), 6U);
+  EXPECT_EQ(sheets["lattice_bits"], 8);
+}
+
+TEST(Session, TheRealClockFeelsTheSameForces) {
+  // Timing is the machine's; what is felt at which place is not.
+  const test::TemporaryFolder folder;
+  Scene scene = test::descent_scene({0.12}, 0.123, 0.105, 0.05);
+  const DeviceDescription description = default_device_description();
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "asset"));
+  auto device = make_simulated_device(scene, description);
+  ASSERT_TRUE(device);
+  SessionOptions options;
+  options.rate_Hz = 500;
+  options.duration_s = scene.duration_s;
+  options.record = folder / "real.csv";
+  options.limits.gap_max_s = 0;
+  const auto report = run_session(
+      scene, description, remesher, *device, [&](double dt_s) { device->step(dt_s); }, options);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->end, SessionEnd::kDone);
+  EXPECT_EQ(report->ticks, tick_count(scene.duration_s, 500));
+  EXPECT_EQ(report->realtime.wake.samples(), report->ticks + 1);
+  const auto rows = read_recording(folder / "real.csv");
+  ASSERT_TRUE(rows) << rows.error().message;
+  expect_paper_force(*rows, {0.12}, {0});
+  EXPECT_EQ(rows->size(), report->ticks);
+  ASSERT_EQ(remesher.records().size(), 1U);
+  EXPECT_FALSE(remesher.records()[0].error);
+
+  // Hand-overs at whatever tick they came: the replay has them at the same.
+  ReplayDevice replay(*rows);
+  Remesher fresh(*place_slices(scene, test::square_asset(1), "asset"));
+  SessionOptions again;
+  again.rate_Hz = 500;
+  again.replay = *rows;
+  const auto repeated = run_session(
+      scene, description, fresh, replay, [](double) {}, again);
+  ASSERT_TRUE(repeated);
+  EXPECT_EQ(repeated->replay_first_difference, -1);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

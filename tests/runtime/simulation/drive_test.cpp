@@ -1,0 +1,565 @@
+// SPDX-License-Identifier: Apache-2.0
+// The drive's side of the link, datagram by datagram and without a clock of its own: who gets in,
+// who does not, when torques are zero, and what the injected faults do.
+#include "runtime/simulation/drive.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <random>
+#include <vector>
+
+#include "runtime/simulation/drive_record.h"
+#include "runtime/simulation/fault_plan.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+using Bytes = std::vector<std::uint8_t>;
+
+SimulatedDevice held_device() {
+  HandTrajectory hand;
+  hand.keyframes.resize(2);
+  hand.keyframes[0].T_device_tool.p_m.z() = 0.15;
+  hand.keyframes[1].t_s = 1;
+  hand.keyframes[1].T_device_tool.p_m.z() = 0.14;
+  auto made = SimulatedDevice::make(default_device_description(), hand, {});
+  EXPECT_TRUE(made);
+  return std::move(*made);
+}
+
+/// A host in the test: what it sends stays at hand, to be sent again.
+class Host {
+ public:
+  explicit Host(Drive& drive, const LinkKey& key) : drive_(drive), key_(key) {}
+
+  /// False: no welcome.
+  bool greet(std::int64_t now_ns, bool fresh = true, double period_s = 1e-3) {
+    HelloPacket hello;
+    hello.host_nonce = random_nonce();
+    hello.period_s = period_s;
+    hello.fresh = fresh;
+    hello_.resize(kLargestPacketBytes);
+    hello_.resize(encode(hello, key_, hello_));
+    if (give(hello_, now_ns) != LinkRefusal::kNone) return false;
+    WelcomePacket welcome;
+    EXPECT_EQ(decode(answer_.view(), key_, hello.host_nonce, welcome), LinkRefusal::kNone);
+    session_key_ = session_key(key_, hello.host_nonce, welcome.drive_nonce);
+    session_ = session_number(welcome.drive_nonce);
+    sequence_ = last_state_ = 0;
+    return true;
+  }
+  LinkRefusal command(CommandMode mode, double tau_Nm, std::int64_t now_ns) {
+    CommandPacket packet;
+    packet.session = session_;
+    packet.sequence = ++sequence_;
+    packet.mode = mode;
+    packet.state_seen = last_state_;
+    packet.tau_motor_Nm.fill(tau_Nm);
+    sent_.resize(kLargestPacketBytes);
+    sent_.resize(encode(packet, session_key_, sent_));
+    return give(sent_, now_ns);
+  }
+  LinkRefusal torque(double tau_Nm, std::int64_t now_ns) {
+    return command(CommandMode::kTorque, tau_Nm, now_ns);
+  }
+  LinkRefusal give(const Bytes& bytes, std::int64_t now_ns) {
+    return drive_.receive(bytes, now_ns, answer_, from_host_);
+  }
+  /// The state in the drive's last answer.
+  StatePacket state() { return state_in(answer_); }
+  StatePacket state_in(const Drive::Answer& answer) {
+    StatePacket state;
+    EXPECT_EQ(decode(answer.view(), session_key_, session_, last_state_, state),
+              LinkRefusal::kNone);
+    return state;
+  }
+  const Bytes& sent() const { return sent_; }
+  const Bytes& hello() const { return hello_; }
+  bool was_answered() const { return answer_.size > 0; }
+  bool from_host() const { return from_host_; }
+
+ private:
+  Drive& drive_;
+  LinkKey key_;
+  LinkKey session_key_;
+  std::uint64_t session_ = 0, sequence_ = 0, last_state_ = 0;
+  Bytes hello_, sent_;
+  Drive::Answer answer_;
+  bool from_host_ = false;
+};
+
+class DriveLink : public testing::Test {
+ protected:
+  void SetUp() override { ASSERT_TRUE(start_link()); }
+  DriveOptions options(LinkClock clock, const char* faults = "") {
+    DriveOptions o;
+    o.key = key_;
+    o.clock = clock;
+    auto plan = parse_fault_plan(faults);
+    EXPECT_TRUE(plan) << plan.error().message;
+    o.faults = *plan;
+    return o;
+  }
+  LinkKey key_ = random_link_key();
+};
+
+double torque_of(const Drive& drive) {
+  return drive.model().truth().tau_motor_Nm.cwiseAbs().maxCoeff();
+}
+
+TEST_F(DriveLink, InLockStepTimeGoesOnByTorqueCommandsAlone) {
+  Drive drive(options(LinkClock::kLockStep), held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0, true, 2e-3));
+  EXPECT_FALSE(drive.in_session()) << "offered, not begun";
+  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  EXPECT_TRUE(drive.in_session());
+  EXPECT_TRUE(host.from_host());
+  EXPECT_EQ(host.state().time_ns, 0);
+  SimulatedDevice twin = held_device();
+  for (int tick = 1; tick <= 50; ++tick) {
+    ASSERT_EQ(host.torque(0.5, 0), LinkRefusal::kNone);
+    DeviceCommand command;
+    command.tau_motor_Nm.fill(0.5);
+    twin.write(command);
+    twin.step(2e-3);
+    DeviceState expected;
+    twin.read(expected);
+    const StatePacket state = host.state();
+    ASSERT_EQ(state.encoder_rad, expected.encoder_rad) << "bit for bit, tick " << tick;
+    EXPECT_EQ(state.time_ns, std::llround(expected.t_s * 1e9));
+    EXPECT_EQ(state.command_taken, static_cast<std::uint64_t>(tick) + 1);
+    EXPECT_EQ(state.mode, DriveMode::kTorque);
+    EXPECT_EQ(host.give(host.sent(), 0), LinkRefusal::kSequence);
+    EXPECT_FALSE(host.was_answered());
+  }
+  EXPECT_NEAR(drive.session_time_s(), 0.1, 1e-12);
+  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  EXPECT_NEAR(drive.session_time_s(), 0.1, 1e-12);
+  EXPECT_EQ(host.state().mode, DriveMode::kReady);
+}
+
+TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndAHostThatKnowsGetsThemBack) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_);
+  Drive::Answer state;
+  drive.tick(0, 1, state);
+  EXPECT_EQ(state.size, 0U) << "nobody is there to be told";
+  ASSERT_TRUE(host.greet(0));
+  ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+  EXPECT_FALSE(host.was_answered()) << "states come by the drive's clock";
+  for (std::int64_t ms = 0; ms <= 10; ++ms) {
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(host.state_in(state).mode, DriveMode::kTorque);
+    EXPECT_EQ(torque_of(drive), 1) << ms;
+  }
+  drive.tick(10 * kMs + 1, 1, state);
+  EXPECT_EQ(host.state_in(state).mode, DriveMode::kWatchdog);
+  EXPECT_EQ(torque_of(drive), 0);
+  EXPECT_EQ(drive.report().watchdog_trips, 1U);
+  // Its last command once more is no new one.
+  EXPECT_EQ(host.give(host.sent(), 12 * kMs), LinkRefusal::kSequence);
+  drive.tick(12 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 0);
+  ASSERT_EQ(host.torque(0, 13 * kMs), LinkRefusal::kNone);
+  ASSERT_EQ(host.torque(0.5, 13 * kMs), LinkRefusal::kNone);
+  drive.tick(13 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 0.5);
+  // After a second of silence the session is over.
+  drive.tick(1014 * kMs, 1, state);
+  EXPECT_EQ(state.size, 0U);
+  EXPECT_EQ(host.torque(0.5, 1015 * kMs), LinkRefusal::kSession);
+  drive.tick(1016 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 0);
+}
+
+TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
+  for (const char* faults : {"", "stop@0.03..0.031"}) {
+    Drive drive(options(LinkClock::kReal, faults), held_device());
+    Host host(drive, key_);
+    Drive::Answer state;
+    ASSERT_TRUE(host.greet(0));
+    std::int64_t ms = 0;
+    for (; ms < 20; ++ms) {
+      ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+      drive.tick(ms * kMs, 4, state);
+      host.state_in(state);
+    }
+    ASSERT_EQ(torque_of(drive), 1);
+    // Silence until the watchdog acts; or a stop, pressed and released again. The host sees none of
+    // it, and what it has sent meanwhile comes now.
+    const bool silence = faults[0] == 0;
+    for (; ms < 40; ++ms) {
+      if (!silence) host.torque(1, ms * kMs);
+      drive.tick(ms * kMs, 4, state);
+    }
+    const DriveMode told = silence ? DriveMode::kWatchdog : DriveMode::kEmergencyStop;
+    for (; ms < 60; ++ms) {
+      ASSERT_EQ(torque_of(drive), 0) << ms;
+      ASSERT_EQ(host.torque(ms == 50 ? 0 : 1, ms * kMs), LinkRefusal::kNone);  // nor is a chance 0
+      drive.tick(ms * kMs, 4, state);
+      ASSERT_EQ(drive.mode(), told) << "it is told until the host knows";
+    }
+    EXPECT_GE(drive.report().stale_commands, 20U);
+    EXPECT_EQ(host.state_in(state).mode, told);
+    ASSERT_EQ(host.torque(0.75, ms * kMs), LinkRefusal::kNone);  // its way down
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(torque_of(drive), 0);
+    ASSERT_EQ(host.torque(0, ms * kMs), LinkRefusal::kNone);
+    ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
+    drive.tick(ms * kMs, 4, state);
+    EXPECT_EQ(torque_of(drive), 1);
+    EXPECT_EQ(host.state_in(state).mode, DriveMode::kTorque);
+  }
+}
+
+TEST_F(DriveLink, ItsStepsAreKeptAndWritten) {
+  DriveOptions some = options(LinkClock::kLockStep, "stop@0.01..0.02");
+  some.record_steps = 25;
+  Drive drive(some, held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int tick = 0; tick < 30; ++tick) {
+    host.torque(-0.25, 0);
+    host.state();
+  }
+  const std::vector<DriveStep>& steps = drive.report().steps;
+  ASSERT_EQ(steps.size(), 25U) << "no more than was asked for";
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    const bool pressed = k >= 10 && k < 20, stopped = k >= 10;
+    EXPECT_EQ(steps[k].session, 1U);
+    EXPECT_NEAR(steps[k].t_s, 1e-3 * static_cast<double>(k + 1), 1e-12);
+    EXPECT_EQ(steps[k].command_taken, k + 1);
+    EXPECT_EQ(steps[k].fault, pressed);
+    EXPECT_EQ(steps[k].commanded_max_Nm, stopped ? 0 : 0.25);
+    EXPECT_EQ(steps[k].applied_max_Nm, stopped ? 0 : 0.25);
+    EXPECT_EQ(steps[k].mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+  }
+  EXPECT_EQ(to_csv(std::span(steps).subspan(9, 2)),
+            "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
+            "packets_refused\n"
+            "1,0.010000000000000002,torque,0,0,10,0.25,0.25,0\n"
+            "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0\n");
+}
+
+TEST_F(DriveLink, ASlowHostHasAsLongAsItsPeriodsTake) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_);
+  Drive::Answer state;
+  ASSERT_TRUE(host.greet(0, true, 1e-2));
+  ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+  drive.tick(24 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 1);
+  drive.tick(26 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 0);
+}
+
+TEST_F(DriveLink, NobodyTakesOverASessionThatIsAlive) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_), other(drive, key_);
+  Drive::Answer state;
+  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(other.greet(0)) << "offered before anyone has begun";
+  ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+  EXPECT_EQ(other.torque(2, 1 * kMs), LinkRefusal::kSession);
+  EXPECT_FALSE(other.greet(2 * kMs));
+  EXPECT_FALSE(other.was_answered());
+  drive.tick(3 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 1);
+  // It falls silent: who asks now may have it, and the first one is out.
+  ASSERT_TRUE(other.greet(20 * kMs, false));
+  ASSERT_EQ(other.torque(2, 20 * kMs), LinkRefusal::kNone);
+  EXPECT_EQ(host.torque(1, 21 * kMs), LinkRefusal::kSession);
+  drive.tick(21 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 2);
+  EXPECT_EQ(drive.report().sessions, 2U);
+}
+
+// A drive that was busy answers all that has queued up, and the host takes the first answer.
+TEST_F(DriveLink, AHostThatAsksAgainIsOfferedTheSame) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_), other(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int i = 1; i < 10; ++i)
+    ASSERT_EQ(host.give(host.hello(), i * kMs), LinkRefusal::kNone);
+  ASSERT_TRUE(other.greet(10 * kMs));
+  EXPECT_EQ(host.torque(1, 11 * kMs), LinkRefusal::kNone);
+  EXPECT_TRUE(drive.in_session());
+  EXPECT_EQ(other.torque(1, 12 * kMs), LinkRefusal::kSession);
+}
+
+TEST_F(DriveLink, ARecordingOfASessionIsWorthNothing) {
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_);
+  Drive::Answer state;
+  std::vector<Bytes> tape;
+  ASSERT_TRUE(host.greet(0));
+  tape.push_back(host.hello());
+  for (int i = 0; i < 20; ++i) {
+    ASSERT_EQ(host.torque(1, i * kMs), LinkRefusal::kNone);
+    tape.push_back(host.sent());
+    drive.tick(i * kMs, 4, state);
+  }
+  ASSERT_EQ(host.command(CommandMode::kStop, 0, 20 * kMs), LinkRefusal::kNone);
+  EXPECT_FALSE(drive.in_session());
+  // The whole tape again, in order and at its pace: the hello is answered, and no command taken.
+  for (std::size_t i = 0; i < tape.size(); ++i) {
+    const std::int64_t now = (30 + static_cast<std::int64_t>(i)) * kMs;
+    EXPECT_EQ(host.give(tape[i], now), i == 0 ? LinkRefusal::kNone : LinkRefusal::kSession);
+    drive.tick(now, 4, state);
+    EXPECT_EQ(torque_of(drive), 0);
+    EXPECT_EQ(state.size, 0U);
+  }
+  // Not even while the true host is greeting: an old hello does not spoil the new offer.
+  ASSERT_TRUE(host.greet(100 * kMs));
+  for (int i = 0; i < 3; ++i)
+    EXPECT_EQ(host.give(tape[0], 100 * kMs), LinkRefusal::kNone);
+  EXPECT_EQ(host.torque(1, 101 * kMs), LinkRefusal::kNone);
+}
+
+TEST_F(DriveLink, AFreshWorldBeginsAnewAndAnotherGoesOn) {
+  Drive drive(options(LinkClock::kLockStep), held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int i = 0; i < 30; ++i)
+    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
+  ASSERT_EQ(host.command(CommandMode::kStop, 0, 0), LinkRefusal::kNone);
+  ASSERT_TRUE(host.greet(0, false));
+  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  EXPECT_NEAR(drive.session_time_s(), 0.03, 1e-12);
+  ASSERT_EQ(host.command(CommandMode::kStop, 0, 0), LinkRefusal::kNone);
+  ASSERT_TRUE(host.greet(0, true));
+  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  EXPECT_EQ(drive.session_time_s(), 0);
+}
+
+TEST_F(DriveLink, NoiseChangesNothingUnderLoad) {
+  const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
+  const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
+  Drive drive(options(LinkClock::kReal), held_device());
+  Host host(drive, key_);
+  Drive::Answer state;
+  ASSERT_TRUE(host.greet(0));
+  ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+  const Bytes seeds[] = {host.hello(), host.sent()};
+  std::mt19937_64 random(4);
+  for (long n = 0; n < packets; ++n) {
+    Bytes bytes = seeds[n % 2];
+    if (n % 5 == 0) {
+      bytes.resize(random() % 260);
+      for (std::uint8_t& b : bytes)
+        b = static_cast<std::uint8_t>(random());
+    } else {
+      for (std::uint64_t changes = 1 + random() % 3; changes > 0; --changes)
+        bytes[random() % bytes.size()] ^= static_cast<std::uint8_t>(1 + random() % 255);
+      if (bytes == seeds[n % 2]) continue;
+    }
+    ASSERT_NE(host.give(bytes, 5 * kMs), LinkRefusal::kNone) << n;
+    ASSERT_FALSE(host.was_answered());
+    ASSERT_FALSE(host.from_host());
+  }
+  drive.tick(9 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 1);
+  EXPECT_EQ(host.state_in(state).command_taken, 1U);
+  drive.tick(11 * kMs, 1, state);
+  EXPECT_EQ(torque_of(drive), 0) << "and does not feed the watchdog";
+  EXPECT_EQ(drive.report().packets.accepted(), 2U);
+}
+
+// --- faults --------------------------------------------------------------------------------
+
+TEST_F(DriveLink, TheEmergencyStopHoldsTheTorquesAtZero) {
+  Drive drive(options(LinkClock::kLockStep, "stop@0.01..0.02"), held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int tick = 0; tick < 30; ++tick) {
+    ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+    // It is pressed in the period that begins at 10 ms and shows in the state at its end. Released,
+    // it is told until the host has asked for nothing.
+    const bool stopped = tick >= 10 && tick <= 25;
+    EXPECT_EQ(torque_of(drive), stopped ? 0 : 1) << tick;
+    EXPECT_EQ(host.state().mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
+    if (tick == 15) {
+      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      EXPECT_EQ(host.state().mode, DriveMode::kEmergencyStop) << "it is still pressed";
+    }
+    if (tick == 25) {
+      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      EXPECT_EQ(host.state().mode, DriveMode::kReady);
+    }
+  }
+  EXPECT_EQ(drive.report().emergency_stops, 1U);
+}
+
+TEST_F(DriveLink, ADeadMotorGivesNothingAndIsReported) {
+  Drive drive(options(LinkClock::kLockStep, "dead:3@0.01"), held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  for (int tick = 0; tick < 30; ++tick) {
+    ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+    const int faults = host.state().motor_faults;
+    EXPECT_EQ(drive.model().truth().tau_motor_Nm[3], tick < 10 ? 1 : 0) << tick;
+    EXPECT_EQ(drive.model().truth().tau_motor_Nm[2], 1);
+    if (tick < 14) {
+      EXPECT_EQ(faults, 0) << tick;
+    }
+    if (tick > 16) {
+      EXPECT_EQ(faults, 8) << tick;
+    }
+  }
+}
+
+TEST_F(DriveLink, AnEncoderThatSticksAgainDoesSoWhereItThenIs) {
+  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01..0.02,stuck:0@0.03..0.04"),
+              held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  double stuck_rad[2] = {0, 0};
+  for (int tick = 0; tick < 38; ++tick) {
+    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
+    const double angle_rad = host.state().encoder_rad[0];
+    if (tick == 15) stuck_rad[0] = angle_rad;
+    if (tick == 35) stuck_rad[1] = angle_rad;
+  }
+  EXPECT_GT(std::abs(stuck_rad[1] - stuck_rad[0]), 1e-6);
+}
+
+TEST_F(DriveLink, EncodersStickAndJump) {
+  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01,jump:5:0.25@0.02"), held_device());
+  Host host(drive, key_);
+  ASSERT_TRUE(host.greet(0));
+  double stuck_rad = 0;
+  for (int tick = 0; tick < 40; ++tick) {
+    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
+    const StatePacket state = host.state();
+    DeviceState truth;
+    SimulatedDevice(drive.model()).read(truth);
+    const double t_s = drive.session_time_s() + 1e-9;
+    if (t_s >= 0.01 && stuck_rad == 0) stuck_rad = truth.encoder_rad[0];
+    EXPECT_EQ(state.encoder_rad[0], t_s < 0.01 ? truth.encoder_rad[0] : stuck_rad) << tick;
+    EXPECT_EQ(state.encoder_rad[5], truth.encoder_rad[5] + (t_s < 0.02 ? 0 : 0.25)) << tick;
+    EXPECT_EQ(state.encoder_rad[1], truth.encoder_rad[1]);
+    if (tick == 39) {
+      EXPECT_NE(truth.encoder_rad[0], stuck_rad);
+    }
+  }
+}
+
+TEST_F(DriveLink, APlannedDeathIsDueAtItsTime) {
+  Drive drive(options(LinkClock::kLockStep, "kill@0.005"), held_device());
+  Host host(drive, key_);
+  EXPECT_FALSE(drive.must_die());
+  ASSERT_TRUE(host.greet(0));
+  for (int tick = 0; tick < 8; ++tick) {
+    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
+    EXPECT_EQ(drive.must_die(), tick >= 4) << tick;
+  }
+}
+
+TEST(FaultPlan, ReadsWhatIsMeantAndRefusesTheRest) {
+  const auto plan = parse_fault_plan(
+      "loss:0.01,state-loss:1@2.5..2.6,command-delay:0.5:7,jump:15:-0.2@3,stuck:0@1,dead:7@1..2,"
+      "stop@4,kill@5,flip:1e-3,duplicate:1,reorder:0.1");
+  ASSERT_TRUE(plan) << plan.error().message;
+  ASSERT_EQ(plan->size(), 11U);
+  const PlannedFault& silence = (*plan)[1];
+  EXPECT_FALSE(silence.on_commands);
+  EXPECT_TRUE(silence.on_states);
+  EXPECT_FALSE(silence.is_on(2.4));
+  EXPECT_TRUE(silence.is_on(2.5));
+  EXPECT_FALSE(silence.is_on(2.6));
+  EXPECT_EQ((*plan)[2].delay_s, 7e-3);
+  EXPECT_EQ((*plan)[2].probability, 0.5);
+  EXPECT_EQ((*plan)[3].channel, 15);
+  EXPECT_EQ((*plan)[3].jump_rad, -0.2);
+  EXPECT_TRUE((*plan)[3].is_on(1e5));
+  EXPECT_TRUE(parse_fault_plan("")->empty());
+  for (const char* bad :
+       {"losss:1",    "loss",     "loss:2",     "loss:-1",         "loss:nan",
+        "loss:1:2",   "loss:1@",  "loss:1@x",   "loss:1@2..1",     "loss:1@1...2",
+        "stuck:16",   "stuck:-1", "stuck:1.5",  "dead:8",          "jump:1",
+        "jump:1:inf", "stop:1",   "state-stop", "command-stuck:1", "stop,",
+        ",stop",      ",",        "kill@-1",    "delay:0.5",       "loss:1@1..2..3",
+        "loss:0x1",   "loss: 1"}) {
+    const auto refused = parse_fault_plan(bad);
+    EXPECT_FALSE(refused) << bad;
+    if (!refused) {
+      EXPECT_EQ(refused.error().code, ExitCode::kUsage);
+    }
+  }
+}
+
+/// Numbered datagrams through a link with these faults, one a millisecond; what comes out when.
+struct Delivered {
+  std::vector<int> number;
+  std::vector<int> at_ms;
+  int changed = 0;
+};
+Delivered through(const char* faults, LinkWay way, std::uint64_t seed = 1, int count = 4000) {
+  const auto plan = parse_fault_plan(faults);
+  EXPECT_TRUE(plan);
+  FaultyLink link(*plan, way, seed);
+  Delivered out;
+  for (int ms = 0; ms < count + 100; ++ms) {
+    const auto deliver = [&](const FaultyLink::Datagram& d) {
+      const int number = d.bytes[0] + 256 * d.bytes[1];
+      if (d.bytes[2] != 7 || d.bytes[3] != 7 || number >= count) {
+        ++out.changed;
+        return;
+      }
+      out.number.push_back(number);
+      out.at_ms.push_back(ms);
+    };
+    link.release_due(ms * kMs, deliver);
+    if (ms >= count) continue;
+    FaultyLink::Datagram datagram;
+    datagram.size = 4;
+    datagram.bytes = {static_cast<std::uint8_t>(ms % 256), static_cast<std::uint8_t>(ms / 256), 7,
+                      7};
+    link.pass(datagram, ms * 1e-3, ms * kMs, deliver);
+  }
+  EXPECT_FALSE(link.holds_any());
+  return out;
+}
+
+TEST(FaultyLink, EachFaultDoesItsOwn) {
+  const std::size_t all = 4000;
+  EXPECT_EQ(through("", LinkWay::kStates).number.size(), all);
+  EXPECT_EQ(through("command-loss:1", LinkWay::kStates).number.size(), all);
+  EXPECT_EQ(through("command-loss:1", LinkWay::kCommands).number.size(), 0U);
+  EXPECT_EQ(through("loss:1@1..2", LinkWay::kStates).number.size(), all - 1000);
+  EXPECT_NEAR(static_cast<double>(through("loss:0.25", LinkWay::kStates).number.size()), 3000, 120);
+  EXPECT_NEAR(static_cast<double>(through("duplicate:0.25", LinkWay::kStates).number.size()), 5000,
+              120);
+  EXPECT_GT(through("flip:0.25", LinkWay::kStates).changed, 300);
+  const Delivered late = through("delay:0.3:5", LinkWay::kStates);
+  EXPECT_EQ(late.number.size(), all);
+  int delayed = 0;
+  for (std::size_t i = 0; i < late.number.size(); ++i) {
+    const int by = late.at_ms[i] - late.number[i];
+    EXPECT_TRUE(by == 0 || by == 5) << by;
+    delayed += by == 5 ? 1 : 0;
+  }
+  EXPECT_NEAR(delayed, 1200, 120);
+  const Delivered mixed = through("reorder:0.1", LinkWay::kStates);
+  EXPECT_EQ(mixed.number.size(), all);
+  int overtaken = 0;
+  for (std::size_t i = 1; i < mixed.number.size(); ++i)
+    overtaken += mixed.number[i] < mixed.number[i - 1] ? 1 : 0;
+  EXPECT_NEAR(overtaken, 380, 80);
+}
+
+TEST(FaultyLink, TheSameSeedDoesTheSame) {
+  const char* all = "loss:0.1,delay:0.1:3,duplicate:0.1,reorder:0.1,flip:0.1";
+  const Delivered a = through(all, LinkWay::kStates, 5), b = through(all, LinkWay::kStates, 5),
+                  c = through(all, LinkWay::kStates, 6);
+  EXPECT_EQ(a.number, b.number);
+  EXPECT_EQ(a.at_ms, b.at_ms);
+  EXPECT_NE(a.number, c.number);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// A simulated device pressed into one made-up sheet by a simulated hand, tick by tick: for tests
+// and figures of what the loop does to a hand.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "runtime/simulation/simulated_device.h"
+#include "runtime/control/haptic_loop.h"
+#include "runtime/session/session.h"
+#include "tests/support/sheet_fixture.h"
+
+namespace trocar::test {
+
+struct RigOptions {
+  double rate_Hz = 1000;
+  Tissue tissue{5000, 1e6, 0, {}};
+  double hand_stiffness_N_per_m = 200;
+  double hand_damping_N_s_per_m = 0;
+  double pressed_N = 35;      ///< by the hand, once it has gone down
+  double going_down_s = 0.5;  ///< from the surface; constant speed
+  double lifted_at_s = 0;     ///< if not 0: from here on up again, as fast
+  bool passivity = true;
+  double joint_friction_Nms_per_rad = 0.005;
+  runtime::CouplingOptions coupling;
+};
+
+inline constexpr double kRigSheet_m = 0.15;
+
+/// The sheet at kRigSheet_m, the tool 1 mm above it at first.
+class Rig {
+ public:
+  explicit Rig(const RigOptions& options) : options_(options) {
+    Scene scene = descent_scene({kRigSheet_m}, kRigSheet_m + 1e-3, 0.1, 0.015);
+    scene.tissue = options.tissue;
+    const double depth_m = options.pressed_N / options.tissue.stiffness_N_per_m +
+                           options.pressed_N / options.hand_stiffness_N_per_m;
+    scene.hand.stiffness_N_per_m = options.hand_stiffness_N_per_m;
+    scene.hand.damping_N_s_per_m = options.hand_damping_N_s_per_m;
+    scene.hand.rotation_damping_Nm_s_per_rad = 0.3;
+    scene.hand.trajectory = {{0, {0, 0, kRigSheet_m + 1e-3}, {}},
+                             {0.05, {0, 0, kRigSheet_m + 1e-3}, {}},
+                             {0.05 + options.going_down_s, {0, 0, kRigSheet_m - depth_m}, {}}};
+    if (options.lifted_at_s > 0) {
+      TipKeyframe held = scene.hand.trajectory.back(), up = scene.hand.trajectory.front();
+      held.t_s = options.lifted_at_s;
+      up.t_s = held.t_s + options.going_down_s;
+      scene.hand.trajectory.push_back(held);
+      scene.hand.trajectory.push_back(up);
+    }
+    description_ = default_device_description();
+    description_.joint_viscous_friction_Nms_per_rad = options.joint_friction_Nms_per_rad;
+    description_.motor_peak_time_s = 1e6;
+    sheets_ = std::move(*runtime::place_slices(scene, square_asset(1), "rig"));
+    current_ = {sheets_[0].get()};
+    device_ = std::make_unique<runtime::SimulatedDevice>(
+        std::move(*runtime::make_simulated_device(scene, description_)));
+    model_.device = description_;
+    model_.contact.tool = runtime::make_tool(scene.tool);
+    model_.contact.dt_s = 1 / options.rate_Hz;
+    model_.rate_Hz = options.rate_Hz;
+    model_.passivity.on = options.passivity;
+    model_.coupling = options.coupling;
+    // What is looked at here is what the loop does, not when it stops.
+    model_.limits.speed_max_m_per_s = model_.limits.turn_rate_max_rad_per_s = 1e6;
+    model_.limits.encoder_rate_max_rad_per_s = 1e6;
+    model_.limits.torque_rise_time_max_s = 1e6;
+    model_.limits.torque_rise_max_Nm_per_s = 1e9;
+  }
+
+  const runtime::TickResult& tick() {
+    runtime::TickInputs inputs;
+    inputs.sheets = current_;
+    runtime::haptic_tick(model_, inputs, *device_, state_, result_);
+    device_->step(1 / options_.rate_Hz);
+    return result_;
+  }
+  /// Ticks until `t_s`; the range of the tool's true height meanwhile, in m.
+  double run_until(double t_s) {
+    double low_m = 1e9, high_m = -1e9;
+    while (device_->truth().t_s < t_s - 0.5 / options_.rate_Hz) {
+      tick();
+      const double z_m = device_->truth().T_device_plate.p_m.z();
+      low_m = std::min(low_m, z_m);
+      high_m = std::max(high_m, z_m);
+      largest_N_ = std::max(largest_N_, result_.contact.force_N);
+      damping_max_ = std::max(damping_max_, result_.row.passivity_N_s_per_m);
+    }
+    return high_m - low_m;
+  }
+  /// Of the device along z where it is, joint friction only, in N s/m.
+  double damping() const {
+    return description_.joint_viscous_friction_Nms_per_rad * state_.G.col(2).squaredNorm();
+  }
+
+  runtime::LoopModel model_;
+  runtime::LoopState state_;
+  runtime::TickResult result_;
+  std::unique_ptr<runtime::SimulatedDevice> device_;
+  double largest_N_ = 0, damping_max_ = 0;
+
+ private:
+  RigOptions options_;
+  DeviceDescription description_;
+  std::vector<std::unique_ptr<const runtime::Sheet>> sheets_;
+  std::vector<const runtime::Sheet*> current_;
+};
+
+}  // namespace trocar::test

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// The motions that the lattice has, and what of a mesh or an outline does not depend on the order
+// in which it is given.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+
+namespace trocar::test {
+
+/// A quarter of a turn, so many times, and then a translation.
+struct Motion {
+  int quarters = 0;
+  LatticePoint by;
+
+  LatticePoint operator()(LatticePoint p) const {
+    for (int i = 0; i < quarters; ++i)
+      p = {-p.y, p.x};
+    return {p.x + by.x, p.y + by.y};
+  }
+  Ring operator()(Ring ring) const {
+    for (LatticePoint& p : ring)
+      p = (*this)(p);
+    return ring;
+  }
+  Pslg operator()(Pslg pslg) const {
+    for (Ring& ring : pslg.rings)
+      ring = (*this)(ring);
+    return pslg;
+  }
+  SliceMesh operator()(SliceMesh mesh) const {
+    for (LatticePoint& p : mesh.vertices)
+      p = (*this)(p);
+    return mesh;
+  }
+};
+/// Each ring from its smallest vertex, the rings in order: what does not depend on how they were
+/// given.
+inline std::vector<Ring> canonical(std::vector<Ring> rings) {
+  for (Ring& ring : rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(rings.begin(), rings.end());
+  return rings;
+}
+
+using Corners = std::array<LatticePoint, 3>;
+/// The triangles by their points, in order, likewise.
+inline std::vector<Corners> canonical(const SliceMesh& mesh) {
+  std::vector<Corners> out;
+  for (const Triangle& t : mesh.triangles) {
+    Corners c = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
+    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
+    out.push_back(c);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+/// The sides that Delaunay leaves no choice of: those on the boundary and those whose four points
+/// are not on one circle. Of one outline and its vertices they are the same in whatever order.
+inline std::vector<std::array<LatticePoint, 2>> decided_sides(const SliceMesh& mesh) {
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i)
+      apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
+  }
+  std::vector<std::array<LatticePoint, 2>> out;
+  for (const auto& [side, inner] : apex) {
+    const auto beyond = apex.find({side.second, side.first});
+    const LatticePoint a = mesh.vertices[side.first], b = mesh.vertices[side.second];
+    if (beyond == apex.end() ||
+        in_circle(a, b, mesh.vertices[inner], mesh.vertices[beyond->second]) != 0)
+      out.push_back({a, b});
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+/// Does Delaunay leave a choice?
+inline bool has_ties(const SliceMesh& mesh) {
+  return decided_sides(mesh).size() != 3 * mesh.triangles.size();
+}
+
+}  // namespace trocar::test
