@@ -23,8 +23,8 @@ class Case:
     def __init__(self, source, programs, scan, work):
         self.mesh = programs / "trocar-mesh"
         self.scan, self.work = scan, work
-        self.load = source / "tests" / "three" / "load.mjs"
-        self.three = (source / "tests" / "three" / "node_modules" / "three").is_dir() and shutil.which("node")
+        self.load = source / "tests" / "e2e" / "three" / "load.mjs"
+        self.three = (source / "tests" / "e2e" / "three" / "node_modules" / "three").is_dir() and shutil.which("node")
 
     def build(self, name, *arguments):
         """An asset from a scan: its report and what `info` says, all views held against each other."""
