@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+# bash completion for trocar-mesh, trocar-sample-ct, trocar-run and trocar-device-sim. Options,
+# subcommands and choices are read from the program's own --help.
+
+_trocar() {
+    local cur prev words cword
+    _init_completion -s || return
+    local program=$1 subcommand= word
+    local subcommands=$("$program" --help 2>/dev/null | sed -n '/^Subcommands:/,$ s/^  \([a-z][a-z-]*\) .*/\1/p')
+    for word in "${words[@]:1:cword-1}"; do
+        [[ " $(echo $subcommands) " == *" $word "* ]] && subcommand=$word && break
+    done
+    local help=$("$program" $subcommand --help 2>/dev/null)
+
+    # Values: the choices that the help names ({a,b} behind the option), else what the option takes.
+    if [[ $prev == -* ]]; then
+        local choices=$(sed -n "s/^ *\(-[a-z],\)\?$prev [A-Z]*:{\([^}]*\)}.*/\2/p" <<<"$help")
+        if [[ -n $choices ]]; then
+            COMPREPLY=($(compgen -W "${choices//,/ }" -- "$cur"))
+            return
+        fi
+        case $prev in
+            --clock) COMPREPLY=($(compgen -W "real $([[ $program == *run ]] && echo virtual || echo lock-step)" -- "$cur")) ;;
+            --device) COMPREPLY=($(compgen -W "inproc udp:" -- "$cur")) ;;
+            --force-law) COMPREPLY=($(compgen -W "hooke network" -- "$cur")) ;;
+            --passivity) COMPREPLY=($(compgen -W "on off" -- "$cur")) ;;
+            --recover) COMPREPLY=($(compgen -W "never auto signal" -- "$cur")) ;;
+            --compensate) COMPREPLY=($(compgen -W "none friction weight both" -- "$cur")) ;;
+            --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
+            --asset) _filedir glb ;;
+            --black-box) _filedir -d ;;
+            -o | --output | --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
+                --device-description | --dump-stages) _filedir ;;
+            --json | --quiet | --check | --help | --version) prev= ;;
+        esac
+        if [[ ${#COMPREPLY[@]} -gt 0 ]]; then
+            [[ ${COMPREPLY[0]} == *: ]] && compopt -o nospace
+            return
+        fi
+    fi
+    if [[ $cur == -* ]]; then
+        COMPREPLY=($(compgen -W '$(_parse_help - <<<"$help")' -- "$cur"))
+        return
+    fi
+    case ${program##*/} in
+        trocar-mesh)
+            if [[ -n $subcommand ]]; then
+                _filedir glb
+            else
+                ((cword == 1)) && COMPREPLY=($(compgen -W "$subcommands" -- "$cur"))
+                local found=("${COMPREPLY[@]}")
+                _filedir
+                COMPREPLY+=("${found[@]}")
+            fi
+            ;;
+        trocar-sample-ct) _filedir -d ;;
+        *) _filedir json ;;
+    esac
+} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim

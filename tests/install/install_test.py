@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""install_test.py SOURCE BUILD ASSET WORK: the installed tree, used without the source tree.
+
+Installs all components below WORK, then: every program answers --version with the project's
+version; the installed scenes load with their device description; the man pages render and name
+every option of --help; the example program builds against find_package(Trocar) and lists the
+slices that `trocar-mesh info` lists; the bill of materials names the libraries that are used.
+"""
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "e2e"))
+from e2e import check, outcome, run  # noqa: E402
+
+PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim")
+
+
+def check_programs(usr, version):
+    for name in PROGRAMS:
+        said = run(usr / "bin" / name, "--version").stdout.split()
+        check(said[:2] == [name, version], f"{name} --version: {said}, expected {version}")
+
+
+def check_scenes(usr, asset):
+    scenes = sorted((usr / "share/trocar/scenes").glob("*.json"))
+    check(len(scenes) >= 4, f"installed scenes: {scenes}")
+    for scene in scenes:
+        run(usr / "bin/trocar-run", scene, "--asset", asset, "--check")
+
+
+def check_man_pages(usr):
+    if not shutil.which("man") or not shutil.which("help2man"):
+        print("no man or help2man here: man pages not checked")
+        return
+    for name in PROGRAMS:
+        page = run("man", "--warnings", "-l", usr / "share/man/man1" / f"{name}.1",
+                   env={"MANWIDTH": "100", "LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"})
+        check(not page.stderr, f"man {name}: {page.stderr}")
+        options = set(re.findall(r"--[a-z][a-z-]+", run(usr / "bin" / name, "--help").stdout))
+        text = page.stdout.replace("\u2010\n", "-").replace("\u2010", "-")
+        missing = [o for o in sorted(options) if o not in text]
+        check(options and not missing, f"man {name} lacks {missing}")
+
+
+def check_example(usr, asset, work):
+    example = work / "example"
+    run("cmake", "-S", usr / "share/doc/trocar-formats-dev/examples/list_slices", "-B", example,
+        f"-DCMAKE_PREFIX_PATH={usr}", "-DCMAKE_BUILD_TYPE=Release")
+    run("cmake", "--build", example)
+    listed = re.findall(r"^slice (\d+): z (\S+) mm, (\d+) vertices, (\d+) triangles$",
+                        run(example / "list_slices", asset).stdout, re.M)
+    info = json.loads(run(usr / "bin/trocar-mesh", "info", asset, "--json").stdout)
+    expected = [(s["index"], s["z_mm"], s["vertices"], s["triangles"]) for s in info["slices"]]
+    found = [(int(i), float(z), int(v), int(t)) for i, z, v, t in listed]
+    check(len(found) > 1 and [f[0::2] + f[3:] for f in found] == [e[0::2] + e[3:] for e in expected]
+          and all(abs(f[1] - e[1]) < 1e-3 for f, e in zip(found, expected)),
+          f"the example lists {found[:3]} ..., info {expected[:3]} ...")
+    run(example / "list_slices", __file__, expect=3)
+    unknown = work / "unknown"
+    unknown.mkdir()
+    (unknown / "CMakeLists.txt").write_text("cmake_minimum_required(VERSION 3.25)\nproject(x LANGUAGES CXX)\n"
+                                            "find_package(Trocar REQUIRED COMPONENTS nothing)\n")
+    failed = subprocess.run(["cmake", "-S", unknown, "-B", unknown / "b", f"-DCMAKE_PREFIX_PATH={usr}"],
+                            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+    check(failed.returncode != 0, "find_package(Trocar COMPONENTS nothing) is accepted")
+
+
+def check_bill_of_materials(source, build, work):
+    bill = work / "trocar.cdx.json"
+    run(sys.executable, "-B", source / "scripts/lib/bill_of_materials.py", build, bill)
+    bill = json.loads(bill.read_text())
+    check(bill["bomFormat"] == "CycloneDX" and bill["specVersion"] == "1.4", "the bill's format")
+    references = [c["bom-ref"] for c in bill["components"]]
+    check(len(references) == len(set(references)), "a component stands twice in the bill")
+    used = {d["ref"].split("/")[1].split("@")[0]: {r.split("/")[2].split("@")[0] for r in d["dependsOn"]}
+            for d in bill["dependencies"]}
+    for name, needed in (("trocar-mesh", {"libdraco7", "libtinygltf-dev", "libeigen3-dev", "libdcmtk17", "libopencv-core406"}),
+                         ("trocar-run", {"libdraco7", "libeigen3-dev", "libsodium23", "libc6"})):
+        check(needed <= used.get(name, set()), f"the bill lacks {needed - used.get(name, set())} of {name}")
+    check(not any(re.match("libopencv|libcgal", n) for n in used["trocar-run"]), "OpenCV or CGAL in trocar-run's bill")
+
+
+def main():
+    source, build, asset, work = map(pathlib.Path, sys.argv[1:])
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    usr = work / "usr"
+    run("cmake", "--install", build, "--prefix", usr)
+    version = re.search(r"^CMAKE_PROJECT_VERSION:\w+=(.*)$", (build / "CMakeCache.txt").read_text(), re.M)[1]
+    check_programs(usr, version)
+    check_scenes(usr, asset)
+    check_man_pages(usr)
+    check_example(usr, asset, work)
+    check_bill_of_materials(source, build, work)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
