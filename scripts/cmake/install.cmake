@@ -18,7 +18,7 @@ endif()
 function(trocar_program target component)
   install(TARGETS ${target} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${component})
   if(HELP2MAN)
-    set(page ${CMAKE_BINARY_DIR}/man/${target}.1)
+    set(page ${CMAKE_BINARY_DIR}/man/${target}.1.gz)
     add_custom_command(OUTPUT ${page}
       COMMAND ${CMAKE_SOURCE_DIR}/scripts/lib/man_page $<TARGET_FILE:${target}> ${PROJECT_VERSION} ${page}
       DEPENDS ${target} ${CMAKE_SOURCE_DIR}/scripts/lib/man_page VERBATIM)
@@ -55,8 +55,11 @@ install(TARGETS trocar_formats EXPORT trocar_formats_targets
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT trocar-formats-dev)
 install(EXPORT trocar_formats_targets NAMESPACE Trocar:: FILE trocar-formats-targets.cmake
   DESTINATION ${config} COMPONENT trocar-formats-dev)
-install(DIRECTORY formats DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar COMPONENT trocar-formats-dev
-  FILES_MATCHING PATTERN *.h)
+# Not the codec's own headers, which include tinygltf, Draco or nlohmann/json.
+install(DIRECTORY formats/base formats/geometry formats/asset formats/session
+  DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar/formats COMPONENT trocar-formats-dev
+  FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
+  PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE PATTERN command_line.h EXCLUDE)
 install(FILES formats/asset/asset.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev COMPONENT trocar-formats-dev)
 install(DIRECTORY formats/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev
@@ -67,18 +70,22 @@ write_basic_package_version_file(${CMAKE_BINARY_DIR}/TrocarConfigVersion.cmake C
 install(FILES ${CMAKE_BINARY_DIR}/TrocarConfig.cmake ${CMAKE_BINARY_DIR}/TrocarConfigVersion.cmake
   DESTINATION ${config} COMPONENT trocar-formats-dev)
 
-# --- licences, as Debian wants them -----------------------------------------------------------------
+# --- licences and changes, as Debian wants them -----------------------------------------------------------------
+add_custom_command(OUTPUT ${CMAKE_BINARY_DIR}/changelog.gz
+  COMMAND gzip -9nc ${CMAKE_SOURCE_DIR}/CHANGELOG.md > ${CMAKE_BINARY_DIR}/changelog.gz
+  DEPENDS CHANGELOG.md)
+add_custom_target(trocar-changelog ALL DEPENDS ${CMAKE_BINARY_DIR}/changelog.gz)
 foreach(package trocar-mesh trocar-sample-ct trocar-runtime trocar-formats-dev)
   install(FILES scripts/debian/${package}.copyright RENAME copyright
     DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
-  install(FILES ${CMAKE_SOURCE_DIR}/CHANGELOG.md
+  install(FILES ${CMAKE_BINARY_DIR}/changelog.gz
     DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
 endforeach()
 
 # --- Debian packages ----------------------------------------------------------------------------------
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_VENDOR "Trocar")
-set(CPACK_PACKAGE_CONTACT "The Trocar developers <trocar@localhost>")
+set(CPACK_PACKAGE_CONTACT "The Trocar developers <trocar@localhost>" CACHE STRING "Who maintains the packages")
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_OUTPUT_FILE_PREFIX ${CMAKE_BINARY_DIR}/packages)
@@ -93,14 +100,14 @@ function(trocar_package name section summary text)
   string(TOUPPER ${name} upper)
   set(CPACK_DEBIAN_${upper}_PACKAGE_NAME ${name} PARENT_SCOPE)
   set(CPACK_DEBIAN_${upper}_PACKAGE_SECTION ${section} PARENT_SCOPE)
-  set(CPACK_COMPONENT_${upper}_DESCRIPTION "${summary}\n${text}\n${for_training}" PARENT_SCOPE)
+  set(CPACK_DEBIAN_${upper}_DESCRIPTION "${summary}\n${text}\n${for_training}" PARENT_SCOPE)
 endfunction()
 trocar_package(trocar-mesh science "CT scans to exact triangle meshes of bone, one a slice"
   "trocar-mesh turns images, DICOM or NIfTI into a verified glTF/Draco asset.")
 trocar_package(trocar-sample-ct science "a sample CT scan of a lumbar vertebra"
   "trocar-sample-ct writes a phantom of a lumbar vertebra as PNG, DICOM and NIfTI.")
 trocar_package(trocar-runtime science "haptic rendering of a needle or trocar going through bone"
-  "trocar-run loads assets, renders the force of a puncture and drives an eight-motor parallel haptic device; trocar-device-sim simulates the device.")
+  "trocar-run loads assets, renders the force of a puncture and drives a\nhaptic device; trocar-device-sim simulates the device.")
 trocar_package(trocar-formats-dev libdevel "library to read and write Trocar's mesh assets"
   "Headers, static library and CMake package Trocar, component formats.")
 set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, trocar-runtime, trocar-sample-ct")

@@ -37,7 +37,7 @@ def check_man_pages(usr):
         print("no man or help2man here: man pages not checked")
         return
     for name in PROGRAMS:
-        page = run("man", "--warnings", "-l", usr / "share/man/man1" / f"{name}.1",
+        page = run("man", "--warnings", "-l", usr / "share/man/man1" / f"{name}.1.gz",
                    env={"MANWIDTH": "100", "LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"})
         check(not page.stderr, f"man {name}: {page.stderr}")
         options = set(re.findall(r"--[a-z][a-z-]+", run(usr / "bin" / name, "--help").stdout))
