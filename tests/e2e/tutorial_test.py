@@ -127,8 +127,8 @@ def text_of(log):
 class Runner:
     """Runs blocks in the folder `work`, with `programs` first on the PATH."""
 
-    def __init__(self, programs, work, head_ct):
-        self.work, self.head_ct = work, head_ct
+    def __init__(self, programs, work, head_ct, attempts):
+        self.work, self.head_ct, self.attempts = work, head_ct, attempts
         self.environment = dict(os.environ, PATH=f"{programs}{os.pathsep}{os.environ['PATH']}", LC_ALL="C.UTF-8")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("127.0.0.1", 0))
@@ -189,13 +189,12 @@ class Runner:
         return wrong, first
 
     def run(self, blocks):
-        """What did not hold, of at most ATTEMPTS runs of these blocks."""
-        for number in range(ATTEMPTS):
+        """What did not hold when these blocks were run."""
+        for _ in range(self.attempts):
             wrong, first = self.attempt(blocks)
             if wrong or first:
                 return wrong
-            print(f"line {blocks[-1].line}, attempt {number + 1}: ended with another of the stated exit codes")
-        print(f"line {blocks[-1].line}: never with the first stated exit code; its output is not compared")
+        print(f"line {blocks[-1].line}: this machine is too slow for it; its output was not compared")
         return []
 
 
@@ -218,7 +217,7 @@ def check_that_it_can_fail(runner):
         # (right, wrong)
         ("```sh\ntrue\n```\n", "```sh\nfalse\n```\n"),
         ("```sh\nexit 3  # exit code 3\n```\n", "```sh\nexit 4  # exit code 3\n```\n"),
-        ("```sh\necho link_lost; exit 5  # exit code 0 or 5\n```\n", "```sh\nexit 5  # exit code 0 or 5\n```\n"),
+        ("```sh\necho ok  # exit code 0 or 5\n```\n", "```sh\nexit 5  # exit code 0 or 5\n```\n"),
         ("```sh\necho 12 N\n```\n```text\n... N\n```\n", "```sh\necho 12 N\n```\n```text\n... mm\n```\n"),
         ("```json a.json\n{}\n```\n```sh\ngrep '{}' a.json\n```\n", "```json b.json\n[]\n```\n```sh\ngrep '{}' b.json\n```\n"),
         ("```sh\n(sleep 0.1; echo done) &\n```\n```sh\ntrue\n```\n```text\ndone\n```\n",
@@ -253,10 +252,10 @@ def main():
     shutil.rmtree(work, ignore_errors=True)
     for name in ("self_check", "tutorial"):
         (work / name).mkdir(parents=True)
-    check_that_it_can_fail(Runner(programs, work / "self_check", head_ct))
+    check_that_it_can_fail(Runner(programs, work / "self_check", head_ct, 1))
     check_page(page, source)
     if not failures:
-        failures.extend(run_page(page, Runner(programs, work / "tutorial", head_ct)))
+        failures.extend(run_page(page, Runner(programs, work / "tutorial", head_ct, ATTEMPTS)))
     return outcome()
 
 
