@@ -115,8 +115,8 @@ def steps_of(parts):
 def missing(expected, output):
     """The lines of `expected` that `output` does not have."""
     lines = [line.rstrip() for line in output.splitlines()]
-    patterns = [(text, re.compile(".*".join(re.escape(piece) for piece in text.rstrip().split("...")))) for text in expected]
-    return [text for text, pattern in patterns if not any(pattern.fullmatch(line) for line in lines)]
+    patterns = [".*".join(re.escape(piece) for piece in text.rstrip().split("...")) for text in expected]
+    return [text for text, pattern in zip(expected, patterns) if not any(re.fullmatch(pattern, line) for line in lines)]
 
 
 def text_of(log):
@@ -219,7 +219,8 @@ def check_that_it_can_fail(runner):
         ("```sh\nexit 3  # exit code 3\n```\n", "```sh\nexit 4  # exit code 3\n```\n"),
         ("```sh\necho ok  # exit code 0 or 5\n```\n", "```sh\nexit 5  # exit code 0 or 5\n```\n"),
         ("```sh\necho 12 N\n```\n```text\n... N\n```\n", "```sh\necho 12 N\n```\n```text\n... mm\n```\n"),
-        ("```json a.json\n{}\n```\n```sh\ngrep '{}' a.json\n```\n", "```json b.json\n[]\n```\n```sh\ngrep '{}' b.json\n```\n"),
+        ("```json a.json\n{}\n```\n```sh\ngrep '{}' a.json\n```\n",
+         "```json b.json\n[]\n```\n```sh\ngrep '{}' b.json\n```\n"),
         ("```sh\n(sleep 0.1; echo done) &\n```\n```sh\ntrue\n```\n```text\ndone\n```\n",
          "```sh\n(sleep 0.1; exit 5) &\n```\n```sh\ntrue\n```\n"),
     ]
