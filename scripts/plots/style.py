@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the plots have in common: look, reading of the programs' outputs, whole files."""
+"""Shared by the plots: colours and fonts, readers of the programs' outputs, writing of a picture with its caption."""
 import json
 import os
 import pathlib
+import textwrap
 
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy  # noqa: E402
+
+from captions import CAPTIONS  # noqa: E402
 
 BONE = "#e9dfc9"       # material
 LINE = "#2f4858"       # mesh edges
@@ -25,12 +28,19 @@ plt.rcParams.update({
 })
 
 
-def save(figure, path):
-    """The PNG appears whole or not at all; the same data give the same bytes."""
+def save(figure, path, draw_caption=True, **numbers):
+    """Writes the PNG, complete or not at all; the same data give the same bytes. Its caption is the one of
+    that name in captions.py with `numbers` filled in; it is drawn below the figure and stored as the PNG's
+    Description, which index.py reads."""
     path = pathlib.Path(path)
+    caption = CAPTIONS[path.stem].format(**numbers)
+    if draw_caption:
+        width, height = figure.get_size_inches()
+        figure.text(0.01, -0.12 / height, textwrap.fill(caption, int(13.5 * width)), ha="left", va="top", fontsize=9.5, color="#333333",
+                    linespacing=1.35)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    figure.savefig(temporary, format="png", metadata={"Software": None})
+    figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.12, metadata={"Software": None, "Description": caption})
     os.replace(temporary, path)
     plt.close(figure)
     print(path)
@@ -41,7 +51,7 @@ def read_json(path):
 
 
 def read_recording(path):
-    """A recording's columns as {name: array}; columns of words stay words."""
+    """A recording's columns as {name: array}; columns of names stay text."""
     with open(path, encoding="ascii") as stream:
         names = stream.readline().rstrip("\n").split(",")
     table = numpy.genfromtxt(path, delimiter=",", skip_header=1, dtype=None, encoding="ascii")
