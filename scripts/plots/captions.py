@@ -10,7 +10,7 @@ CAPTIONS = {
     "most {outside_max:.1f} mm beyond the sub-pixel contour around the vertebral body: equalised level {level:g} takes the "
     "brightest {share:.1f} % of all pixels as material, while bone above 226 HU fills only {bone_share:.1f} % of this image. The level therefore "
     "falls to {level_HU:g} HU, the density of the disc tissue around the body, and the outline follows the noise there. "
-    "(The sub-pixel contours keep to the phantom's exact outline: tests/bench/RESULTS.md.)",
+    "(How close the sub-pixel contours are to the phantom's exact outline: tests/bench/RESULTS.md.)",
     "fig04_simplified": "Douglas-Peucker simplification to {tolerance:g} mm (paper, Fig. 4), slice {slice}: {default_points} points of the sub-pixel "
     "contours become {default_corners} corners, {paper_points} points of the paper's pixel chains become {paper_corners}.",
     "fig05_pslg": "Planar straight-line graph (paper, Fig. 5), slice {slice}, on the lattice of 2^-8 mm. Outer boundaries run counter-clockwise and "

@@ -28,22 +28,26 @@ plt.rcParams.update({
 })
 
 
-def save(figure, path, draw_caption=True, **numbers):
-    """Writes the PNG, complete or not at all; the same data give the same bytes. Its caption is the one of
-    that name in captions.py with `numbers` filled in; it is drawn below the figure and stored as the PNG's
-    Description, which index.py reads."""
+def save_plain(figure, path, **metadata):
+    """Writes the PNG, complete or not at all; the same data give the same bytes."""
     path = pathlib.Path(path)
-    caption = CAPTIONS[path.stem].format(**numbers)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.12, metadata={"Software": None, **metadata})
+    os.replace(temporary, path)
+    plt.close(figure)
+    print(path)
+
+
+def save(figure, path, draw_caption=True, **numbers):
+    """Writes the PNG with its caption: the one of that name in captions.py with `numbers` filled in. It is drawn
+    below the figure and stored as the PNG's Description, which index.py reads."""
+    caption = CAPTIONS[pathlib.Path(path).stem].format(**numbers)
     if draw_caption:
         width, height = figure.get_size_inches()
         figure.text(0.01, -0.12 / height, textwrap.fill(caption, int(13.5 * width)), ha="left", va="top", fontsize=9.5, color="#333333",
                     linespacing=1.35)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.12, metadata={"Software": None, "Description": caption})
-    os.replace(temporary, path)
-    plt.close(figure)
-    print(path)
+    save_plain(figure, path, Description=caption)
 
 
 def read_json(path):

@@ -41,7 +41,7 @@ def main():
     page = html.Page("t")
     deformation.show(data, page)
     assert "kept every one of its bounds" in page.text() and "<svg" in page.text()
-    assert len(deformation.readme(data)) == 2 + 7 + 2
+    assert len(deformation.results(data)) == 2 + 7 + 2
 
     assert sweep({**plan, "places": 0}).returncode == 2
     assert sweep({"assets": []}).returncode == 2

@@ -252,3 +252,19 @@ def simplifiers(rows):
     short_range(left, y=False)
     short_range(right)
     return figure
+
+
+def headline(chosen):
+    """`chosen`: (scan, "sub-pixel" or "pixel chains", row). Distance to the reference and time of a slice, side by side."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 0.62 + 0.25 * len(chosen)), layout="constrained", sharey=True)
+    labels = [f"{scan}, {contour}, {row['tolerance_mm']:g} mm" for scan, contour, row in chosen]
+    colours = [HOLE if contour == "pixel chains" else OUTER for _, contour, _ in chosen]
+    for axes, key, name, digits in ((left, "mean_distance_mm", "mean distance to the reference (mm)", 3), (right, "total_ms_per_slice", "time per slice (ms)", 2)):
+        values = [row[key] for _, _, row in chosen]
+        axes.barh(range(len(chosen)), values, color=colours, height=0.7)
+        for place, value in enumerate(values):
+            axes.text(value, place, f" {value:.{digits}f}", va="center", fontsize=8)
+        axes.set(xlabel=name, xlim=(0, 1.15 * max(values)))
+    left.set_yticks(range(len(chosen)), labels, fontsize=8.5)
+    left.invert_yaxis()
+    return figure

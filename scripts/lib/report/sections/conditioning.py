@@ -74,7 +74,7 @@ def show(data, page):
                  row["scale_error"], row["wrench_error"], row["largest_part_of_bound"]) for row in data["allocation"]])
 
 
-def readme(data):
+def results(data):
     wrong, count = (sum(row[key] for row in data["predicates"]) for key in ("wrong_signs", "count"))
     errors = ", ".join(f"{name} {ordinary:.0e} ({hard:.0e})" for name, _, ordinary, hard in figures(data))
     return [f"Rounding, against 50 digits: {wrong} wrong signs of {count} predicates; largest relative error on ordinary inputs (and on those "

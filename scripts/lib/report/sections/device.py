@@ -123,7 +123,7 @@ def show(data, page):
     show_allocation(data, page)
 
 
-def readme(data):
+def results(data):
     four, three = (stated(ring) for ring in data["rings"])
     least_four, least_three = (least_stated(ring) for ring in data["rings"])
     sixty = next(row for row in data["allocation"] if row["force_N"] == 60)
@@ -131,3 +131,8 @@ def readme(data):
     return [f"Device, stated workspace: least inverse condition {least_four:.3f} and {four['torque_for_35N_max_Nm']:.1f} N m a joint for 35 N in any direction with four legs; "
             f"{least_three:.3f} and {three['torque_for_35N_max_Nm']:.1f} N m with three. At 60 N the null space raises exactly delivered wrenches from "
             f"{sixty['minimum_norm_fits_percent']:.0f} % to {sixty['exact_percent']:.0f} %; {allocation_time(times)}."]
+
+
+def headline(data):
+    four, three = (stated(ring)["torque_for_35N_max_Nm"] for ring in data["rings"])
+    return f"Device: 35 N in any direction of the stated workspace takes at most {four:.1f} N m a joint with four legs, {three:.1f} N m with three."

@@ -74,7 +74,7 @@ def show(data, page):
                     "negative means that the hand lost energy.")
 
 
-def readme(data):
+def results(data):
     lines = ["| wall, hand without damping | residual oscillation mm | without the controller |", "| --- | --- | --- |"]
     for plain, controlled in pairs(data["walls"], "rate_Hz", "stiffness_N_per_m"):
         lines.append(f"| {plain['stiffness_N_per_m'] / 1e3:g} kN/m at {plain['rate_Hz']:g} Hz, {PRESSED_N} N | "

@@ -214,23 +214,33 @@ def show(data, page):
     show_peers(data, page)
 
 
-def readme(data):
-    def line(label, row):
-        return (f"| {label} | {row['tolerance_mm']:g} | {row['mean_distance_mm']:.3f} | {row['hausdorff_mm']:.2f} | {row['area_error_percent']:+.2f} | "
-                f"{per_slice(row, 'triangles'):.0f} | {row['bytes_per_triangle']:.2f} | {row['total_ms_per_slice']:.2f} |")
-
-    lines = ["| scan, contour | tolerance mm | mean distance mm | Hausdorff mm | area error % | triangles a slice | bytes a triangle | ms a slice |",
-             "| --- | --- | --- | --- | --- | --- | --- | --- |"]
+def chosen_rows(data):
+    """What RESULTS.md and the headline plot show: (scan, "sub-pixel" or "pixel chains", row)."""
+    rows = []
     for scan in scans_of(data):
         for tolerance in dict.fromkeys((DEFAULT["tolerance_mm"], data["recommended"]["tolerance_mm"])):
             if row := find(data, scan, tolerance_mm=tolerance):
-                lines.append(line(f"{scan}, sub-pixel", row))
+                rows.append((scan, "sub-pixel", row))
         if row := find(data, scan, contour="pixel"):
-            lines.append(line(f"{scan}, pixel chains", row))
+            rows.append((scan, "pixel chains", row))
+    return rows
+
+
+def results(data):
+    lines = ["| scan, contour | tolerance mm | mean distance mm | Hausdorff mm | area error % | triangles a slice | bytes a triangle | ms a slice |",
+             "| --- | --- | --- | --- | --- | --- | --- | --- |"]
+    for scan, contour, row in chosen_rows(data):
+        lines.append(f"| {scan}, {contour} | {row['tolerance_mm']:g} | {row['mean_distance_mm']:.3f} | {row['hausdorff_mm']:.2f} | {row['area_error_percent']:+.2f} | "
+                     f"{per_slice(row, 'triangles'):.0f} | {row['bytes_per_triangle']:.2f} | {row['total_ms_per_slice']:.2f} |")
     path = data["path"]
     broken = [sum(row[program]["collapsed_rings"] + row[program]["crossing_rings"] for row in data["simplifiers"]) for program in ("trocar", "approxPolyDP")]
-    lines += ["", "Times: from pixels in memory to the encoded mesh, one thread. With noise the largest distance is the noise's. Chains through pixel "
-              "centres lose half a pixel all round, and every wall thinner than a pixel.",
-              "", f"From {path['slices']} PNGs to a verified `.glb`, one thread: {path['png_to_verified_glb_over_opencv_decode_ratio']:.2f} times what OpenCV "
-              f"takes to decode them. Rings that simplification broke in the whole sweep: {broken[0]}; `cv::approxPolyDP` on the same contours: {broken[1]}."]
-    return lines
+    return [*lines, "", "Times: from pixels in memory to the encoded mesh, one thread. On the phantom with noise the largest distance is caused by the noise. "
+            "Chains through pixel centres lose half a pixel all round, and every wall thinner than a pixel.",
+            "", f"From {path['slices']} PNGs to a verified `.glb`, one thread: {path['png_to_verified_glb_over_opencv_decode_ratio']:.2f} times what OpenCV "
+            f"takes to decode them. Rings that simplification broke in the whole sweep: {broken[0]}; `cv::approxPolyDP` on the same contours: {broken[1]}."]
+
+
+def headline(data):
+    row = find(data, "phantom 12 HU")
+    return (f"Outlines: on the noisy phantom the mean distance to the exact cross-section is {row['mean_distance_mm']:.3f} mm, with {per_slice(row, 'triangles'):.0f} triangles "
+            f"and {row['total_ms_per_slice']:.2f} ms for each slice.")

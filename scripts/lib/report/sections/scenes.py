@@ -58,7 +58,7 @@ def show(data, page):
                 for row in data["whole"]], folded="the whole of each file, for comparison")
 
 
-def readme(data):
+def results(data):
     lines = ["| scan | slices of the scene, of the asset | read kB | of | nodes factored | kept MB | ms to load | times bytes, memory, time of the slices alone |",
              "| --- | --- | --- | --- | --- | --- | --- | --- |"]
     for row in data["rows"]:
