@@ -44,7 +44,7 @@ def check_against():
     assert "s/rows/a/triangles" in page.text() and "s/rows/a/total_ms" not in page.text()
     with contextlib.redirect_stdout(io.StringIO()) as said:
         against.show("old.json", report(), report(triangles=14, total_ms=20.0), html.Page("t"))
-    assert "1 errors, counts or bytes and 1 times moved" in said.getvalue() and said.getvalue().count("x 2\n") == 2, said.getvalue()
+    assert "1 errors, counts or bytes and 1 times changed" in said.getvalue() and said.getvalue().count("x 2\n") == 2, said.getvalue()
 
 
 def check_sections():

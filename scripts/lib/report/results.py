@@ -9,7 +9,7 @@ HEADLINES = 5
 
 
 def write(path, text):
-    """The file appears whole or not at all."""
+    """Writes the complete file or none."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(text, encoding="utf-8")
     os.replace(temporary, path)
