@@ -71,7 +71,7 @@ def show_rings(data, page):
         f"of the poses are nearer than 0.02 (three legs: {tilted_b['share_below_0.02_percent']:.1f} %), and the least is {tilted_a['inverse_condition_min']:.4f} "
         f"({tilted_b['inverse_condition_min']:.0e}).", verdict=True)
     page.text_block("Both devices have the description's lengths, heights and branches; only the number of legs differs. Lengths that the paper does not give were optimised "
-                    "for four legs, so a device designed for three legs might do better. Rotation counts with a characteristic length of 0.05 m. The loop stops at 0.02.")
+                    "for four legs, so a device designed for three legs might do better. Rotations are scaled with a characteristic length of 0.05 m. The loop stops at 0.02.")
     page.plot(plots.condition_maps(rings, STATED_EXTENT_M, "tilted"), f"The stated workspace: at each place the least of the upright pose and rotations of {TILT_DEG} deg about axes spread "
               "over the sphere. Titles: least and largest in the map.")
     page.plot(plots.condition_maps(rings, STATED_EXTENT_M, "upright"), "The same, upright.")
