@@ -21,9 +21,9 @@ def main():
             continue
         with Image.open(picture) as image:
             image.load()
-            caption = image.text["Description"]
+            caption, drawn = image.text["Description"], image.text["Comment"] == "caption drawn"
         figures.append(f"<figure id={name}><a href={name}.png><img src={name}.png alt=\"{html.escape(caption)}\"></a>"
-                       f"<figcaption><b>{name}.png</b></figcaption></figure>")
+                       f"<figcaption><b>{name}.png</b>{'' if drawn else ' ' + html.escape(caption)}</figcaption></figure>")
     page = folder / "index.html"
     temporary = page.with_name(f".{page.name}.{os.getpid()}")
     temporary.write_text("<!DOCTYPE html>\n<html lang=en><head><meta charset=utf-8><title>Trocar: pictures of the demo</title>"

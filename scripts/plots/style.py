@@ -41,13 +41,13 @@ def save_plain(figure, path, **metadata):
 
 def save(figure, path, draw_caption=True, **numbers):
     """Writes the PNG with its caption: the one of that name in captions.py with `numbers` filled in. It is drawn
-    below the figure and stored as the PNG's Description, which index.py reads."""
+    below the figure unless draw_caption is False, and stored as the PNG's Description, which index.py reads."""
     caption = CAPTIONS[pathlib.Path(path).stem].format(**numbers)
     if draw_caption:
         width, height = figure.get_size_inches()
         figure.text(0.01, -0.12 / height, textwrap.fill(caption, int(13.5 * width)), ha="left", va="top", fontsize=9.5, color="#333333",
                     linespacing=1.35)
-    save_plain(figure, path, Description=caption)
+    save_plain(figure, path, Description=caption, Comment="caption drawn" if draw_caption else "caption not drawn")
 
 
 def read_json(path):
