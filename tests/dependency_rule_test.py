@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""dependency_rule_test.py SOURCE BUILD [PROGRAM]: who may include whom.
+"""dependency_rule_test.py SOURCE BUILD [PROGRAM]: which folder may include which.
 
-Read from the compiler's own dependency files (`ninja -t deps`), from the sources'
+Read from the compiler's dependency files (`ninja -t deps`), from the sources'
 #include lines, and from what the dynamic linker loads for PROGRAM (trocar-run):
 
  1. formats includes neither pipeline nor runtime; pipeline and runtime never include
@@ -11,15 +11,20 @@ Read from the compiler's own dependency files (`ninja -t deps`), from the source
  3. Only formats (and tests that look inside files) include tinygltf or Draco.
  4. Every source file carries the SPDX line of its folder: Apache-2.0, but
     GPL-3.0-or-later in pipeline/ and in tests that include pipeline or CGAL.
+ 5. A room (sub-folder) of formats, pipeline and runtime includes only rooms that stand
+    before it in scripts/lib/rooms.py, so that no include runs back up; the picture of
+    the rooms in ARCHITECTURE.md is up to date.
 
-Every rule is first shown to fail on a made-up tree that breaks it.
+A self-check first shows that every rule fails on a made-up tree that breaks it.
 """
-import json
 import pathlib
 import re
 import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "scripts" / "lib"))
+import rooms  # noqa: E402
 
 OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
 MAY_NOT_INCLUDE_FOLDER = {
@@ -50,24 +55,9 @@ APACHE, GPL = "Apache-2.0", "GPL-3.0-or-later"
 LICENSED = ("*.h", "*.cpp", "*.py", "*.mjs", "*.js", "*.cmake", "CMakeLists.txt")
 
 
-def parse_deps(text):
-    """`ninja -t deps` as {object: [file, ...]}."""
-    deps, current = {}, None
-    for line in text.splitlines():
-        if line.startswith("    "):
-            deps[current].append(line.strip())
-        elif "#deps" in line:
-            current = line.split(": #deps")[0]
-            deps[current] = []
-    return deps
-
-
 def folder_of(path, source):
-    """The folder of ours that an absolute path lies in, or None."""
-    try:
-        first = path.relative_to(source).parts[0]
-    except ValueError:
-        return None
+    """The folder of OURS that an absolute path lies in, or None."""
+    first = rooms.top_folder(path, source)
     return first if first in OURS else None
 
 
@@ -97,20 +87,19 @@ def check_units(units, source):
 
 
 def check_include_lines(source):
-    """Rule 1 once more on what is written, so that a header counts that no unit uses yet."""
+    """Rule 1 on the include lines, so that a header that no unit uses yet is checked too."""
     broken = []
-    line = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
     for folder in OURS:
         for pattern in ("*.h", "*.cpp"):
             for path in sorted((source / folder).rglob(pattern)):
-                for name in line.findall(path.read_text(encoding="utf-8", errors="replace")):
+                for name in rooms.INCLUDE.findall(path.read_text(encoding="utf-8", errors="replace")):
                     if name.split("/")[0] in MAY_NOT_INCLUDE_FOLDER[folder]:
                         broken.append(f'{path.relative_to(source)} includes "{name}"')
     return broken
 
 
 def check_licences(source, units):
-    """Rule 4. `units` tells which tests reach pipeline or CGAL."""
+    """Rule 4. `units` shows which tests include pipeline or CGAL, directly or not."""
     broken = []
     gpl_tests = {unit for unit, included in units.items()
                  if folder_of(unit, source) == "tests" and any(
@@ -132,7 +121,7 @@ def check_licences(source, units):
         if not found:
             broken.append(f"{name} has no SPDX line at its top (expected {wanted})")
         elif name.parts[0] == "tests" and path.suffix in (".h", ".cpp") and path not in units:
-            continue  # not a unit of this build: what it reaches is not known
+            continue  # not a unit of this build: what it includes is not known
         elif found[1] != wanted:
             broken.append(f"{name} is marked {found[1]}, expected {wanted}")
     return broken
@@ -144,26 +133,64 @@ def check_program(ldd_output, program):
 
 
 def units_from(deps_text, commands, source, build):
-    """{our translation unit: [what it includes]}, and our units that have no deps yet."""
-    deps = parse_deps(deps_text)
-    units, unbuilt = {}, []
-    for entry in commands:
-        unit = pathlib.Path(entry["file"])
-        if folder_of(unit, source) is None or unit.is_relative_to(build):
-            continue
-        files = deps.get(entry["output"])
-        if files is None:
-            unbuilt.append(str(unit.relative_to(source)))
-            continue
-        # normpath, not resolve: a system header must not lose its name through a link.
-        paths = [pathlib.Path(build, f) for f in files]
-        paths = [p if ".." not in p.parts else p.resolve() for p in paths]
-        units.setdefault(unit, []).extend(paths)
-    return units, unbuilt
+    """{our translation unit: [what it includes]}, and our units that have not been built."""
+    return rooms.units_of(deps_text, commands, source, build, OURS)
+
+
+def check_rooms(source, units):
+    """Rule 5."""
+    broken = rooms.check(rooms.include_lines(source), {unit: paths for unit, paths in units.items() if folder_of(unit, source) in rooms.FOLDERS}, source)
+    page = source / "ARCHITECTURE.md"
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    if not broken and rooms.replaced(text, rooms.edges_of(rooms.include_lines(source))) != text:
+        broken.append("ARCHITECTURE.md: the picture of the rooms is missing or out of date; scripts/rooms renews it")
+    return broken
+
+
+def self_check_rooms():
+    """A made-up tree with an include upwards, one in a circle, a file in no room and an include by a relative path."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = pathlib.Path(folder).resolve()
+        files = {
+            "formats/base/result.h": "",
+            "formats/geometry/lattice.h": '#include "formats/base/result.h"\n',
+            "formats/asset/asset.h": '#include "formats/geometry/lattice.h"\n#include "formats/base/result.h"\n',
+            "runtime/mesh/sheet.cpp": '#include "formats/asset/asset.h"\n#include <vector>\n',
+        }
+
+        def write(more):
+            for name, text in {**files, **more}.items():
+                path = source / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text)
+            return rooms.include_lines(source)
+
+        unit = source / "runtime/mesh/sheet.cpp"
+        units = {unit: [unit, source / "formats/asset/asset.h", source / "formats/base/result.h", pathlib.Path("/usr/include/vector")]}
+        lines = write({})
+        assert rooms.check(lines, units, source) == []
+        edges = rooms.edges_of(lines)
+        assert len(edges) == 4
+        assert rooms.reduced(edges) == [("runtime/mesh", "formats/asset"), ("formats/asset", "formats/geometry"), ("formats/geometry", "formats/base")]
+        picture = rooms.mermaid(edges)
+        assert picture.count(" --> ") == 3 and "  runtime_mesh --> formats_asset\n" in picture
+        page = f"before\n{rooms.BEGIN}\nold\n{rooms.END}\nafter\n"
+        renewed = rooms.replaced(page, edges)
+        assert picture in renewed and renewed.startswith("before\n") and renewed.endswith("\nafter\n") and "old" not in renewed
+        assert rooms.replaced(renewed, edges) == renewed and rooms.replaced("no marks", edges) is None
+
+        broken = rooms.check(write({"formats/base/result.h": '#include "formats/asset/asset.h"\n'}), units, source)
+        assert len(broken) == 1 and broken[0].startswith("formats/base must not include formats/asset"), broken
+        broken = rooms.check(write({"formats/geometry/lattice.h": '#include "formats/asset/asset.h"\n'}), {}, source)
+        assert len(broken) == 1 and broken[0].startswith("formats/geometry must not include formats/asset"), broken
+        broken = rooms.check(write({"runtime/mesh/sheet.cpp": '#include "../../formats/asset/asset.h"\n'}), units, source)
+        assert broken and all(line.startswith("runtime/mesh/sheet.cpp depends on formats/") for line in broken), broken
+        broken = rooms.check(write({"runtime/elsewhere/x.h": ""}), {}, source)
+        assert broken == ["runtime/elsewhere/x.h is in no room of scripts/lib/rooms.py"], broken
 
 
 def self_check():
-    """A made-up project that breaks each rule once; each must be found, and nothing else."""
+    """A made-up project that breaks rules 1 to 4 once each; each must be found, and nothing else."""
     with tempfile.TemporaryDirectory() as folder:
         source = pathlib.Path(folder).resolve()
         build = source / "build" / "x"
@@ -219,20 +246,16 @@ def main():
         print("usage: dependency_rule_test.py SOURCE BUILD [PROGRAM]", file=sys.stderr)
         return 2
     self_check()
+    self_check_rooms()
     source, build = (pathlib.Path(a).resolve() for a in sys.argv[1:3])
-    listing = subprocess.run(["ninja", "-C", str(build), "-t", "deps"], check=True,
-                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
-    commands = json.loads((build / "compile_commands.json").read_text())
-    for entry in commands:
-        if "output" not in entry:  # older CMake leaves it out
-            entry["output"] = re.search(r" -o (\S+) ", entry["command"])[1]
+    listing, commands = rooms.read_build(build)
     units, unbuilt = units_from(listing, commands, source, build)
     broken = [f"{name} has not been built: build everything first" for name in unbuilt]
     for folder in ("formats", "pipeline", "runtime"):
         if not any(folder_of(unit, source) == folder for unit in units):
             broken.append(f"no translation unit of {folder}/ found: the check would be empty")
     broken += check_units(units, source) + check_include_lines(source)
-    broken += check_licences(source, units)
+    broken += check_rooms(source, units) + check_licences(source, units)
     if len(sys.argv) == 4:
         program = sys.argv[3]
         loaded = subprocess.run(["ldd", program], check=True, stdout=subprocess.PIPE, text=True)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# Debian's libopencv-{core,imgproc,imgcodecs}-dev without the full libopencv-dev,
-# which alone carries OpenCVConfig.cmake. Gives OpenCV::core, OpenCV::imgproc and
-# OpenCV::imgcodecs, their headers as system headers, and OpenCVParts_VERSION.
+# Finds Debian's libopencv-{core,imgproc,imgcodecs}-dev without the full libopencv-dev,
+# the only package with OpenCVConfig.cmake. Defines OpenCV::core, OpenCV::imgproc and
+# OpenCV::imgcodecs, with their headers as system headers, and OpenCVParts_VERSION.
 find_path(OpenCVParts_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4)
 find_library(OpenCVParts_core_LIBRARY opencv_core)
 find_library(OpenCVParts_imgproc_LIBRARY opencv_imgproc)

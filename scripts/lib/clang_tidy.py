@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """clang_tidy.py ROOT BUILD [REGEX]: clang-tidy over the compile database, in parallel.
 
-Files that passed before are remembered in BUILD/clang-tidy/ by a digest of the
-file, the headers of ours that it includes (by ninja's record of its last
-compilation; every one if there is none), .clang-tidy and the compile command,
-and are skipped.
-Exit 0 if all pass, 1 otherwise.
+A file that passes leaves a stamp in BUILD/clang-tidy/ and is skipped while its digest
+stays the same. The digest is of the file, the project's headers that it includes (from
+ninja's record of its last compilation; all headers if there is none), .clang-tidy and
+the compile command. Exit 0 if all pass, 1 otherwise.
 """
 import concurrent.futures
 import hashlib
@@ -22,7 +21,7 @@ OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
 
 
 def headers_of_objects(build):
-    """Object file, relative to the build folder -> what its last compilation read."""
+    """{object file relative to the build folder: the files that its last compilation read}."""
     listing = subprocess.run(["ninja", "-C", str(build), "-t", "deps"], stdout=subprocess.PIPE,
                              stderr=subprocess.DEVNULL, text=True, check=False).stdout
     read, object_file = {}, None
@@ -77,7 +76,7 @@ def main():
         digest = digest_of(entry, root, build, read, every_header)
         stamp = stamps / digest.hexdigest()
         if not stamp.exists():
-            # Largest first, so that the last one to finish is a small one.
+            # Largest first, so that no core works alone on a large file at the end.
             todo.append((path.stat().st_size, str(path), entry, stamp))
     todo.sort(key=lambda t: (-t[0], t[1]))
     stamp_of = {t[1]: t[3] for t in todo}

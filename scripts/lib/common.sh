@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Sourced by the scripts: where things are, and how they speak. Sets -euo pipefail.
+# Sourced by the scripts: paths, messages, building. Sets -euo pipefail.
 # No process substitution: a bare chroot may have no /dev/fd.
 set -euo pipefail
 
@@ -12,7 +12,20 @@ out=${TROCAR_OUT:-$root/out}
 
 say() { printf '%s: %s\n' "$me" "$*" >&2; }
 
-# die CODE MESSAGE: ends with one of the exit codes of the outer contract.
+# help_if_asked ARGUMENT...: with -h or --help among them prints $usage and ends with 0.
+help_if_asked() {
+  local argument
+  for argument; do
+    case $argument in
+      -h | --help)
+        echo "$usage"
+        exit 0
+        ;;
+    esac
+  done
+}
+
+# die CODE MESSAGE: ends with CODE: 1 a bug or a failed step, 2 wrong usage, 3 input refused, 4 not written.
 die() {
   local code=$1
   shift
@@ -29,7 +42,7 @@ quietly() {
   "$@" >"$log" 2>&1 || code=$?
   if ((code != 0)); then
     tail -n 40 "$log" >&2
-    say "failed ($code): $* (all of it in $log)"
+    say "failed ($code): $* (the whole output: $log)"
   fi
   return "$code"
 }
@@ -44,8 +57,8 @@ configure_and_build() {
   cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
 }
 
-# prepare_tests: what the tests need beside the tree: three.js, and a real scan, without which the
-# end-to-end tests skip its part.
+# prepare_tests: fetches what the tests need besides the sources: three.js, and a real scan. Without
+# the scan the end-to-end tests skip that part.
 prepare_tests() {
   mkdir -p "$build"
   local three=$root/tests/e2e/three
@@ -56,5 +69,5 @@ prepare_tests() {
   fi
   export TROCAR_REQUIRE_THREE=1
   export TROCAR_HEAD_CT=${TROCAR_HEAD_CT:-$build/head.nii.gz}
-  [[ -f $TROCAR_HEAD_CT ]] || "$root/scripts/head-ct" "$TROCAR_HEAD_CT" || say "going on without the head CT"
+  [[ -f $TROCAR_HEAD_CT ]] || "$root/scripts/head-ct" "$TROCAR_HEAD_CT" || say "continuing without the head CT"
 }

@@ -2,15 +2,15 @@
 """head_ct.py Cranium.inv3 OUT.nii.gz: an InVesalius project's voxels as NIfTI.
 
 An .inv3 is a gzipped tar of main.plist (shape, type, spacing) and matrix.dat
-(int16 little-endian HU in z, y, x order). Nothing of it is extracted to disk, and
-every size is checked before it is used.
+(int16 little-endian HU in z, y, x order). It is read in memory, and every size is
+checked before it is used.
 
 Orientation. InVesalius flips the rows of transverse DICOM images, so that its y runs
-from posterior to anterior (the pictures show it: the head rest is at low y, the face
-at high y, the jaw at low z); its x stays DICOM's, towards the patient's left. Rows are
+from posterior to anterior (visible in the images: the head rest is at low y, the face
+at high y, the jaw at low z); its x is that of DICOM, towards the patient's left. Rows are
 flipped back here: array axes run towards L, P, S, as in a DICOM series, and the affine
-is diag(-sx, -sy, +sz) in NIfTI's RAS. The origin, which the project does not keep, is
-put at the volume's centre.
+is diag(-sx, -sy, +sz) in the RAS frame of NIfTI. The project does not store the origin;
+it is set to the volume's centre.
 
 The same archive gives the same bytes. Exit: 3 refused, 4 not written.
 """
@@ -36,15 +36,15 @@ class Refused(Exception):
 
 
 def read_member(members, base, max_bytes):
-    """The bytes of the one regular file called `base`, at most max_bytes of them."""
+    """The bytes of the only regular file named `base`. Refused if there are more than max_bytes."""
     if len(members.get(base, [])) != 1:
-        raise Refused(f"holds {len(members.get(base, []))} files called {base}, expected one")
+        raise Refused(f"holds {len(members.get(base, []))} files named {base}, expected one")
     info, stream = members[base][0]
     if info.size > max_bytes:
         raise Refused(f"{base} has {info.size} bytes, more than {max_bytes}")
     data = stream.read(max_bytes + 1)
     if len(data) != info.size:
-        raise Refused(f"{base} is cut short")
+        raise Refused(f"{base} is truncated")
     return data
 
 
@@ -53,7 +53,7 @@ def numbers(value, kind, count, low, high, what):
         raise Refused(f"main.plist: {what} is not a list of {count} numbers")
     for number in value:
         if isinstance(number, bool) or not isinstance(number, kind) or not low <= number <= high:
-            raise Refused(f"main.plist: {what} is outside of {low}..{high}")
+            raise Refused(f"main.plist: {what} is outside {low}..{high}")
     return value
 
 
@@ -104,7 +104,7 @@ def to_nifti_bytes(voxels, spacing):
 
 
 def write_whole(path, data):
-    """The file appears whole or not at all."""
+    """Writes the complete file or none."""
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as stream:
@@ -129,7 +129,7 @@ def main():
     except (tarfile.TarError, OSError, EOFError, ValueError, plistlib.InvalidFileException) as why:
         print(f"head-ct: {source}: not a readable InVesalius project: {why}", file=sys.stderr)
         return 3
-    except Exception as why:  # the plist parser's (expat) own errors
+    except Exception as why:  # errors of the plist parser (expat)
         print(f"head-ct: {source}: main.plist cannot be read: {why}", file=sys.stderr)
         return 3
     try:

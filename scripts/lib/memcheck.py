@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""memcheck.py BUILD SKIPS: BUILD's GoogleTest programs and fuzz replays under valgrind's memcheck, which sees what the
-other sanitizers do not: memory read before it is written. SKIPS names those that cannot run there, and why."""
+"""memcheck.py BUILD SKIPS: the GoogleTest programs and fuzz replays of BUILD under valgrind's memcheck, which finds what
+the other sanitizers do not: memory read before it is written. SKIPS lists those that are left out, with the reason."""
 
 import concurrent.futures
 import json
@@ -12,7 +12,7 @@ import sys
 import time
 
 VALGRIND = ["valgrind", "--quiet", "--error-exitcode=99", "--leak-check=no", "--num-callers=20"]
-# A mutant costs fifty times as much here.
+# A mutant takes about fifty times as long under valgrind.
 FEWER_MUTANTS = 50
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """soak.py --run TROCAR_RUN --asset ASSET --out FOLDER --minutes M --rate HZ: see scripts/soak.
 
-The hand presses a slice every three seconds, and every twentieth time goes through it at a new place.
-cyclictest runs beside it with the same class, priority and period: the two are woken by the same
-kernel, under the same load."""
+The hand presses a slice every three seconds; every twentieth time it punctures the slice at a new place.
+cyclictest runs at the same time with the same scheduling class, priority and period, so that both are
+woken by the same kernel under the same load."""
 import argparse
 import json
 import os
@@ -15,15 +15,15 @@ import time
 
 SLICE, HEIGHT_M, ANCHOR_MM = 17, 0.12, [81.5, 53.6]
 CYCLE_S, PUNCTURE_EVERY = 3.0, 20
-PRIORITY = 80  # as trocar-run's
+PRIORITY = 80  # that of trocar-run
 
 WAKE_OVER_CYCLICTEST_MAX = 1.2
 TICK_P999_MAX_US = 50
-RSS_GROWTH_MAX_BYTES_PER_MINUTE = 64 * 1024  # beside what its punctures leave in its records
+RSS_GROWTH_MAX_BYTES_PER_MINUTE = 64 * 1024  # more than the records of the punctures need
 
 
 def scene(asset, duration_s, rate_hz):
-    """Down to some 25 N and up again; through the slice at places 3.6 mm apart, each only once."""
+    """The scene and its number of punctures: presses of about 25 N, and punctures at places 3.6 mm apart, one at each."""
     above, pressed, below = HEIGHT_M + 0.005, HEIGHT_M - 0.0115, HEIGHT_M - 0.02
     frames, cycles, punctures = [{"t_s": 0, "tip_m": [0, 0, above]}], int(duration_s // CYCLE_S), 0
     step = max(1, -(-cycles // 900))  # at most 3600 key frames and 45 places
@@ -44,7 +44,7 @@ def scene(asset, duration_s, rate_hz):
 
 
 def quantile_us(histogram, share):
-    """The smallest value below or at which that share of the samples lies."""
+    """The smallest value that at least this share of the samples does not exceed."""
     wanted, seen = share * sum(histogram.values()), 0
     for value in sorted(histogram):
         seen += histogram[value]
@@ -86,12 +86,12 @@ def resident_bytes(pid):
 
 
 def watch(process, seconds):
-    """Resident memory while it runs, as [s, bytes]."""
+    """Resident memory while the process runs, as [[s, bytes], ...]."""
     seen, start = [], time.monotonic()
     while process.poll() is None:
         if time.monotonic() - start > 2 * seconds + 120:
             process.terminate()
-            raise SystemExit("soak: trocar-run does not come to its end")
+            raise SystemExit("soak: trocar-run does not end")
         size = resident_bytes(process.pid)
         if size:
             seen.append([time.monotonic() - start, size])
@@ -100,7 +100,7 @@ def watch(process, seconds):
 
 
 def growth_per_minute(seen):
-    """The slope of a line through the second half."""
+    """Bytes per minute: the slope of a line fitted to the second half."""
     half = seen[len(seen) // 2:]
     n = len(half)
     if n < 4:
@@ -138,9 +138,9 @@ def measure(given):
 def verdicts(data):
     return [
         ("allocations in the loop", data["allocations_in_loop"], "0", data["allocations_in_loop"] == 0),
-        ("resident memory, growth", f"{data['resident_growth_bytes_per_minute'] / 1024:.1f} KiB a minute",
+        ("resident memory, growth", f"{data['resident_growth_bytes_per_minute'] / 1024:.1f} KiB per minute",
          f"<= {RSS_GROWTH_MAX_BYTES_PER_MINUTE // 1024}", data["resident_growth_bytes_per_minute"] <= RSS_GROWTH_MAX_BYTES_PER_MINUTE),
-        ("wake-up p99.9 over cyclictest's", f"{data['wake_p999_over_cyclictest_ratio']:.2f}", f"<= {WAKE_OVER_CYCLICTEST_MAX}",
+        ("wake-up p99.9 over that of cyclictest", f"{data['wake_p999_over_cyclictest_ratio']:.2f}", f"<= {WAKE_OVER_CYCLICTEST_MAX}",
          data["wake_p999_over_cyclictest_ratio"] <= WAKE_OVER_CYCLICTEST_MAX),
         ("tick p99.9", f"{data['tick_us']['p999']:.1f} us", f"<= {TICK_P999_MAX_US} us", data["tick_us"]["p999"] <= TICK_P999_MAX_US),
         ("faults", len(data["faults"]), "0", not data["faults"]),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""summary_table.py OUT: the demo's one table, read from the reports and summaries in OUT."""
+"""summary_table.py OUT: the demo's tables, read from the reports and summaries in OUT."""
 import csv
 import json
 import pathlib
@@ -36,7 +36,7 @@ def asset_row(path):
 
 
 def peaks_and_depths(recording):
-    """Of each puncture: the force in the last tick before it, and how deep the tip was in it."""
+    """Of each puncture: the force in the last tick before it, and the penetration at it."""
     peaks, depths, before, was = [], [], 0.0, ""
     with open(recording, encoding="ascii", newline="") as stream:
         for row in csv.DictReader(stream):
@@ -70,17 +70,17 @@ def session_row(path):
 
 def main():
     out = pathlib.Path(sys.argv[1])
-    table("Assets (each proved by trocar-mesh verify)",
+    table("Assets (each passed trocar-mesh verify)",
           ["asset", "slices", "triangles", "min angle deg", "below it", "max px^2", "simplified mm",
            "area mm^2", "bytes", "bytes/tri", "ms"],
           [asset_row(out / f"{name}.report.json") for name in ("sample", "sample_nifti", "paper")])
     sessions = sorted((out / "recordings").glob("*.summary.json"))
-    table("Sessions (K 5 kN/m, threshold 35 N: 7 mm; *_real against the wall clock, the others virtual)",
+    table("Sessions (K 5 kN/m, threshold 35 N: 7 mm; *_subpixel on sample.glb, the others on paper.glb; *_real against the wall clock, the others virtual)",
           ["session", "ticks", "peaks N", "punctured at mm", "max Nm", "wrench error", "hole vertices",
            "remesh us", "tick us p50/p99.9", "missed", "allocations", "faults"],
           [session_row(path) for path in sessions])
     pictures = sorted(path.name for path in (out / "pictures").glob("*.png"))
-    print(f"\n{len(pictures)} pictures in {out / 'pictures'}; recordings in {out / 'recordings'}")
+    print(f"\n{len(pictures)} pictures in {out / 'pictures'} (index.html); recordings in {out / 'recordings'}")
     print("Look at an asset: any glTF viewer with Draco, for example https://gltf-viewer.donmccurdy.com")
 
 

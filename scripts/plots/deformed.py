@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""deformed.py FRAMES.jsonl SHEETS.json OUT.png: the sheet around the tool before it is met, just before
-it gives way, and afterwards with its hole (trocar-run --frames, --meshes; one sheet, law `network`)."""
+"""deformed.py FRAMES.jsonl SHEETS.json OUT.png: the sheet around the tool before contact, just before the
+puncture, and after it with its hole (trocar-run --frames, --meshes; one sheet, force law `network`)."""
 import json
 import pathlib
 import sys
@@ -34,12 +34,12 @@ def in_scene_mm(sheet, points, step_mm):
     """Lattice points into the scene's x and y (formats/session/scene.h, Placement)."""
     p = step_mm * numpy.asarray(points, dtype=float).reshape(-1, 2) - sheet["anchor_mm"]
     angle = numpy.radians(sheet["rotation_deg"])
-    turned = p @ numpy.array([[numpy.cos(angle), numpy.sin(angle)], [-numpy.sin(angle), numpy.cos(angle)]])
-    return turned + 1e3 * numpy.asarray(sheet["at_m"])
+    rotated = p @ numpy.array([[numpy.cos(angle), numpy.sin(angle)], [-numpy.sin(angle), numpy.cos(angle)]])
+    return rotated + 1e3 * numpy.asarray(sheet["at_m"])
 
 
 def clipped(polygon, centre):
-    """What of a polygon in space lies in the window, cut at its four upright sides."""
+    """The part of a polygon in space that lies in the window, cut at the window's four vertical planes."""
     for axis in (0, 1):
         for sign in (1, -1):
             inside = [sign * (p[axis] - centre[axis]) <= WINDOW_MM for p in polygon]
@@ -58,7 +58,7 @@ def clipped(polygon, centre):
 
 
 def surface(vertices, triangles, centre, depth_mm, z_mm):
-    """Faces and their colours: lit from one side, the bluer the deeper."""
+    """Faces with their colours: shaded by a light from one side, bluer with depth."""
     for corner in vertices[triangles]:
         normal = numpy.cross(corner[1] - corner[0], corner[2] - corner[0])
         face = clipped(list(corner), centre)
@@ -71,7 +71,7 @@ def surface(vertices, triangles, centre, depth_mm, z_mm):
 
 
 def tool(outline, tip_mm, z_mm):
-    """The prism, in pieces of a millimetre that end at the sheet, so that near and far can be told apart."""
+    """The prism, in pieces of at most a millimetre that end at the sheet, so that matplotlib can sort them by depth."""
     top_mm = max(tip_mm, z_mm) + ABOVE_MM
     levels = [tip_mm]
     while levels[-1] < top_mm - 1e-6:
@@ -105,15 +105,15 @@ def main():
     place = 1e3 * numpy.array(shape["vertices_m"], dtype=float).reshape(-1, 2)
     sunk = numpy.column_stack([place, z_mm - depth_mm * numpy.array(shape["w"])]), numpy.array(shape["triangles"]).reshape(-1, 3)
     panels = ((before, flat(sheet["before"]), "before"), (at, sunk, f"at {at['force_N']:.1f} N, {depth_mm:.2f} mm deep"),
-              (after, flat(sheet["after"]), "after giving way"))
+              (after, flat(sheet["after"]), "after the puncture"))
 
-    figure = plt.figure(figsize=(15, 5.4))
+    figure = plt.figure(figsize=(16, 5.4))
     low_mm = min(z_mm - depth_mm, 1e3 * after["tip_m"][2]) - 1
     for k, (frame, (vertices, triangles), title) in enumerate(panels):
         axes = figure.add_subplot(1, 3, k + 1, projection="3d")
         tip_mm = 1e3 * frame["tip_m"][2]
         sheet_faces, tool_faces = [*surface(vertices, triangles, centre, depth_mm, z_mm)], [*tool(outline, tip_mm, z_mm)]
-        # Above the sheet the tool is in front of all of it; otherwise each piece goes by its distance.
+        # A tool above the sheet is drawn in front of all of it; otherwise the pieces are sorted by distance.
         layers = [sheet_faces, tool_faces] if tip_mm > z_mm else [sheet_faces + tool_faces]
         axes.computed_zorder = False
         for order, layer in enumerate(layers):
@@ -122,12 +122,13 @@ def main():
         axes.set_title(f"{title} (t = {frame['t_s']:.2f} s)", loc="left", x=0.06, y=0.97)
         axes.set(xlim=centre[0] + numpy.array([-1, 1]) * WINDOW_MM, ylim=centre[1] + numpy.array([-1, 1]) * WINDOW_MM,
                  zlim=(low_mm, z_mm + ABOVE_MM + 1), xlabel="x (mm)", ylabel="y (mm)")
-        axes.set_zlabel("z (mm)")
+        axes.set_zlabel("z (mm)", labelpad=7)
         axes.tick_params(labelsize=8)
+        axes.patch.set_visible(False)  # it would cover the ticks of the panel before
         axes.set_box_aspect((2 * WINDOW_MM, 2 * WINDOW_MM, numpy.ptp(axes.get_zlim())))
         axes.view_init(elev=30, azim=-62)
-    figure.subplots_adjust(left=0, right=0.97, bottom=0.02, top=0.95, wspace=0.04)
-    figure.suptitle("The sheet around the tool, and its mesh", x=0.01, ha="left")
+    figure.subplots_adjust(left=0, right=0.97, bottom=0.02, top=0.95, wspace=0.1)
+    figure.text(1.01, 0, " ")  # room for the last panel's z label
     save(figure, sys.argv[3])
 
 

@@ -14,8 +14,11 @@ def main():
     sx, sy = stages["spacing_mm"]
     rings = [numpy.array(ring) for ring in stages["pslg_mm"]]
     points = numpy.vstack(rings)
-    window = (points.min(axis=0) - 6, points.max(axis=0) + 6)
-    figure, axes = plt.subplots(1, 4, figsize=(20, 5.2), layout="constrained", width_ratios=[1, 1, 1, 1.25])
+    centre, half = (points.min(axis=0) + points.max(axis=0)) / 2, numpy.ptp(points, axis=0).max() / 2 + 6
+    window = (centre - half, centre + half)
+    figure, axes = plt.subplots(1, 4, figsize=(20, 5), layout="constrained")
+    for panel in axes:
+        panel.set_box_aspect(1)  # all panels of the same height
 
     plane_axes(axes[0], f"CT slice {stages['slice']} and its outline, {len(points)} vertices", window)
     height, width = picture.shape[:2]
@@ -35,15 +38,15 @@ def main():
     holes = [numpy.array(ring, dtype=float) * step for cut in sheet["cuts"] for ring in cut["hole"]]
     centre = numpy.vstack(holes).mean(axis=0)
     after = sheet["after"]
-    plane_axes(axes[2], "punctured: the hole, re-meshed locally", (centre - 11, centre + 11))
+    plane_axes(axes[2], "punctured: the mesh around the hole", (centre - 11, centre + 11))
     draw_mesh(axes[2], numpy.array(after["vertices"], dtype=float) * step, numpy.array(after["triangles"]), width=0.7)
     draw_rings(axes[2], holes, HOLE, 2.0)
 
     axes[3].plot(recording["t_s"], recording["fz_delivered_N"], color=HOLE, lw=1.8)
     axes[3].set(xlabel="time (s)", ylabel="force on the hand (N)", xlim=(0, float(recording["t_s"][-1])))
-    axes[3].set_title("three slices, one after the other", loc="left")
+    axes[3].set_title("three slices punctured one after the other", loc="left")
     axes[3].grid(True)
-    save(figure, pathlib.Path(sys.argv[5]))
+    save(figure, pathlib.Path(sys.argv[5]), draw_caption=False)
 
 
 if __name__ == "__main__":

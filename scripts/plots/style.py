@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the plots have in common: look, reading of the programs' outputs, whole files."""
+"""Shared by the plots: colours and fonts, readers of the programs' outputs, writing of a picture with its caption."""
 import json
 import os
 import pathlib
+import textwrap
 
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy  # noqa: E402
+
+from captions import CAPTIONS  # noqa: E402
 
 BONE = "#e9dfc9"       # material
 LINE = "#2f4858"       # mesh edges
@@ -25,15 +28,26 @@ plt.rcParams.update({
 })
 
 
-def save(figure, path):
-    """The PNG appears whole or not at all; the same data give the same bytes."""
+def save_plain(figure, path, **metadata):
+    """Writes the PNG, complete or not at all; the same data give the same bytes."""
     path = pathlib.Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    figure.savefig(temporary, format="png", metadata={"Software": None})
+    figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.12, metadata={"Software": None, **metadata})
     os.replace(temporary, path)
     plt.close(figure)
     print(path)
+
+
+def save(figure, path, draw_caption=True, **numbers):
+    """Writes the PNG with its caption: the one of that name in captions.py with `numbers` filled in. It is drawn
+    below the figure unless draw_caption is False, and stored as the PNG's Description, which index.py reads."""
+    caption = CAPTIONS[pathlib.Path(path).stem].format(**numbers)
+    if draw_caption:
+        width, height = figure.get_size_inches()
+        figure.text(0.01, -0.12 / height, textwrap.fill(caption, int(13.5 * width)), ha="left", va="top", fontsize=9.5, color="#333333",
+                    linespacing=1.35)
+    save_plain(figure, path, Description=caption, Comment="caption drawn" if draw_caption else "caption not drawn")
 
 
 def read_json(path):
@@ -41,7 +55,7 @@ def read_json(path):
 
 
 def read_recording(path):
-    """A recording's columns as {name: array}; columns of words stay words."""
+    """A recording's columns as {name: array}; columns of names stay text."""
     with open(path, encoding="ascii") as stream:
         names = stream.readline().rstrip("\n").split(",")
     table = numpy.genfromtxt(path, delimiter=",", skip_header=1, dtype=None, encoding="ascii")

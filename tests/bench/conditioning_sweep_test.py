@@ -55,7 +55,7 @@ def main():
     page = html.Page("t")
     conditioning.show(data, page)
     assert "<svg" in page.text() and "wrong sign" in page.text()
-    assert len(conditioning.readme(data)) == 1
+    assert len(conditioning.results(data)) == 1
 
     assert sweep({**plan, "poses": 0}).returncode == 2 and sweep({**plan, "network_side": 3}).returncode == 2
     assert sweep({}).returncode == 2

@@ -40,8 +40,8 @@ def main():
     import page as html
     page = html.Page("t")
     deformation.show(data, page)
-    assert "kept every one of its bounds" in page.text() and "<svg" in page.text()
-    assert len(deformation.readme(data)) == 2 + 7 + 2
+    assert "kept all of its bounds" in page.text() and "<svg" in page.text()
+    assert len(deformation.results(data)) == 2 + 7 + 2
 
     assert sweep({**plan, "places": 0}).returncode == 2
     assert sweep({"assets": []}).returncode == 2

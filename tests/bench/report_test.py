@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""report_test.py SOURCE: the parts of scripts/report that judge: what moved, what is recommended, what
-README.md gets, numbers as they are shown."""
+"""report_test.py SOURCE: the parts of scripts/report that compare and choose: what has changed, what is recommended, what
+RESULTS.md and README.md get, how numbers are shown."""
 import contextlib
 import importlib
 import io
@@ -17,7 +17,7 @@ sys.path[:0] = [str(LIBRARY), str(LIBRARY / "sections"), str(SOURCE / "scripts" 
 import against  # noqa: E402
 import page as html  # noqa: E402
 import pipeline  # noqa: E402
-import readme  # noqa: E402
+import results  # noqa: E402
 
 
 def report(**changed):
@@ -44,7 +44,7 @@ def check_against():
     assert "s/rows/a/triangles" in page.text() and "s/rows/a/total_ms" not in page.text()
     with contextlib.redirect_stdout(io.StringIO()) as said:
         against.show("old.json", report(), report(triangles=14, total_ms=20.0), html.Page("t"))
-    assert "1 errors, counts or bytes and 1 times moved" in said.getvalue() and said.getvalue().count("x 2\n") == 2, said.getvalue()
+    assert "1 errors, counts or bytes and 1 times changed" in said.getvalue() and said.getvalue().count("x 2\n") == 2, said.getvalue()
 
 
 def check_sections():
@@ -66,14 +66,14 @@ def check_sections():
             "outlines": [{"id": "L3", "slices": 3, "vertices": 9, "simplify_ms": 1, "triangulate_ms": 1, "cgal_triangulate_ms": 3, "cgal_over_ours_ratio": 3}]}
     page = html.Page("t")
     meshing.show(data, page)
-    assert "<svg" in page.text() and "4.0 to 6.0 times as long (median 5.0)" in page.text() and meshing.readme(data)[0].endswith("0.50 of its triangles (median 0.50).")
+    assert "<svg" in page.text() and "4.0 to 6.0 times as long (median 5.0)" in page.text() and meshing.results(data)[0].endswith("0.50 of its triangles (median 0.50).")
     what = [remeshing.CUT, remeshing.READY, "replica, after the hand-over", remeshing.CAVITY, remeshing.SLICE]
     data = {"sheets": [{"triangles_removed_median": 30}],
             "rows": [{"vertices": n, "what": w, "samples": 9, "median_us": 2.0 + k, "p99_us": 5.0, "max_us": 9.0, "to_cut_ratio": 1.0 + k}
                      for n in (10000, 200000) for k, w in enumerate(what)]}
     page = html.Page("t")
     remeshing.show(data, page)
-    assert "<svg" in page.text() and "meets 30 triangles" in page.text() and len(remeshing.readme(data)) == 1
+    assert "<svg" in page.text() and "meets 30 triangles" in page.text() and len(remeshing.results(data)) == 1
 
 
 def check_recommendation():
@@ -87,13 +87,25 @@ def check_recommendation():
     assert len({p["id"] for p in (pipeline.point(), pipeline.point(lattice_bits=7), pipeline.point(contour="pixel"))}) == 3
 
 
-def check_readme(folder):
-    file = folder / "README.md"
-    file.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n")
+def check_page(folder):
+    """RESULTS.md is written whole, README.md between its marks; a second run changes nothing."""
+    file, page = folder / "README.md", folder / "RESULTS.md"
+    file.write_text(f"before\n{results.BEGIN}\nold\n{results.END}\nafter\n")
     for _ in range(2):
-        readme.update(file, "a report", [["| x |"], ["| y |", "| z |", "", "words", "| w |"]])
-        assert file.read_text() == f"before\n{readme.BEGIN}\n| x |\n\n| y |\n| z |\n\nwords\n\n| w |\n\n(From `scripts/report`: a report.)\n{readme.END}\nafter\n"
-    assert readme.BEGIN in (SOURCE / "README.md").read_text() and readme.END in (SOURCE / "README.md").read_text()
+        results.update_readme(file, "a report", ["one", "two"])
+        text = file.read_text()
+        assert text.startswith(f"before\n{results.BEGIN}\n- one\n- two\n\n![") and text.endswith(f"(From `scripts/report`: a report.)\n{results.END}\nafter\n")
+        results.write_page(page, "a report", [("A", ["| x |"]), ("B", ["| y |", "| z |", "", "text", "| w |"])])
+        assert page.read_text().endswith("Measured: a report.\n\n## A\n\n| x |\n\n## B\n\n| y |\n| z |\n\ntext\n\n| w |\n")
+    readme = (SOURCE / "README.md").read_text()
+    listed = readme.partition(results.BEGIN)[2].partition(results.END)[0]
+    assert listed.count("\n- ") == results.HEADLINES and results.PICTURE in listed
+    assert (SOURCE / results.PICTURE).stat().st_size <= 150_000
+    committed = (SOURCE / "tests" / "bench" / "RESULTS.md").read_text()
+    import main as report_main
+    sections = [importlib.import_module(f"sections.{name}") for name in report_main.SECTION_NAMES]
+    assert all(f"\n## {section.TITLE}\n" in committed and hasattr(section, "results") for section in sections)
+    assert sum(hasattr(section, "headline") for section in sections) == results.HEADLINES
 
 
 def check_arguments(folder):
@@ -102,6 +114,7 @@ def check_arguments(folder):
     assert code() == code("--full") == code("--quick", "--only", "pipeline") == 0
     (folder / "no.json").write_text("{}")
     assert code("--ful") == code("--quick", "--full") == code("--only", "nothing") == code("--against", folder / "no.json") == 2
+    assert code("--page") == code("--readme") == 0 and code("--page", "--only", "pipeline") == 2
 
 
 def main():
@@ -113,7 +126,7 @@ def main():
     check_against()
     check_recommendation()
     with tempfile.TemporaryDirectory() as folder:
-        check_readme(pathlib.Path(folder))
+        check_page(pathlib.Path(folder))
         check_arguments(pathlib.Path(folder))
     check_sections()
     return 0

@@ -52,7 +52,7 @@ def main():
         page = html.Page("t")
         scenes.show(data, page)
         assert "<svg" in page.text() and "One slice of 350" in page.text()
-        assert len(scenes.readme(data)) == 2 + 3 * len(assets) + 2
+        assert len(scenes.results(data)) == 2 + 3 * len(assets) + 2
 
         assert sweep({**plan, "repetitions": 0}).returncode == 2
         assert sweep({**plan, "scene_slices": [40]}).returncode == 2  # of an asset of 35

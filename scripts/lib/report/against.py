@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What moved between two reports."""
+"""What has changed between two reports."""
 import re
 
-NOISE_OF_TIMES = 0.10  # relative; times that moved less are not shown
-NOISE_OF_HEAP = 0.005  # of bytes on the heap, which know the lengths of paths
+NOISE_OF_TIMES = 0.10  # relative; smaller changes of times are not shown
+NOISE_OF_HEAP = 0.005  # of bytes on the heap, which depend on the lengths of paths
 NOISE_OF_REST = 1e-6
 OF = " of "
 
 
 def figures(value, path=()):
-    """Every number by its path; rows of lists go by their id, plain lists also by their length: a grid is held against its like."""
+    """Every number by its path. Rows of lists are named by their id, entries of plain lists by index and length, so that
+    only grids of the same size are compared."""
     if isinstance(value, dict):
         for key, part in value.items():
             yield from figures(part, (*path, key))
@@ -21,17 +22,17 @@ def figures(value, path=()):
 
 
 def is_time(path):
-    """Times, and what is made of them: ratios, rates."""
+    """True for times and what is computed from them: ratios, rates."""
     return not {"ms", "us", "s", "ratio", "Hz"}.isdisjoint(path.rsplit("/", 1)[-1].split("_"))
 
 
 def only(paths):
-    """Lists as one: a grid of other points is one figure that is gone, and one that is new."""
+    """The paths, each list as one entry: a grid of another size counts as one figure removed and one added."""
     return sorted({re.sub(rf"/\d+{OF}\d+.*", " (a list)", path) for path in paths})
 
 
 def noise(path):
-    """The least relative change that is shown; None: how often was measured, which says nothing."""
+    """The smallest relative change that is shown; None for the number of samples, which is never shown."""
     words = set(path.rsplit("/", 1)[-1].split("_"))
     if "samples" in words:
         return None
@@ -57,23 +58,23 @@ def moved(old, new):
 
 def show(name, old, new, page):
     rows, gone, fresh = moved(old, new)
-    page.section(f"What moved since {name}")
+    page.section(f"What has changed since {name}")
     if old["form"] != new["form"] or old["machine"]["processor"] != new["machine"]["processor"]:
-        page.text_block(f"Not like for like: {name} is a {old['form']} report from {old['machine']['processor']}.", verdict=True)
+        page.text_block(f"The two are not comparable: {name} is a {old['form']} report from {old['machine']['processor']}.", verdict=True)
     times = [row for row in rows if is_time(row[0])]
     rest = [row for row in rows if not is_time(row[0])]
     for title, part in (("Errors, counts, bytes", rest), (f"Times, by more than {100 * NOISE_OF_TIMES:.0f} %", times)):
-        page.heading(f"{title}: {len(part)} moved")
+        page.heading(f"{title}: {len(part)} changed")
         page.table(("figure", "before", "now", "ratio"), part[:40])
         if len(part) > 40:
             page.table(("figure", "before", "now", "ratio"), part[40:], folded=f"{len(part) - 40} more")
     if gone or fresh:
         page.table(("figure", "where"), [(p, "only before") for p in gone] + [(p, "only now") for p in fresh],
-                   folded=f"{len(gone)} figures are no more, {len(fresh)} are new")
-    print(f"since {name}: {len(rest)} errors, counts or bytes and {len(times)} times moved")
+                   folded=f"{len(gone)} figures removed, {len(fresh)} added")
+    print(f"since {name}: {len(rest)} errors, counts or bytes and {len(times)} times changed")
     shown = (rest[:20] + times[:20]) if rest and times else (rest + times)[:40]
     width = max((len(path) for path, *_ in shown), default=0)
     for path, a, b, ratio in shown:
         print(f"  {path:{width}}  {a:>12g}  {b:>12g}  {'' if ratio is None else f'x {ratio:.3g}'}")
     if len(shown) < len(rows):
-        print(f"  and {len(rows) - len(shown)} more on the page")
+        print(f"  and {len(rows) - len(shown)} more in the page")

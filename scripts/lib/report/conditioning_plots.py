@@ -7,7 +7,7 @@ UNIT = 2.0 ** -53
 
 
 def bars(axes, rows, title, series):
-    """series: (label, colour, error's key, bound's key or None)."""
+    """series: [(label, colour, key of the error, key of the bound or None)]."""
     for k, row in enumerate(rows):
         for shift, (label, color, key, bound) in zip((-0.14, 0.14), series):
             y = k + (shift if len(series) > 1 else 0)

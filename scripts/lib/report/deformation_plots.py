@@ -21,8 +21,8 @@ def label(row):
 
 def pareto(curves):
     figure, grid = plt.subplots(len(curves), 3, figsize=(12, 3.6 * len(curves)), layout="constrained", squeeze=False)
-    panels = (("force_error", "force error", lambda row: row["solve_us"], "\N{MICRO SIGN}s a solve"),
-              ("displacement_error", "displacement error", lambda row: row["solve_us"], "\N{MICRO SIGN}s a solve"),
+    panels = (("force_error", "force error", lambda row: row["solve_us"], "\N{MICRO SIGN}s per solve"),
+              ("displacement_error", "displacement error", lambda row: row["solve_us"], "\N{MICRO SIGN}s per solve"),
               ("force_error", "force error", answer_us, "\N{MICRO SIGN}s from the sheet to an answer"))
     for line, (scan, methods) in zip(grid, curves.items()):
         for axes, (key, name, time, time_name) in zip(line, panels):
@@ -38,7 +38,7 @@ def pareto(curves):
                     if y[k] > LEAST and (method == "auto" or k in (0, 1, 2, 3, 5, 7, 9, 11)):
                         axes.annotate(label(row), (x[k], y[k]), xytext=(4, 4), textcoords="offset points", fontsize=7, color=color)
             axes.set(xlabel=time_name, ylabel=name, ylim=(LEAST / 2, 10))
-            if time is answer_us:  # all alike: the meshing
+            if time is answer_us:  # similar for all: dominated by the meshing
                 axes.set_xscale("linear")
                 axes.set_xlim(0, 1.15 * axes.get_xlim()[1])
                 axes.grid(True)

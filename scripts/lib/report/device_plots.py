@@ -8,7 +8,7 @@ RING_COLOURS = (OUTER, HOLE)
 
 
 def condition_maps(rings, extent_m, kind):
-    """One row a ring of legs, one column a height; white where a leg cannot reach."""
+    """One row per ring of legs, one column per height; white where a leg cannot reach."""
     chosen = [[m for m in ring["maps"] if m["extent_m"] == extent_m] for ring in rings]
     heights = len(chosen[0])
     figure, grid = plt.subplots(len(rings), heights, figsize=(2.5 * heights + 1.2, 5.4), layout="constrained", squeeze=False,
@@ -65,7 +65,7 @@ def by_tilt(rings):
 def allocation(rows):
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8), layout="constrained")
     force = [row["force_N"] for row in rows]
-    for key, color, style, name in (("feasible_percent", GREY, "-", "what the limits allow at all"),
+    for key, color, style, name in (("feasible_percent", GREY, "-", "possible within the limits"),
                                     ("exact_percent", OUTER, "-", "delivered exactly"),
                                     ("minimum_norm_fits_percent", HOLE, "--", "the pseudo-inverse alone fits")):
         left.plot(force, [row[key] for row in rows], style, color=color, lw=1.6, label=name)
@@ -73,7 +73,7 @@ def allocation(rows):
     for key, style, name in (("max", ":", "largest"), ("p95", "--", "95 %"), ("median", "-", "median")):
         right.plot(force, [row[f"clipping_direction_error_{key}_deg"] for row in rows], style, color=HOLE, lw=1.6, label=f"clipping, {name}")
     right.plot(force, [row["direction_error_max_deg"] for row in rows], color=OUTER, lw=1.6, label="Trocar, largest")
-    right.plot(force, [100 * (1 - row["mean_scale"]) for row in rows], "-", color=THRESHOLD, lw=1.2, label="Trocar: mean force held back (%)")
+    right.plot(force, [100 * (1 - row["mean_scale"]) for row in rows], "-", color=THRESHOLD, lw=1.2, label="Trocar: mean reduction of the force (%)")
     right.set(xlabel="wanted force (N)", ylabel="direction error of the force (deg)")
     for axes in (left, right):
         axes.grid(True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""On what a report was measured: machine, system, versions."""
+"""Describes what a report was measured on: machine, system, versions."""
 import os
 import pathlib
 import platform
@@ -51,7 +51,7 @@ def versions(root, programs):
 
 
 def busy(report):
-    """The load average, if there was more work than cores."""
+    """The load average if it exceeds the number of cores, else None."""
     machine = report["machine"]
     load = max(machine["load_average_at_start"], machine.get("load_average_at_end", 0))
     return load if load > machine["cores_count"] else None
@@ -59,7 +59,7 @@ def busy(report):
 
 def sentence(report):
     machine = report["machine"]
-    meanwhile = ", busy with other work meanwhile" if busy(report) else ""
+    meanwhile = ", busy with other work at the time" if busy(report) else ""
     return (f"{report['form']} report of {report['made'][:10]}, trocar {report['versions']['trocar']}, {machine['processor']}, "
             f"{machine['cores_count']} cores{meanwhile}, {report['versions']['compiler']}")
 
@@ -70,6 +70,6 @@ def show(report, page):
                     f"{machine['memory_bytes'] / 2**30:.1f} GiB), {report['versions']['system']}. Times are medians in one process, "
                     "one thread unless said otherwise. All figures with their names: report.json.")
     if load := busy(report):
-        page.text_block(f"The machine was busy with other work meanwhile (load average {load:.1f} on {machine['cores_count']} "
-                        "cores): wall-clock times are too long; errors, counts and bytes are not concerned.", verdict=True)
+        page.text_block(f"The machine was busy with other work (load average {load:.1f} on {machine['cores_count']} "
+                        "cores): wall-clock times are too long; errors, counts and bytes are not affected.", verdict=True)
     page.table(("what", "version"), list(report["versions"].items()), folded="versions")

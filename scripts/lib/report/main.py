@@ -3,10 +3,11 @@
 
 A section is one file of sections/ with
     TITLE, ORDER             its heading, and its place on the page
-    measure(context) -> {}   runs programs, gives what goes into report.json: every number's unit in
-                             its name, every row of a list with an "id"
-    show(data, page)         puts tables and plots of that onto the page; calls nothing, measures nothing
-    readme(data) -> [str]    (optional) its lines for README.md
+    measure(context) -> {}   runs programs and returns the section's part of report.json: every number has
+                             its unit in its name, every row of a list has an "id"
+    show(data, page)         adds tables and plots of these data to the page; measures nothing
+    results(data) -> [str]   its lines for tests/bench/RESULTS.md
+    headline(data) -> str    (optional) its most important figure in a sentence, for README.md
 """
 import argparse
 import dataclasses
@@ -22,7 +23,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent.parent / "plots")]
 
 import against  # noqa: E402
 import machine  # noqa: E402
-import readme  # noqa: E402
+import results  # noqa: E402
 
 SCHEMA = 1
 SECTION_NAMES = sorted(path.stem for path in (HERE / "sections").glob("*.py") if path.stem != "__init__")
@@ -30,11 +31,11 @@ SECTION_NAMES = sorted(path.stem for path in (HERE / "sections").glob("*.py") if
 
 @dataclasses.dataclass
 class Context:
-    """What a section may use."""
+    """What a section's measure() may use."""
     full: bool
     programs: pathlib.Path  # folder of the built programs
     sample: pathlib.Path    # the sample scan: png/, dicom/, sample.nii.gz
-    scratch: pathlib.Path   # for files of the section's own
+    scratch: pathlib.Path   # for the section's temporary files
     head_ct: pathlib.Path | None
     real_ct: pathlib.Path | None
 
@@ -44,7 +45,7 @@ def existing(path):
 
 
 def write(path, text):
-    """The file appears whole or not at all."""
+    """Writes the complete file or none."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.write_text(text, encoding="utf-8")
     os.replace(temporary, path)
@@ -58,12 +59,14 @@ def arguments():
     form.add_argument("--full", action="store_true")
     parser.add_argument("--only", action="append", choices=SECTION_NAMES)
     parser.add_argument("--against", type=pathlib.Path)
-    parser.add_argument("--readme", action="store_true")
-    parser.add_argument("--check", action="store_true")  # of these arguments only
-    parser.add_argument("--redraw", action="store_true")  # index.html from the report.json that is there
+    parser.add_argument("--page", "--readme", dest="page", action="store_true")
+    parser.add_argument("--check", action="store_true")  # checks these arguments and ends
+    parser.add_argument("--redraw", action="store_true")  # index.html from the existing report.json
     for name in ("--root", "--bin", "--sample", "--out"):
         parser.add_argument(name, type=pathlib.Path)
     given = parser.parse_args()
+    if given.page and given.only:
+        parser.error("--page needs every section")
     if given.against is not None:
         try:
             given.against = (given.against.name, json.loads(given.against.read_text()))
@@ -90,6 +93,20 @@ def measure(given, sections):
     return report
 
 
+def write_into_sources(root, report, sections):
+    """tests/bench/RESULTS.md, README.md's headlines and their plot."""
+    import pipeline_plots
+    from style import save_plain
+
+    measured = {name: report["sections"][name] for name in sections if name in report["sections"]}
+    sentence = machine.sentence(report)
+    results.write_page(root / "tests" / "bench" / "RESULTS.md", sentence,
+                       [(sections[name].TITLE, sections[name].results(data)) for name, data in measured.items()])
+    results.update_readme(root / "README.md", sentence,
+                          [sections[name].headline(data) for name, data in measured.items() if hasattr(sections[name], "headline")])
+    save_plain(pipeline_plots.headline(sections["pipeline"].chosen_rows(measured["pipeline"])), root / results.PICTURE)
+
+
 def main():
     given = arguments()
     if given.check:
@@ -103,7 +120,7 @@ def main():
         report = measure(given, sections)
         write(given.out / "report.json", json.dumps(report, indent=1) + "\n")
 
-    import page as html  # not before: it brings matplotlib, and a wrong word should be told at once
+    import page as html  # imports matplotlib, which takes time: wrong arguments are reported before
     page = html.Page("Trocar: speed against error")
     machine.show(report, page)
     if given.against is not None:
@@ -113,10 +130,8 @@ def main():
             page.section(section.TITLE)
             section.show(report["sections"][name], page)
     write(given.out / "index.html", page.text())
-    if given.readme:
-        parts = [section.readme(report["sections"][name]) for name, section in sections.items()
-                 if name in report["sections"] and hasattr(section, "readme")]
-        readme.update(given.root / "README.md", machine.sentence(report), parts)
+    if given.page:
+        write_into_sources(given.root, report, sections)
 
 
 if __name__ == "__main__":

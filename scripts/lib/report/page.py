@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One HTML page without anything outside it: text, tables, plots as inline SVG."""
+"""A self-contained HTML page: text, tables, plots as inline SVG."""
 import html
 import io
 
@@ -17,7 +17,7 @@ tr.marked td { background: #fbf3da } svg { max-width: 100%; height: auto } figur
 
 
 def number(value, digits=3):
-    """Short and exact enough to read: 3 significant digits, thousands in groups."""
+    """Readable: 3 significant digits, thousands in groups."""
     if value is None:
         return "-"
     if isinstance(value, str):
@@ -47,7 +47,7 @@ class Page:
         self.parts.append(f"<p{' class=verdict' if verdict else ''}>{html.escape(text)}</p>")
 
     def table(self, head, rows, marked=(), folded=None):
-        """Cells: words or numbers. `marked`: indices of rows to point out. `folded`: shown on a click on this."""
+        """Cells: text or numbers. `marked`: indices of highlighted rows. `folded`: the heading under which the table is collapsed."""
         lines = ["<div class=wide><table><tr>" + "".join(f"<th>{html.escape(cell)}</th>" for cell in head) + "</tr>"]
         for k, row in enumerate(rows):
             cells = "".join(f"<td>{html.escape(number(cell))}</td>" for cell in row)
@@ -56,7 +56,7 @@ class Page:
         self.parts.append(f"<details><summary>{html.escape(folded)}</summary>{table}</details>" if folded else table)
 
     def plot(self, figure, caption):
-        """The same figure gives the same bytes; ids differ from figure to figure."""
+        """The same figure gives the same bytes; the SVG ids of different figures differ."""
         self.figures += 1
         stream = io.StringIO()
         with plt.rc_context({"svg.hashsalt": f"{self.title}/{self.figures}"}):

@@ -20,7 +20,7 @@ def column(rows, key):
 
 
 def plain_ticks(axis, span):
-    """1, 10, 0.1 rather than powers; some more between where the axis spans little."""
+    """Tick labels 1, 10, 0.1 instead of powers, with intermediate ticks on short axes."""
     def short(value, _):
         return f"{value:,.0f}".replace(",", "\N{THIN SPACE}") if value >= 1000 else f"{value:g}"
     axis.set_major_formatter(matplotlib.ticker.FuncFormatter(short))
@@ -57,7 +57,7 @@ def recommendation(data, noisy, clean, default_mm, near):
         row = next(row for row in noisy if row["tolerance_mm"] == tolerance)
         left.loglog(row["triangles"] / row["slices"], row["mean_distance_mm"], marker, color=CHOSEN, ms=14 if marker == "*" else 10,
                     zorder=1, label=name)
-    left.set(xlabel="triangles a slice", ylabel="mean distance to the exact cross-section (mm)")
+    left.set(xlabel="triangles per slice", ylabel="mean distance to the exact cross-section (mm)")
     short_range(left)
     left.legend(loc="upper right")
     costs = data["recommended"]["costs"]
@@ -66,7 +66,7 @@ def recommendation(data, noisy, clean, default_mm, near):
     right.axhspan(1, near, color=THRESHOLD, alpha=0.25, lw=0)
     for tolerance, marker in ((default_mm, "s"), (data["recommended"]["tolerance_mm"], "*")):
         right.loglog(tolerance, costs[x.index(tolerance)]["over_least"], marker, color=CHOSEN, ms=14 if marker == "*" else 10, zorder=1)
-    right.set(xlabel="tolerance (mm)", ylabel="mean distance \N{MULTIPLICATION SIGN} triangles, over its least")
+    right.set(xlabel="tolerance (mm)", ylabel="mean distance \N{MULTIPLICATION SIGN} triangles, over its minimum")
     short_range(right)
     return figure
 
@@ -75,7 +75,7 @@ def pareto(curves, default_mm, chosen_mm):
     figure, grid = plt.subplots(len(curves), 3, figsize=(12, 3.5 * len(curves)), layout="constrained", squeeze=False, sharey="row")
     for line, (scan, kinds) in zip(grid, curves.items()):
         for axes, key, name in zip(line, ("triangles", "asset_bytes", "total_ms_per_slice"),
-                                   ("triangles a slice", "asset bytes a slice", "ms a slice, pixels to encoded mesh")):
+                                   ("triangles per slice", "asset bytes per slice", "ms per slice, pixels to encoded mesh")):
             for kind, rows in kinds.items():
                 color, marker, label = KINDS[kind]
                 x = column(rows, key) if key.endswith("_per_slice") else per_slice(rows, key)
@@ -136,18 +136,18 @@ def area_errors(curves):
 def parameter(curves, key, name, log, default, no_bound):
     """Three panels against one parameter: (figure, caption)."""
     panels = {
-        "min_angle_deg": (("triangles", "triangles a slice"), ("refine_ms_per_slice", "refinement, ms a slice"),
+        "min_angle_deg": (("triangles", "triangles per slice"), ("refine_ms_per_slice", "refinement, ms per slice"),
                           ("smallest_angle_deg", "smallest angle (deg)")),
-        "max_area_mm2": (("triangles", "triangles a slice"), ("asset_bytes", "asset bytes a slice"),
-                         ("total_ms_per_slice", "ms a slice")),
-        "lattice_bits": (("mean_distance_mm", "mean distance (mm)"), ("bytes_per_triangle", "bytes a triangle, without outline"),
+        "max_area_mm2": (("triangles", "triangles per slice"), ("asset_bytes", "asset bytes per slice"),
+                         ("total_ms_per_slice", "ms per slice")),
+        "lattice_bits": (("mean_distance_mm", "mean distance (mm)"), ("bytes_per_triangle", "bytes per triangle, without outline"),
                          ("triangles_below_min_angle", "triangles below 30\N{DEGREE SIGN} a slice")),
     }[key]
     captions = {
-        "min_angle_deg": "The smallest angle of the whole mesh includes those of the input's own small angles, where no mesh can do better; "
-                         "the table counts triangles below the wanted angle, and those that no input angle explains.",
-        "max_area_mm2": "Rightmost: no bound on the area. A bound below what the angles alone ask for is paid in triangles.",
-        "lattice_bits": "A scan whose pixels are narrower than eight lattice steps is refused: its curve begins where it is not.",
+        "min_angle_deg": "The smallest angle of the whole mesh includes triangles at small angles of the input, which no mesh can avoid; "
+                         "the table counts triangles below the bound, and those not at a small input angle.",
+        "max_area_mm2": "Rightmost: no bound on the area. A bound smaller than the angles alone require costs triangles.",
+        "lattice_bits": "A scan whose pixels are narrower than eight lattice steps is refused; its curve starts at the first lattice that is fine enough.",
     }
     figure, grid = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
     for axes, (figure_key, label) in zip(grid, panels):
@@ -185,7 +185,7 @@ def stages(rows):
         axes.text(left[k], k, f"  {left[k]:.2f} ms, {row['triangles'] / row['slices']:.0f} triangles", va="center", fontsize=8)
     axes.invert_yaxis()
     axes.set_xlim(0, left.max() * 1.25)
-    axes.set_xlabel("ms a slice")
+    axes.set_xlabel("ms per slice")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=len(STAGES), fontsize=8)
     return figure
 
@@ -217,7 +217,7 @@ def discs(rows):
             axes.loglog(x, column(some, f"{kind}_worst_area_error_percent"), "-", color=color, lw=0.6)
         for radius, bound in ((20, 0.1), (5, 1.0)):
             axes.plot(radius, bound, "v", color=CHOSEN, ms=8, zorder=3, label="bound: 1 % at 5 px, 0.1 % at 20 px" if radius == 5 else None)
-        axes.set_title("sharp: each pixel its coverage" if blur == 0 else f"blurred edge, sigma {blur:g} px", loc="left")
+        axes.set_title("sharp edge: each pixel holds its coverage" if blur == 0 else f"blurred edge, sigma {blur:g} px", loc="left")
         axes.set_xlabel("radius (px)")
         short_range(axes, y=False)
         plain_ticks(axes.yaxis, 1e4)
@@ -242,13 +242,29 @@ def simplifiers(rows):
             right.loglog(x, [row["approxPolyDP"]["ms_per_slice"] for row in some], style, color=color, lw=0.6)
     left.set(xlabel="tolerance (px)", ylabel="rings that cv::approxPolyDP breaks (%)")
     ours = sum(row["trocar"]["collapsed_rings"] + row["trocar"]["crossing_rings"] for row in rows)
-    left.text(0.99, 0.02 if ours == 0 else 0.5, f"broken by Trocar, in all: {ours}", transform=left.transAxes, ha="right",
+    left.text(0.99, 0.02 if ours == 0 else 0.5, f"broken by Trocar in total: {ours}", transform=left.transAxes, ha="right",
               color=LINE, fontsize=9, fontweight="bold")
     left.set_ylim(bottom=-8)
-    right.set(xlabel="tolerance (px)", ylabel="ms a slice (thin: cv::approxPolyDP)")
+    right.set(xlabel="tolerance (px)", ylabel="ms per slice (thin: cv::approxPolyDP)")
     right.axhline(1.5, color=HOLE, lw=1, ls=":")
     right.text(0.1, 1.5, "bound: 1.5 ms", color=HOLE, fontsize=8, va="bottom")
     left.legend(fontsize=7.5)
     short_range(left, y=False)
     short_range(right)
+    return figure
+
+
+def headline(chosen):
+    """`chosen`: (scan, "sub-pixel" or "pixel chains", row). Distance to the reference and time of a slice, side by side."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 0.62 + 0.25 * len(chosen)), layout="constrained", sharey=True)
+    labels = [f"{scan}, {contour}, {row['tolerance_mm']:g} mm" for scan, contour, row in chosen]
+    colours = [HOLE if contour == "pixel chains" else OUTER for _, contour, _ in chosen]
+    for axes, key, name, digits in ((left, "mean_distance_mm", "mean distance to the reference (mm)", 3), (right, "total_ms_per_slice", "time per slice (ms)", 2)):
+        values = [row[key] for _, _, row in chosen]
+        axes.barh(range(len(chosen)), values, color=colours, height=0.7)
+        for place, value in enumerate(values):
+            axes.text(value, place, f" {value:.{digits}f}", va="center", fontsize=8)
+        axes.set(xlabel=name, xlim=(0, 1.15 * max(values)))
+    left.set_yticks(range(len(chosen)), labels, fontsize=8.5)
+    left.invert_yaxis()
     return figure

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conditioning: what rounding does to predicates, the network's equilibrium, the Jacobian and the torques.
+"""Conditioning: rounding errors of the predicates, the network's equilibrium, the Jacobian and the torques.
 
-Measured by the program conditioning_sweep, each against integers of any length or 50 digits. Nothing here
+Measured by the program conditioning_sweep, against integers of any length or 50 digits. Nothing here
 depends on the machine's speed."""
 import json
 import subprocess
@@ -25,7 +25,7 @@ def worst(rows, *keys):
 
 
 def figures(data):
-    """What of each part, ordinary and worst: (name, inputs, ordinary error, hard error)."""
+    """For each part: (name, rows, error on ordinary inputs, largest error on all inputs)."""
     network, jacobian, allocation = data["network"], data["jacobian"], data["allocation"]
     displacement = ("displacement_error_local", "displacement_error_global")
     stiffness = ("stiffness_error_local", "stiffness_error_global")
@@ -53,28 +53,28 @@ def show(data, page):
     page.heading("The network's equilibrium")
     page.text_block("Against elimination in 50 digits of the network that the lattice's integers define. Displacements are relative to the tool's "
                     "depth; bound: 4 units of rounding times Skeel's condition number of the equilibrium. The stiffness is a sum of springs' "
-                    "forces, and where a free sheet as a whole hangs on a bed next to nothing, what is left of that sum is less than its terms by "
-                    "the factor under cancellation.")
+                    "forces, and where a free sheet is held only by a very soft bed, the sum is smaller than its terms by "
+                    "the factor in the column cancellation.")
     page.table(("inputs", "free nodes", "condition", "cancellation", "springs and beds", "displacement, local", "global", "bound", "stiffness, local", "global", "bound"),
                [(row["id"], row["count"], row["condition"], row["cancellation"], row["coefficient_error"], row["displacement_error_local"],
                  row["displacement_error_global"], row["bound"], row["stiffness_error_local"], row["stiffness_error_global"], row["stiffness_bound"])
                 for row in data["network"]])
     page.heading("The Jacobian")
-    page.text_block("Each row relative to its largest entry, against differences in 50 digits of the closed-form inverse kinematics. Towards the end "
-                    "of a branch, where a leg is stretched or folded, an angle answers without bound, and errors grow as the inverse of the "
-                    "distance; at the end itself it is refused as singular.")
-    page.table(("poses", "count", "refused as singular", "nearest to a branch's end, m", "compact form", "influence coefficients", "bound"),
+    page.text_block("Each row relative to its largest entry, against differences in 50 digits of the closed-form inverse kinematics. Near the end "
+                    "of a branch, where a leg is stretched or folded, the angle's derivative is unbounded, and errors grow with the inverse of the "
+                    "distance; at the end itself the pose is refused as singular.")
+    page.table(("poses", "count", "refused as singular", "least distance to a branch's end, m", "compact form", "influence coefficients", "bound"),
                [(row["id"], row["count"], row["refused_as_singular"], row.get("nearest_branch_m"), row.get("error_compact"),
                  row.get("error_influence"), row.get("bound")) for row in data["jacobian"]])
     page.heading("Torque allocation")
-    page.text_block("Against the optimum of the stated laws, enumerated in 50 digits. Bound: 64 units of rounding over the inverse condition number of the "
-                    "Jacobian, times the slope of the torques (law 6 of torque_allocation.h) or, for scale and wrench, the spread of the limits.")
+    page.text_block("Against the optimum that torque_allocation.h states, enumerated in 50 digits. Bound: 64 units of rounding over the inverse condition number of the "
+                    "Jacobian, times the slope of the torques (torque_allocation.h) or, for scale and wrench, the spread of the limits.")
     page.table(("inputs", "count", "minimum norm", "null space", "scaled", "least inverse condition", "torques", "scale", "wrench", "largest part of its bound"),
                [(row["id"], row["count"], row["minimum_norm"], row["null_space"], row["scaled"], row["inverse_condition_least"], row["torque_error"],
                  row["scale_error"], row["wrench_error"], row["largest_part_of_bound"]) for row in data["allocation"]])
 
 
-def readme(data):
+def results(data):
     wrong, count = (sum(row[key] for row in data["predicates"]) for key in ("wrong_signs", "count"))
     errors = ", ".join(f"{name} {ordinary:.0e} ({hard:.0e})" for name, _, ordinary, hard in figures(data))
     return [f"Rounding, against 50 digits: {wrong} wrong signs of {count} predicates; largest relative error on ordinary inputs (and on those "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sheet's spring network: what each of its solvers costs, and how far it is from the whole slice.
+"""The sheet's spring network: cost and error of each solver.
 
 Measured by the program deformation_sweep at random places of the scans' slices; the reference is the
 equilibrium of the whole slice on the same triangles."""
@@ -54,7 +54,7 @@ def label(row):
 
 
 HEAD = ("", "force error %", "95 %", "most", "displacement error %", "95 %", "most", "first tick's force error %",
-        "free nodes", "\N{MICRO SIGN}s a solve", "\N{MICRO SIGN}s before it", "\N{MICRO SIGN}s meshing", "\N{MICRO SIGN}s an answer", "radius mm")
+        "free nodes", "\N{MICRO SIGN}s per solve", "\N{MICRO SIGN}s before it", "\N{MICRO SIGN}s meshing", "\N{MICRO SIGN}s an answer", "radius mm")
 
 
 def cells(row):
@@ -67,23 +67,23 @@ def cells(row):
 
 def show(data, page):
     page.text_block(
-        f"A hexagon of {1e3 * data['tool_radius_m']:g} mm at random places of each scan's slices, rims and holes among them; reach "
-        f"\N{GREEK SMALL LETTER LAMDA} = {1e3 * data['reach_m']:g} mm. Errors are against the whole slice on the same triangles: of the tool's force, and "
-        "the largest displacement error over the depth; medians over the places unless the head says otherwise. \N{MICRO SIGN}s a solve: one tick's "
+        f"A hexagon of {1e3 * data['tool_radius_m']:g} mm at random places of each scan's slices, including near rims and holes; reach "
+        f"\N{GREEK SMALL LETTER LAMDA} = {1e3 * data['reach_m']:g} mm. Errors are relative to the solution of the whole slice on the same triangles: of the tool's force, and "
+        "of the displacements (the largest, over the depth); medians over the places unless the column says otherwise. \N{MICRO SIGN}s per solve: one tick's "
         "work for a general load (the haptic thread itself needs only one product, as the answer is linear in the depth). "
-        "\N{MICRO SIGN}s before it: network and factorisation, a worker's work when the tool has moved; meshing: the region cut out of the sheet and refined; "
-        "answer: all of it, for auto with the choice of the radius.")
+        "\N{MICRO SIGN}s before it: network and factorisation, done by a worker when the tool has moved; meshing: the region is cut out of the sheet and refined; "
+        "answer: all of these, for auto including the choice of the radius.")
     for scan in scans_of(data):
         bounds = rows_of(data, scan, "auto")
         kept = all(row[f"{error}_error_max"] <= row["parameter"] for row in bounds for error in ("force", "displacement"))
         page.text_block(
-            f"{scan}: auto kept {'every one of its bounds' if kept else 'NOT all of its bounds'} at {bounds[0]['places']} places; at 1 % its largest errors were "
+            f"{scan}: auto kept {'all of its bounds' if kept else 'NOT all of its bounds'} at {bounds[0]['places']} places; at 1 % its largest errors were "
             f"{100 * bounds[1]['force_error_max']:.2g} % of force and {100 * bounds[1]['displacement_error_max']:.2g} % of displacement, with {bounds[1]['free_nodes']:.0f} "
-            f"free nodes and {bounds[1]['solve_us']:.2g} \N{MICRO SIGN}s a solve (medians).", verdict=True)
+            f"free nodes and {bounds[1]['solve_us']:.2g} \N{MICRO SIGN}s per solve (medians).", verdict=True)
     curves = {scan: {method: rows_of(data, scan, method) for method in ("propagation", "local", "auto")} for scan in scans_of(data)}
     page.plot(plots.pareto(curves),
-              "Median errors against the time of a solve (left, middle), and of all that an answer at a new place takes a worker (right; propagation may use the sheet's own mesh). Propagation: depths 1 to 12; local: "
-              "radii of 1 to 12 half reaches; auto: bounds of 10, 1 and 0.1 %. Errors below 1e-7 are drawn there: the region is then the whole slice.")
+              "Median errors against the time of a solve (left, middle), and against a worker's whole time for an answer at a new place (right; propagation may use the sheet's own mesh). Propagation: depths 1 to 12; local: "
+              "radii of 1 to 12 half reaches; auto: bounds of 10, 1 and 0.1 %. Errors below 1e-7 are drawn at 1e-7: the region is then the whole slice.")
     for scan in scans_of(data):
         listed = [row for method in ("propagation", "local", "auto", "global") for row in rows_of(data, scan, method)]
         page.table(HEAD, [cells(row) for row in listed], [k for k, row in enumerate(listed) if row["method"] == "auto"], folded=f"{scan}: all figures")
@@ -93,8 +93,8 @@ def in_percent(error):
     return "< 1e-5" if error < 1e-7 else f"{100 * error:.2g}"
 
 
-def readme(data):
-    lines = ["| scan | solver of the network | force error %, median (most) | displacement error %, median (most) | free nodes | µs a solve | µs an answer |",
+def results(data):
+    lines = ["| scan | solver of the network | force error %, median (most) | displacement error %, median (most) | free nodes | µs per solve | µs per answer |",
              "| --- | --- | --- | --- | --- | --- | --- |"]
     for scan in scans_of(data):
         chosen = [row for row in rows_of(data, scan, "propagation") if row["parameter"] in (4, 8)]
@@ -103,5 +103,11 @@ def readme(data):
             lines.append(f"| {scan} | {label(row)} | {in_percent(row['force_error'])} ({in_percent(row['force_error_max'])}) | "
                          f"{in_percent(row['displacement_error'])} ({in_percent(row['displacement_error_max'])}) | {row['free_nodes']:.0f} | "
                          f"{row['solve_us']:.2g} | {'' if plots.answer_us(row) is None else round(plots.answer_us(row))} |")
-    return [*lines, "", "Errors against the whole slice on the same triangles; a hexagon of 3 mm, reach 8 mm. A solve: a tick's work for a general load. "
-            "An answer: from the sheet to stiffness and shape at a new place, a worker's work."]
+    return [*lines, "", "Errors relative to the whole slice on the same triangles; a hexagon of 3 mm, reach 8 mm. Solve: the work of one tick for a general load. "
+            "Answer: from the sheet to stiffness and shape at a new place, done by a worker."]
+
+
+def headline(data):
+    rows = [row for row in data["rows"] if row["method"] == "auto" and row["parameter"] == 0.01]
+    return (f"Deformation: the spring network, asked for an error of at most 1 %, is off by at most {100 * max(row['force_error_max'] for row in rows):.2g} % in force "
+            f"and takes at most {max(row['solve_us'] for row in rows):.2g} us per solve (median of a scan).")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slices to assets: what each choice of trocar-mesh costs and what it buys.
+"""Slices to assets: cost and error for each setting of trocar-mesh.
 
-Measured by the program pipeline_sweep. On the phantom the truth is exact (where a noiseless scanner
+Measured by the program pipeline_sweep. On the phantom the reference is exact (where a noiseless scanner
 reads the iso-value); on real scans the reference is the sub-pixel contour at full resolution."""
 import json
 import subprocess
@@ -19,9 +19,9 @@ AREAS_MM2 = (1, 2, 5, 10, 20, 50, 100, NO_AREA_BOUND_MM2)
 LATTICE_BITS = (4, 5, 6, 7, 8, 9, 10, 12, 14)
 PIXEL_MM = 0.3125  # of the phantom
 
-# The recommendation is read off the noisy phantom, where the scan itself bounds what can be had. Mean
-# distance times triangles is least where a per cent of error costs a per cent of triangles: any finer, and
-# error falls slower than meshes grow. The bottom is flat; what is this near to the least is drawn as a band.
+# The recommendation comes from the noisy phantom, where the scan's noise limits the accuracy. Mean distance
+# times triangles has its minimum where a per cent of error costs a per cent of triangles: at finer tolerances
+# the mesh grows faster than the error falls. The minimum is flat; values within this factor of it are drawn as a band.
 NEAR_LEAST = 1.10
 
 
@@ -70,7 +70,7 @@ def measure(context):
 
 
 def rows_of(data, scan, **fixed):
-    """The measured rows of a scan at the default but for what is fixed to something else; None leaves free."""
+    """The rows of a scan at the default settings, except those given in `fixed`; None leaves a setting free."""
     wanted = {**DEFAULT, **fixed}
     return [row for row in data["rows"] if row["scan"] == scan and "refused" not in row
             and all(value is None or row[key] == value for key, value in wanted.items())]
@@ -102,8 +102,8 @@ def per_slice(row, key):
     return row[key] / row["slices"]
 
 
-HEAD = ("", "Hausdorff mm", "99 % mm", "mean mm", "area error %", "triangles a slice", "asset bytes a slice",
-        "triangle bytes each", "ms a slice", "smallest angle deg", "below wanted", "of these unexplained")
+HEAD = ("", "Hausdorff mm", "99 % mm", "mean mm", "area error %", "triangles per slice", "asset bytes per slice",
+        "triangle bytes each", "ms per slice", "smallest angle deg", "below the bound", "of these unexplained")
 
 
 def cells(label, row):
@@ -125,18 +125,18 @@ def show_recommendation(data, page):
     cost = {cost["tolerance_mm"]: cost["over_least"] for cost in recommended["costs"]}
     page.text_block(
         f"{t:g} mm ({recommended['tolerance_px_of_phantom']:.2f} of the phantom's pixels); the program's default is {default:g} mm. "
-        "On the phantom with 12 HU of noise the scan itself bounds what can be had: the unsimplified contour is "
-        f"{floor['mean_distance_mm']:.3f} mm off on average, with {per_slice(floor, 'triangles'):.0f} triangles a slice. Mean distance times "
-        f"triangles is least at {t:g} mm, with a flat bottom ({default:g} mm is {100 * (cost[default] - 1):.0f} % above): "
-        f"any finer, and error falls slower than the mesh grows. At {t:g} mm: "
+        "On the phantom with 12 HU of noise the scan itself limits the accuracy: the unsimplified contour is "
+        f"{floor['mean_distance_mm']:.3f} mm off on average, with {per_slice(floor, 'triangles'):.0f} triangles per slice. Mean distance times "
+        f"triangles is least at {t:g} mm, and the minimum is flat ({default:g} mm is {100 * (cost[default] - 1):.0f} % above): "
+        f"at finer tolerances the mesh grows faster than the error falls. At {t:g} mm: "
         f"{noisy['mean_distance_mm']:.3f} mm ({clean['mean_distance_mm']:.3f} mm without noise), area error {noisy['area_error_percent']:+.2f} %, "
-        f"{per_slice(noisy, 'triangles'):.0f} triangles a slice; at {default:g} mm: {coarse['mean_distance_mm']:.3f} mm, {coarse['area_error_percent']:+.2f} %, "
-        f"{per_slice(coarse, 'triangles'):.0f}. What is worth having goes with the pixel, about a third of one; on the real scans the reference is the "
-        "scan's own contour, so that their plots show the price only.", verdict=True)
+        f"{per_slice(noisy, 'triangles'):.0f} triangles per slice; at {default:g} mm: {coarse['mean_distance_mm']:.3f} mm, {coarse['area_error_percent']:+.2f} %, "
+        f"{per_slice(coarse, 'triangles'):.0f}. The useful tolerance scales with the pixel and is about a third of one; on the real scans the reference is the "
+        "scan's own contour, so that their plots show the cost only.", verdict=True)
     page.plot(plots.recommendation(data, rows_of(data, "phantom 12 HU", tolerance_mm=None),
                                    rows_of(data, "phantom", tolerance_mm=None), default, NEAR_LEAST),
               "Left: error against the exact cross-sections and triangles, labelled with the tolerance in mm. Right: their product "
-              "relative to its least; the band is what counts as its bottom.")
+              "relative to its minimum; the band shows what counts as minimal.")
 
 
 def show_tolerance(data, page):
@@ -149,7 +149,7 @@ def show_tolerance(data, page):
               "Each point is a tolerance, labelled in mm; down and to the left is better. Mean distance both ways to the exact "
               "cross-section (phantom) or to the full-resolution sub-pixel contour (L3, head).")
     page.plot(plots.errors(curves), "Distances against tolerance. The grey line is the tolerance itself; short strokes at the left: tolerance 0. "
-              "Chains through pixel centres start half a pixel inside the material, whatever the tolerance, and lose what is thinner than a pixel.")
+              "Chains through pixel centres start half a pixel inside the material, whatever the tolerance, and lose every wall thinner than a pixel.")
     page.plot(plots.area_errors(curves), "Area error over all slices, signed.")
     for scan in scans:
         listed = [row for contour in ("subpixel", "pixel") for row in data["rows"] if row["scan"] == scan and row["point"] in
@@ -163,7 +163,7 @@ def show_meshing(data, page):
     scans = scans_of(data)
     page.heading("Smallest angle, largest area, lattice")
     for title, key, values, name, log in (
-            ("smallest angle", "min_angle_deg", ANGLES_DEG, "smallest angle wanted (deg)", False),
+            ("smallest angle", "min_angle_deg", ANGLES_DEG, "requested smallest angle (deg)", False),
             ("largest area", "max_area_mm2", AREAS_MM2, "largest triangle allowed (mm\N{SUPERSCRIPT TWO})", True),
             ("lattice", "lattice_bits", LATTICE_BITS, "lattice bits N (step 2\N{SUPERSCRIPT MINUS}\N{MODIFIER LETTER CAPITAL N} mm)", False)):
         curves = {scan: [row for row in rows_of(data, scan, **{key: None}) if row[key] in values] for scan in scans}
@@ -180,21 +180,21 @@ def show_stages(data, page):
     rows = [row for tolerance in (DEFAULT["tolerance_mm"], data["recommended"]["tolerance_mm"])
             for scan in scans_of(data) if (row := find(data, scan, tolerance_mm=tolerance))]
     page.heading("Where the time goes")
-    page.plot(plots.stages(rows), "Milliseconds a slice by stage, pixels already in memory; encode (CPU time) includes decoding what was written.")
+    page.plot(plots.stages(rows), "Milliseconds per slice by stage, pixels already in memory; encode (CPU time) includes decoding the result.")
 
 
 def show_peers(data, page):
-    page.heading("Against the peers")
+    page.heading("Against other programs")
     path = data["path"]
     ratio = path["png_to_verified_glb_over_opencv_decode_ratio"]
     page.text_block(f"From {path['slices']} PNGs of 512 x 512 to a verified .glb in one thread: {ratio:.2f} times the time that OpenCV "
                     f"takes just to decode the same files (CPU time, medians, interleaved); from DICOM {path['dicom_to_glb_1_thread_cpu_ms'] / path['opencv_png_decode_cpu_ms']:.2f} "
                     f"times. With two threads {path['two_threads_speedup_ratio']:.2f} times faster than with one, by the wall clock.", verdict=True)
-    page.plot(plots.path(path), "Milliseconds for the sample scan, one thread, CPU time. The .glb is made in memory; writing it is the disk's matter.")
-    page.plot(plots.discs(data["discs"]), "Area error of discs, mean of the places within a pixel (thin: the worst). Pixel chains: cv::findContours.")
-    page.plot(plots.simplifiers(data["simplifiers"]), "cv::approxPolyDP simplifies ring by ring; rings that collapse, turn over, or cross, "
-              "of all rings. One exact test counts for both programs; Trocar's count is 0 everywhere unless the plot says otherwise.")
-    head = ("", "rings", "collapsed", "crossing", "slices broken", "vertices", "ms a slice")
+    page.plot(plots.path(path), "Milliseconds for the sample scan, one thread, CPU time. The .glb is made in memory; writing it to disk is not included.")
+    page.plot(plots.discs(data["discs"]), "Area error of discs, mean over positions within a pixel (thin: the worst). Pixel chains: cv::findContours.")
+    page.plot(plots.simplifiers(data["simplifiers"]), "cv::approxPolyDP simplifies ring by ring; the share of rings that collapse, change orientation or cross. "
+              "The same exact test is used for both programs; Trocar's count is 0 everywhere unless the plot says otherwise.")
+    head = ("", "rings", "collapsed", "crossing", "slices broken", "vertices", "ms per slice")
     page.table(head, [(f"{row['id']}: {program}", row["rings"], of["collapsed_rings"], of["crossing_rings"],
                        f"{of['broken_slices']} of {row['slices']}", of["vertices"], of["ms_per_slice"])
                       for row in data["simplifiers"] for program in ("trocar", "approxPolyDP") for of in (row[program],)],
@@ -202,10 +202,10 @@ def show_peers(data, page):
 
 
 def show(data, page):
-    page.text_block("Distances are between the outline that the asset holds (simplified, refined, on the lattice) and the truth, both ways, "
-                    "read every eighth of a pixel. On the phantom the truth is exact: where a noiseless scanner of the same "
+    page.text_block("Distances are between the outline that the asset holds (simplified, refined, on the lattice) and the reference, in both directions, "
+                    "sampled every eighth of a pixel. On the phantom the reference is exact: where a noiseless scanner of the same "
                     "apertures reads 226 HU. On the real scans L3 (1.5 mm pixels) and head (0.96 mm) it is the sub-pixel contour at full "
-                    "resolution on a 2\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT FOUR} mm lattice, so those errors are the simplification's and the lattice's alone. "
+                    "resolution on a 2\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT FOUR} mm lattice, so those errors come from simplification and lattice only. "
                     "Regions below 1 mm\N{SUPERSCRIPT TWO} are dropped on both sides.")
     show_recommendation(data, page)
     show_tolerance(data, page)
@@ -214,23 +214,33 @@ def show(data, page):
     show_peers(data, page)
 
 
-def readme(data):
-    def line(label, row):
-        return (f"| {label} | {row['tolerance_mm']:g} | {row['mean_distance_mm']:.3f} | {row['hausdorff_mm']:.2f} | {row['area_error_percent']:+.2f} | "
-                f"{per_slice(row, 'triangles'):.0f} | {row['bytes_per_triangle']:.2f} | {row['total_ms_per_slice']:.2f} |")
-
-    lines = ["| scan, contour | tolerance mm | mean distance mm | Hausdorff mm | area error % | triangles a slice | bytes a triangle | ms a slice |",
-             "| --- | --- | --- | --- | --- | --- | --- | --- |"]
+def chosen_rows(data):
+    """What RESULTS.md and the headline plot show: (scan, "sub-pixel" or "pixel chains", row)."""
+    rows = []
     for scan in scans_of(data):
         for tolerance in dict.fromkeys((DEFAULT["tolerance_mm"], data["recommended"]["tolerance_mm"])):
             if row := find(data, scan, tolerance_mm=tolerance):
-                lines.append(line(f"{scan}, sub-pixel", row))
+                rows.append((scan, "sub-pixel", row))
         if row := find(data, scan, contour="pixel"):
-            lines.append(line(f"{scan}, pixel chains", row))
+            rows.append((scan, "pixel chains", row))
+    return rows
+
+
+def results(data):
+    lines = ["| scan, contour | tolerance mm | mean distance mm | Hausdorff mm | area error % | triangles per slice | bytes per triangle | ms per slice |",
+             "| --- | --- | --- | --- | --- | --- | --- | --- |"]
+    for scan, contour, row in chosen_rows(data):
+        lines.append(f"| {scan}, {contour} | {row['tolerance_mm']:g} | {row['mean_distance_mm']:.3f} | {row['hausdorff_mm']:.2f} | {row['area_error_percent']:+.2f} | "
+                     f"{per_slice(row, 'triangles'):.0f} | {row['bytes_per_triangle']:.2f} | {row['total_ms_per_slice']:.2f} |")
     path = data["path"]
     broken = [sum(row[program]["collapsed_rings"] + row[program]["crossing_rings"] for row in data["simplifiers"]) for program in ("trocar", "approxPolyDP")]
-    lines += ["", "Times: from pixels in memory to the encoded mesh, one thread. With noise the largest distance is the noise's. Chains through pixel "
-              "centres lose half a pixel all round, and every wall thinner than a pixel.",
-              "", f"From {path['slices']} PNGs to a verified `.glb`, one thread: {path['png_to_verified_glb_over_opencv_decode_ratio']:.2f} times what OpenCV "
-              f"takes to decode them. Rings that simplification broke in the whole sweep: {broken[0]}; `cv::approxPolyDP` on the same contours: {broken[1]}."]
-    return lines
+    return [*lines, "", "Times: from pixels in memory to the encoded mesh, one thread. On the phantom with noise the largest distance is caused by the noise. "
+            "Chains through pixel centres lose half a pixel all round, and every wall thinner than a pixel.",
+            "", f"From {path['slices']} PNGs to a verified `.glb`, one thread: {path['png_to_verified_glb_over_opencv_decode_ratio']:.2f} times what OpenCV "
+            f"takes to decode them. Rings that simplification broke in the whole sweep: {broken[0]}; `cv::approxPolyDP` on the same contours: {broken[1]}."]
+
+
+def headline(data):
+    row = find(data, "phantom 12 HU")
+    return (f"Outlines: on the noisy phantom the mean distance to the exact cross-section is {row['mean_distance_mm']:.3f} mm, with {per_slice(row, 'triangles'):.0f} triangles "
+            f"and {row['total_ms_per_slice']:.2f} ms for each slice.")

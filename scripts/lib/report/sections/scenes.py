@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene loading: what a session reads, decodes, factors and keeps of an asset, by the sizes of both.
+"""Scene loading: what a session reads, decodes, factors and stores of an asset, by the size of the scene and the asset.
 
-Measured by the program scene_sweep, in one process: the same slices, in an asset of their own and in
-the midst of larger ones."""
+Measured by the program scene_sweep, in one process: the same slices in an asset of their own and within
+larger assets."""
 import json
 import subprocess
 
@@ -38,15 +38,15 @@ def show(data, page):
         f"One slice of {max(ASSET_SLICES)}, against the same slice in an asset of its own: {worst['read_bytes_relative']:.3f} times the bytes "
         f"read, {worst['load_peak_bytes_relative']:.3f} times the memory, {worst['load_time_ratio']:.2f} times the time at most "
         f"(bound: {RATIO_BOUND}), and {slowest_ms:.2f} ms (bound: {ONE_SLICE_BOUND_MS} ms): "
-        f"{'both hold' if max(worst.values()) <= RATIO_BOUND and slowest_ms <= ONE_SLICE_BOUND_MS else 'NOT HELD'}.", verdict=True)
+        f"{'both bounds are kept' if max(worst.values()) <= RATIO_BOUND and slowest_ms <= ONE_SLICE_BOUND_MS else 'NOT KEPT'}.", verdict=True)
     page.text_block(
-        "Loading is from opening the asset to sheets that a tool can meet: the slices' bytes, their decoding, the proof of every "
-        "triangle, the grid for looking up. The files are in the page cache, times are medians taken in turn, and their ratio is of CPU time, which other work on the machine does not concern. Peak: bytes of the heap "
-        "at most while loading; kept: what stays of it, mostly room for the holes to come (the session's second replica apart). "
-        "Factored: free nodes of the networks that answer the tool, one region a slice; 0 where the tool meets nothing.")
+        "Loading runs from opening the asset to sheets ready for contact: reading the slices, decoding, verifying every "
+        "triangle, and the lookup grid. The files are in the page cache. Times are medians of interleaved runs; their ratio is of CPU time, which other work on the machine does not affect. Peak: the largest number of bytes on the heap "
+        "while loading; kept: the bytes after it, mostly capacity for later holes (without the session's second replica). "
+        "Factored: free nodes of the networks around the tool, one region per slice; 0 where the tool touches nothing.")
     page.plot(plots.loading([(scan, [row for row in data["rows"] if row["scan"] == scan],
                               [row for row in data["whole"] if row["scan"] == scan]) for scan in scans_of(data)]),
-              "Reading by the number of slices that the asset has: scenes of 1, 3 and 35 slices, and the whole of the file.")
+              "Reading by the number of slices that the asset has: scenes of 1, 3 and 35 slices, and the whole file.")
     page.table(("scan", "scene's slices", "asset's slices", "file kB", "read kB", "triangles decoded", "nodes factored", "peak kB", "kept kB",
                 "read ms", "load ms", "bytes ratio", "peak ratio", "kept ratio", "time ratio"),
                [(row["scan"], row["scene_slices"], row["asset_slices"], row["file_bytes"] / 1e3, row["read_bytes"] / 1e3,
@@ -55,10 +55,10 @@ def show(data, page):
                marked=[k for k, row in enumerate(data["rows"]) if row in one])
     page.table(("the whole file", "slices", "read kB", "peak kB", "read ms"),
                [(row["scan"], row["asset_slices"], row["read_bytes"] / 1e3, row["read_peak_bytes"] / 1e3, row["read_ms"])
-                for row in data["whole"]], folded="the whole of each file, for comparison")
+                for row in data["whole"]], folded="each whole file, for comparison")
 
 
-def readme(data):
+def results(data):
     lines = ["| scan | slices of the scene, of the asset | read kB | of | nodes factored | kept MB | ms to load | times bytes, memory, time of the slices alone |",
              "| --- | --- | --- | --- | --- | --- | --- | --- |"]
     for row in data["rows"]:
@@ -67,5 +67,5 @@ def readme(data):
         lines.append(f"| {row['scan']} | {row['scene_slices']} of {row['asset_slices']} | {row['read_bytes'] / 1e3:.1f} | {row['file_bytes'] / 1e3:.0f} | "
                      f"{row['factored_nodes']} | {row['kept_bytes'] / 1e6:.2g} | {row['load_ms']:.2g} | {row['read_bytes_relative']:.3f}, "
                      f"{row['load_peak_bytes_relative']:.3f}, {row['load_time_ratio']:.2f} |")
-    lines += ["", "Loading: from the file in the page cache to sheets that a tool can meet."]
+    lines += ["", "Loading: from the file in the page cache to sheets ready for contact."]
     return lines
