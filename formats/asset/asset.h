@@ -8,14 +8,14 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
-#include <nlohmann/json.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "formats/asset/draco_mesh.h"
-#include "formats/geometry/lattice.h"
 #include "formats/base/result.h"
+#include "formats/geometry/lattice.h"
 #include "formats/geometry/slice_mesh.h"
 
 namespace trocar {
@@ -33,17 +33,23 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline that the mesh has exactly
   SliceMesh mesh;  ///< empty if there is no material in the slice
-  nlohmann::json measures =
-      nlohmann::json::object();  ///< per-slice error figures, as in the report
+  /// Per-slice figures (area, angles, mean HU ...; asset.md lists them): a JSON object as text.
+  std::string measures_json = "{}";
 };
 
 struct Asset {
   Lattice lattice;
-  std::vector<AssetSlice> slices;  ///< in ascending index
-  std::string generator;           ///< program and version
-  nlohmann::json parameters = nlohmann::json::object();
+  std::vector<AssetSlice> slices;      ///< in ascending index
+  std::string generator;               ///< program and version
+  std::string parameters_json = "{}";  ///< what it was made with: a JSON object as text
   std::string input_digest;  ///< of the input (slice_stack.h says how), hex; empty if unknown
 };
+
+/// The labels of the label map that the asset was made from (`labels` in its parameters); empty if
+/// it was made by a threshold. Numbers that are no int are left out.
+std::vector<int> labels_of(const Asset& asset);
+/// Mean HU of the slice's material (`mean_hu` in its measures), if it is known.
+std::optional<double> mean_hu_of(const AssetSlice& slice);
 
 /// Where an asset's bytes go.
 struct AssetSizes {
@@ -73,7 +79,7 @@ struct EncodedSlice {
   double z_mm = 0;
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;
-  std::vector<std::uint8_t> measures;  ///< as CBOR, a tenth of the tree's size
+  std::string measures_json;
   std::vector<std::uint8_t> draco;
   std::size_t vertices = 0, triangles = 0;
   LatticeBox bounds;  ///< of the vertices

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <numeric>
 #include <utility>
 
@@ -189,11 +190,11 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
 
 // Counts, bounds and proofs come from the bytes just written, not from what we meant to write.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid) {
-  EncodedSlice out{
-      slice.index, slice.z_mm, slice.T_lps_plane, slice.pslg, json::to_cbor(slice.measures), {}, 0,
-      0,           {}};
-  if (slice.mesh.triangles.empty()) return out;
   const std::string where = "slice " + std::to_string(slice.index) + ": ";
+  if (!json::accept(slice.measures_json)) return bug(where + "its measures are not JSON");
+  EncodedSlice out{
+      slice.index, slice.z_mm, slice.T_lps_plane, slice.pslg, slice.measures_json, {}, 0, 0, {}};
+  if (slice.mesh.triangles.empty()) return out;
   auto bytes = encode_draco(slice.mesh, grid);
   if (!bytes) return bug(where + bytes.error().message);
   auto decoded =
@@ -216,6 +217,8 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes) {
+  json parameters = json::parse(head.parameters_json, nullptr, false);
+  if (parameters.is_discarded()) return bug("the asset's parameters are not JSON");
   GltfWriter gltf;
   AssetSizes counted;
   std::size_t bytes = 4096;
@@ -243,7 +246,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                   {{"trocar",
                     {{"index", slice.index},
                      {"z_mm", slice.z_mm},
-                     {"measures", json::from_cbor(slice.measures)}}}}}};
+                     {"measures", json::parse(slice.measures_json)}}}}}};
     if (slice.triangles > 0) {
       json primitives = json::array();
       primitives.push_back(triangles_primitive(gltf, slice, head.lattice, counted, record));
@@ -264,7 +267,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                {{"schema", kAssetSchema},
                                 {"lattice_bits", head.lattice.bits},
                                 {"slices", slices.size()},
-                                {"parameters", head.parameters},
+                                {"parameters", std::move(parameters)},
                                 {"input_digest", head.input_digest}}}});
   if (!file) return file.error();
   put_index(*file, std::move(records));

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "formats/asset/draco_mesh.h"
+#include "formats/base/json_text.h"
 
 namespace trocar {
 namespace {
@@ -76,7 +77,33 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   return pslg;
 }
 
+// The value under `key` of a JSON object given as text; null if there is none.
+nlohmann::json value_of(const std::string& object, const char* key) {
+  const nlohmann::json parsed = nlohmann::json::parse(object, nullptr, false);
+  return parsed.is_object() ? parsed.value(key, nlohmann::json()) : nlohmann::json();
+}
+
 }  // namespace
+
+std::vector<int> labels_of(const Asset& asset) {
+  std::vector<int> out;
+  const nlohmann::json labels = value_of(asset.parameters_json, "labels");
+  if (!labels.is_array()) return out;
+  for (const nlohmann::json& label : labels) {
+    if (!label.is_number()) continue;
+    const double number = label.get<double>();
+    if (number == std::rint(number) && number >= std::numeric_limits<int>::min() &&
+        number <= std::numeric_limits<int>::max()) {
+      out.push_back(static_cast<int>(number));
+    }
+  }
+  return out;
+}
+
+std::optional<double> mean_hu_of(const AssetSlice& slice) {
+  const nlohmann::json mean_hu = value_of(slice.measures_json, "mean_hu");
+  return mean_hu.is_number() ? std::optional(mean_hu.get<double>()) : std::nullopt;
+}
 
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
   int depth = 0;
@@ -113,7 +140,7 @@ Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::st
     return refused(name + ": lattice_bits missing or out of range");
   }
   asset.lattice.bits = bits.get<int>();
-  asset.parameters = ours.value("parameters", nlohmann::json::object());
+  asset.parameters_json = json_text(ours.value("parameters", nlohmann::json::object()));
   const nlohmann::json digest = ours.value("input_digest", nlohmann::json());
   if (digest.is_string()) asset.input_digest = digest.get<std::string>();
   return {};
@@ -131,7 +158,7 @@ Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
     return refused("a slice index out of range");
   slice.index = ours["index"].get<int>();
   slice.z_mm = ours["z_mm"].get<double>();
-  slice.measures = ours.value("measures", nlohmann::json::object());
+  slice.measures_json = json_text(ours.value("measures", nlohmann::json::object()));
   const nlohmann::json matrix = node.value("matrix", nlohmann::json());
   if (!matrix.is_array() || matrix.size() != 16 ||
       !std::all_of(matrix.begin(), matrix.end(), [](const nlohmann::json& number) {

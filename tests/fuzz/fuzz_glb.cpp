@@ -13,7 +13,7 @@ namespace {
 using trocar::AssetSlice;
 
 bool same(const AssetSlice& a, const AssetSlice& b) {
-  return a.index == b.index && a.z_mm == b.z_mm && a.measures == b.measures &&
+  return a.index == b.index && a.z_mm == b.z_mm && a.measures_json == b.measures_json &&
          a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
          a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles;
 }

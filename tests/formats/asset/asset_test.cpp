@@ -45,7 +45,7 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
   Asset asset;
   asset.lattice.bits = bits;
   asset.generator = "asset_test";
-  asset.parameters = {{"threshold", 226.5}, {"labels", {20, 22}}};
+  asset.parameters_json = R"({"labels":[20,22],"threshold":226.5})";
   asset.input_digest = "0123abcd";
   for (int i = 0; i < 3; ++i) {
     AssetSlice slice;
@@ -53,7 +53,7 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
     slice.z_mm = 0.1 * i;
     slice.T_lps_plane = Eigen::Translation3d(1.25, -3.1, 0.1 * i) *
                         Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
-    slice.measures = {{"area_mm2", 1.0 / 3.0}};
+    slice.measures_json = R"({"area_mm2":0.3333333333333333,"mean_hu":431.25})";
     if (i != 1) {
       slice.mesh = jittered_grid(13 + i, 7, 97, origin, 5 + static_cast<std::uint64_t>(i));
       slice.pslg = boundary_rings(slice.mesh);
@@ -86,14 +86,14 @@ TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
   ASSERT_TRUE(out) << out.error().message;
   EXPECT_TRUE(verify_asset(*out, "test"));
   EXPECT_EQ(out->lattice, in.lattice);
-  EXPECT_EQ(out->parameters, in.parameters);
+  EXPECT_EQ(out->parameters_json, in.parameters_json);
   EXPECT_EQ(out->input_digest, in.input_digest);
   EXPECT_EQ(out->generator, in.generator);
   ASSERT_EQ(out->slices.size(), in.slices.size());
   for (std::size_t i = 0; i < in.slices.size(); ++i) {
     EXPECT_EQ(out->slices[i].index, in.slices[i].index);
     EXPECT_EQ(out->slices[i].z_mm, in.slices[i].z_mm);
-    EXPECT_EQ(out->slices[i].measures, in.slices[i].measures);
+    EXPECT_EQ(out->slices[i].measures_json, in.slices[i].measures_json);
     EXPECT_EQ(out->slices[i].T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
     EXPECT_EQ(out->slices[i].pslg.rings, in.slices[i].pslg.rings);
     EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
