@@ -116,6 +116,34 @@ TEST(Asset, SizesAreThoseOfTheFile) {
   EXPECT_EQ(said.triangles, 2U * 7 * (13 + 15));
 }
 
+TEST(Asset, LabelsAndMeanHuComeFromTheJsonText) {
+  const Asset asset = make_asset(8);
+  EXPECT_EQ(labels_of(asset), (std::vector<int>{20, 22}));
+  EXPECT_EQ(mean_hu_of(asset.slices[0]), 431.25);
+  for (const char* text : {"{}", "[]", "", R"({"labels":22,"mean_hu":"400"})"}) {
+    Asset other;
+    other.parameters_json = text;
+    EXPECT_TRUE(labels_of(other).empty()) << text;
+    AssetSlice slice;
+    slice.measures_json = text;
+    EXPECT_FALSE(mean_hu_of(slice)) << text;
+  }
+  Asset mixed;
+  mixed.parameters_json = R"({"labels":["7",8.0,8.5,1e99,-3,18446744073709551615,true]})";
+  EXPECT_EQ(labels_of(mixed), (std::vector<int>{8, -3}));
+}
+
+TEST(Asset, ParametersAndMeasuresThatAreNotJsonAreABug) {
+  Asset asset = make_asset(8);
+  asset.parameters_json = "{";
+  ASSERT_FALSE(encode_asset(asset));
+  EXPECT_EQ(encode_asset(asset).error().code, ExitCode::kBug);
+  asset = make_asset(8);
+  asset.slices[1].measures_json = "not JSON";
+  ASSERT_FALSE(encode_asset(asset));
+  EXPECT_EQ(encode_asset(asset).error().message, "slice 3: its measures are not JSON");
+}
+
 TEST(Asset, DecodesOnlyTheSlicesAskedFor) {
   const auto glb = encode_asset(make_asset(8));
   const auto out = decode_asset(*glb, "test", {false, {5}});
