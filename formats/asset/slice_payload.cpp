@@ -52,7 +52,7 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   }
   if (xyz.size() != 3 * count || indices.size() != 2 * count)
     return refused("outline data outside the buffer or of the wrong size");
-  // Rings as written: (f, f+1) (f+1, f+2) ... (l, f).
+  // The segments of a ring: (f, f+1) (f+1, f+2) ... (l, f).
   Pslg pslg;
   Ring ring;
   std::size_t first = 0;
@@ -126,12 +126,13 @@ Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
   return parsed;
 }
 
-nlohmann::json our_extras(const nlohmann::json& extras) {
+nlohmann::json trocar_extras(const nlohmann::json& extras) {
   return extras.is_object() && extras.contains("trocar") ? extras["trocar"] : nullptr;
 }
 
-Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::string& name) {
-  const nlohmann::json ours = our_extras(extras);
+Result<void> read_document_extras(const nlohmann::json& extras, Asset& asset,
+                                  const std::string& name) {
+  const nlohmann::json ours = trocar_extras(extras);
   if (!ours.is_object() || ours.value("schema", nlohmann::json()) != kAssetSchema) {
     return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
   }
@@ -148,7 +149,7 @@ Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::st
 
 Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
   const nlohmann::json ours =
-      node.is_object() && node.contains("extras") ? our_extras(node["extras"]) : nullptr;
+      node.is_object() && node.contains("extras") ? trocar_extras(node["extras"]) : nullptr;
   if (!ours.is_object() || !ours.contains("index") || !ours["index"].is_number_integer() ||
       !ours.contains("z_mm") || !ours["z_mm"].is_number()) {
     return refused("a slice node without index and z_mm");
@@ -173,8 +174,8 @@ Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
   return slice;
 }
 
-Result<void> take_geometry(const SliceRecord& record, const GeometryBytes& bytes,
-                           const Lattice& lattice, AssetSlice& slice) {
+Result<void> decode_slice_geometry(const SliceRecord& record, const GeometryBytes& bytes,
+                                   const Lattice& lattice, AssetSlice& slice) {
   auto mesh = decode_triangles(record, bytes.draco, lattice);
   if (!mesh) return mesh.error();
   auto pslg = decode_lines(record, bytes, lattice);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// "--treshold": did you mean --threshold?
+// Suggestions for misspelt names: "--treshold": did you mean --threshold?
 #pragma once
 
 #include <string>
@@ -8,15 +8,15 @@
 
 namespace trocar {
 
-/// The candidate with the smallest edit distance (Levenshtein) to `name`, or empty if none is
-/// near enough (a third of the name's length, at least one) to be meant.
+/// The candidate with the smallest edit distance (Levenshtein) to `name`; empty if all are farther
+/// than a third of the name's length (at least 1) or the name has more than 64 bytes.
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
 
 /// ", did you mean X?" or nothing.
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);
 
-/// One line on the first word of the command line that no option took. `App` is CLI::App; a
-/// template, so that this folder need not know CLI11.
+/// An error message about the first word of the command line that belongs to no option. `App` is
+/// CLI::App; a template, so that formats/ does not depend on CLI11.
 template <typename App>
 std::string unexpected_word(const App& app) {
   const std::vector<std::string> rest = app.remaining(true);
@@ -31,8 +31,8 @@ std::string unexpected_word(const App& app) {
          app.get_name() + " --help)";
 }
 
-/// One line on the first word that is an empty value (a shell's unset variable, which CLI11 takes
-/// for no option at all), or nothing.
+/// An error message about the first empty value (often an unset shell variable, which CLI11 takes
+/// for a missing option), or nothing.
 std::string empty_value(int count, const char* const* words);
 
 }  // namespace trocar

@@ -197,7 +197,7 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
     std::memcpy(&record, bytes.data() + at, sizeof record);
     change(record);
     std::memcpy(bytes.data() + at, &record, sizeof record);
-    seal_index(bytes);
+    write_index_checksums(bytes);
     return bytes;
   };
   EXPECT_EQ(changed(1, [](SliceRecord&) {}), glb);
@@ -232,7 +232,7 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   }
   Bytes extras = glb;
   extras[file.binary_at + offsetof(IndexHeader, extras_bytes)] -= 1;
-  seal_index(extras);
+  write_index_checksums(extras);
   EXPECT_FALSE(decode_asset(extras, "test"));
 }
 

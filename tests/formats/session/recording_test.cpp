@@ -163,7 +163,7 @@ TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
   EXPECT_EQ(with(second, comma - second, "0"),
             "r.csv: line 3: t_s is not later than in the row before");
   EXPECT_EQ(with(second, comma - second + 1, ""), "r.csv: line 3: th_4_4_rad is not a number");
-  EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown word");
+  EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown name");
   const std::size_t end = good.find('\n', second);
   const std::size_t last = good.rfind(',', end);
   EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: motor_heat_max is missing");
@@ -173,10 +173,10 @@ TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
   for (int fields = 0; fields < 6; ++fields)
     asked = good.rfind(',', asked - 1);  // before recovery_asked
   EXPECT_EQ(with(asked + 1, 1, "2"), "r.csv: line 3: recovery_asked is neither 0 nor 1");
-  EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown word");
+  EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown name");
   EXPECT_EQ(with(second, 0, "\n"), "r.csv: line 3: t_s is not a number");
-  EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not a recording's header");
-  EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: no row");
+  EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not the header of a recording");
+  EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: has no row");
   EXPECT_FALSE(parse_recording("", "r.csv"));
   // Cut anywhere but at a line's end, a recording is refused.
   for (std::size_t length = 0; length < good.size(); ++length) {

@@ -218,7 +218,7 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"/tissue/threshold_N", 1e300, "/tissue/threshold_N"},
         Refusal{"/tissue/shaft/dry_friction_N", -1, "/tissue/shaft/dry_friction_N"},
         Refusal{"/tissue/shaft/presliding_m", 0, "/tissue/shaft/presliding_m"},
-        Refusal{"/tissues/1/name", "cortical", "/tissues/1/name: is there twice"},
+        Refusal{"/tissues/1/name", "cortical", "/tissues/1/name: occurs twice"},
         Refusal{"/tissues/1/labels", json::array({3}), "both labels and hu"},
         Refusal{"/tissues/0/labels", json::array({1.5}), "/tissues/0/labels"},
         Refusal{"/tissues/0/labels", json::array(), "/tissues/0/labels"},
