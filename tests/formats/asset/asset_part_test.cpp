@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slices of an asset without the rest: the laws of formats/asset/asset_index.h, and that cost
-// follows what is asked for.
+// Slices of an asset without the rest: the contract of formats/asset/asset_index.h, and that the
+// bytes read depend on the requested slices only.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -19,7 +19,7 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// A disc of n corners around its middle.
+// A disc of n corners, triangulated from its centre.
 AssetSlice disc(int index, int corners) {
   AssetSlice slice;
   slice.index = index;
@@ -42,7 +42,7 @@ AssetSlice disc(int index, int corners) {
   return slice;
 }
 
-// Every fifth slice has no material; indices leave a gap where `gap` says so.
+// Every fifth slice has no material. With `gap`, indices have a gap.
 Asset discs(int slices, int first, bool gap = false) {
   Asset asset;
   asset.generator = "asset_part_test";
@@ -76,7 +76,7 @@ IndexedFile index_of(const Bytes& glb) {
   return **find_index(source);
 }
 
-// The file as another tool might leave it: without our index, by its magic.
+// The file without a slice index (its magic is changed), as after another tool has rewritten it.
 Bytes without_index(Bytes glb) {
   glb[index_of(glb).binary_at] ^= 0xFF;
   return glb;
@@ -84,7 +84,7 @@ Bytes without_index(Bytes glb) {
 
 class AssetPartOf : public testing::TestWithParam<bool> {};
 
-TEST_P(AssetPartOf, IsWhatTheWholeHas) {
+TEST_P(AssetPartOf, EqualsTheSlicesOfTheWhole) {
   const Bytes glb = *encode_asset(discs(60, -7, GetParam()));
   const auto whole = decode_asset(glb, "test");
   ASSERT_TRUE(whole) << whole.error().message;
@@ -100,7 +100,7 @@ TEST_P(AssetPartOf, IsWhatTheWholeHas) {
       ASSERT_EQ(part->asset.slices.size(), 1U);
       expect_same(part->asset.slices[0], slice);
     }
-    // In whatever order and however often they are asked for, they ascend.
+    // Slices ascend, in whatever order and however often they are requested.
     const auto some = decode_asset_part(file, "test", {3, -7, 3, 0});
     ASSERT_TRUE(some);
     ASSERT_EQ(some->asset.slices.size(), 3U);
@@ -129,9 +129,9 @@ TEST(AssetPart, RefusesASliceThatIsNotThere) {
   EXPECT_TRUE(decode_asset_part(none, "test", {}));
 }
 
-// The same slices, in assets of one, 35 and 350: the same bytes read, but for the length of
-// numbers in the JSON and, across a gap, the steps of a bisection.
-TEST(AssetPart, ReadsWhatIsAskedForAlone) {
+// The same slices in assets of 1, 35 and 350: the bytes read are equal, except for the length of
+// numbers in the JSON and, with a gap, the steps of a bisection.
+TEST(AssetPart, ReadsOnlyTheRequestedSlices) {
   const auto read = [](const Asset& asset, std::vector<int> indices) {
     const Bytes glb = *encode_asset(asset);
     const auto part = decode_asset_part(glb, "test", std::move(indices));
@@ -151,7 +151,7 @@ TEST(AssetPart, ReadsWhatIsAskedForAlone) {
               static_cast<double>(read(discs(35, 250), some)), 20 * 4);
 }
 
-TEST(AssetPart, IsReadFromAFileToo) {
+TEST(AssetPart, FromAFileEqualsFromMemory) {
   const std::filesystem::path file = std::filesystem::temp_directory_path() /
                                      ("trocar_asset_part_" + std::to_string(::getpid()) + ".glb");
   const Bytes glb = *encode_asset(discs(20, 5));
@@ -169,8 +169,9 @@ TEST(AssetPart, IsReadFromAFileToo) {
   EXPECT_NE(absent.error().message.find(file.string()), std::string::npos);
 }
 
-// Law 1: an index that does not state the file's own sizes is none, and the file is read whole.
-TEST(AssetPart, AnIndexOfAnotherFileIsNone) {
+// Contract 1: an index that does not state the file's own sizes counts as absent; the file is read
+// whole.
+TEST(AssetPart, AnIndexOfAnotherFileCountsAsAbsent) {
   const Bytes glb = *encode_asset(discs(8, 0));
   const IndexedFile file = index_of(glb);
   for (const std::size_t field :
@@ -185,8 +186,8 @@ TEST(AssetPart, AnIndexOfAnotherFileIsNone) {
   }
 }
 
-// Law 2: decode_asset() refuses an index that disagrees with the JSON, also one whose checksums
-// are right.
+// Contract 2: decode_asset() refuses an index that disagrees with the JSON, even with right
+// checksums.
 TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   const Bytes glb = *encode_asset(discs(8, 0));
   const IndexedFile file = index_of(glb);
@@ -226,7 +227,7 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
     const auto out = decode_asset(bytes, "test");
     ASSERT_FALSE(out) << "change " << i;
     EXPECT_EQ(out.error().code, ExitCode::kRefused);
-    // Taken alone, it is a slice or a refusal.
+    // Reading the slice alone gives a slice or a refusal.
     const auto part = decode_asset_part(bytes, "test", {1});
     EXPECT_TRUE(part || part.error().code == ExitCode::kRefused);
   }
@@ -236,14 +237,14 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   EXPECT_FALSE(decode_asset(extras, "test"));
 }
 
-// Law 4: whichever byte changes, a part is refused or is what it was.
-TEST(AssetPart, AChangedByteIsSeen) {
+// Contract 4: whichever byte changes, a part is refused or unchanged.
+TEST(AssetPart, AChangedByteIsDetected) {
   const Bytes glb = *encode_asset(discs(3, 0));
   const auto whole = decode_asset(glb, "test");
   const IndexedFile file = index_of(glb);
   ASSERT_EQ(file.header.slices, 3U);
   std::mt19937_64 rng(3);
-  int unharmed = 0;
+  int unchanged = 0;
   for (std::size_t at = 0; at < glb.size(); ++at) {
     Bytes bytes = glb;
     bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ (1 + rng() % 255));
@@ -254,16 +255,16 @@ TEST(AssetPart, AChangedByteIsSeen) {
         EXPECT_EQ(part.error().message.find('\n'), std::string::npos);
         continue;
       }
-      // Without its index the file is read whole, which no checksum covers.
+      // Without an index the file is read whole, without checksums.
       if (part->read_bytes >= glb.size()) continue;
-      ++unharmed;
+      ++unchanged;
       EXPECT_TRUE(same(part->asset.slices[0], whole->slices[static_cast<std::size_t>(index)]))
           << "byte " << at;
       EXPECT_EQ(part->asset.lattice, whole->lattice);
       EXPECT_EQ(part->asset.parameters_json, whole->parameters_json);
     }
   }
-  EXPECT_GT(unharmed, 500);
+  EXPECT_GT(unchanged, 500);
 }
 
 }  // namespace
