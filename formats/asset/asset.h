@@ -59,7 +59,7 @@ struct AssetSizes {
 };
 
 /// The .glb's bytes. decode_asset() gives the same asset again, except for the order of a mesh's
-/// vertices and triangles. Fails (bug) if a slice is not valid or its JSON text is none, (refused)
+/// vertices and triangles. Fails (bug) if a slice or its JSON text is not valid, (refused)
 /// if the asset exceeds kMaxAssetExtent. `sizes`, if not null, is set to what asset_sizes() gives.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 

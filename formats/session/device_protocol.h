@@ -5,7 +5,8 @@
 //
 // Contract (tests/formats/session/device_protocol_test.cpp):
 //  1. A packet that decode accepts was made with the key, and encode gives the same bytes again.
-//  2. A packet is accepted once, in its own session and direction, and never after a newer one.
+//  2. A command or state is accepted once, in its own session and direction, and never after a
+//     newer one.
 //  3. A refused packet changes nothing.
 // No function except start_link allocates, locks, throws or reads a clock.
 #pragma once
