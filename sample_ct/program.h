@@ -4,8 +4,8 @@
 
 namespace trocar::sample {
 
-/// Runs the program with main()'s arguments and returns its exit code; an error is one
-/// line on stderr. Never throws.
+/// Writes the sample scan as the arguments say (argv as main() gets it) and returns
+/// the exit code; what went wrong is said in one line on stderr. Never throws.
 int run_sample_ct(int argc, const char* const* argv);
 
 }  // namespace trocar::sample

@@ -7,12 +7,11 @@ Read from the compiler's own dependency files (`ninja -t deps`), from the source
  1. formats includes neither pipeline nor runtime; pipeline and runtime never include
     each other; none of the three includes sample_ct or tests.
  2. formats and runtime include neither OpenCV nor CGAL nor GMP/MPFR nor Boost
-    (runtime/console alone may use Boost); PROGRAM loads none of their libraries.
+    (runtime/console alone may use Boost); PROGRAM loads none of their libraries. No header
+    of runtime reaches nlohmann/json, and of formats only FORMATS_JSON_HEADERS do.
  3. Only formats (and tests that look inside files) include tinygltf or Draco.
  4. Every source file carries the SPDX line of its folder: Apache-2.0, but
     GPL-3.0-or-later in pipeline/ and in tests that include pipeline or CGAL.
- 5. No header of runtime reaches nlohmann/json through its #include lines, and in formats
-    only the headers of FORMATS_JSON_HEADERS do.
 
 Every rule is first shown to fail on a made-up tree that breaks it.
 """
@@ -115,7 +114,7 @@ def check_include_lines(source):
 
 
 def check_json_headers(source):
-    """Rule 5, from the #include lines: this also covers headers that no unit includes yet."""
+    """Rule 2 for nlohmann/json, from the #include lines: this also covers headers that no unit includes yet."""
     line = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<(nlohmann/[^>]+)>)', re.MULTILINE)
 
     def path_to_json(name):

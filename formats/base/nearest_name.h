@@ -15,8 +15,8 @@ std::string nearest_name(std::string_view name, const std::vector<std::string>& 
 /// ", did you mean X?" or nothing.
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);
 
-/// An error message about the first word of the command line that belongs to no option. `App` is
-/// CLI::App; a template, so that formats/ does not depend on CLI11.
+/// One line on the first word of the command line that no option took. `App` is CLI::App; a
+/// template, so that this folder need not know CLI11.
 template <typename App>
 std::string unexpected_word(const App& app) {
   const std::vector<std::string> rest = app.remaining(true);
@@ -31,8 +31,8 @@ std::string unexpected_word(const App& app) {
          app.get_name() + " --help)";
 }
 
-/// An error message about the first empty value (often an unset shell variable, which CLI11 takes
-/// for a missing option), or nothing.
+/// One line on the first word that is an empty value (a shell's unset variable, which CLI11 takes
+/// for no option at all), or nothing.
 std::string empty_value(int count, const char* const* words);
 
 }  // namespace trocar

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The description of a haptic device: geometry, motors, joint limits, and the parameters of its
 // simulation. The mechanism is the paper's four-legged, eight-motor device (section III);
-// runtime/device/README.md says how the paper's lengths are interpreted.
+// runtime/mechanism/README.md says how the paper's lengths are interpreted.
 // File: JSON, schema formats/session/device.schema.json.
 #pragma once
 

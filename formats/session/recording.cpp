@@ -18,9 +18,9 @@ namespace trocar {
 namespace {
 
 constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
-constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
+constexpr std::array<const char*, 5> kPhaseWords = {"free", "contact", "punctured", "beside",
                                                     "fault"};
-constexpr std::array<const char*, kFaults> kFaultNames = {"none",
+constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "no_data",
                                                           "link_lost",
                                                           "write_failed",
@@ -40,9 +40,9 @@ constexpr std::array<const char*, kFaults> kFaultNames = {"none",
                                                           "torque_limit",
                                                           "torque_rate",
                                                           "motor_overload"};
-constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
+constexpr std::array<const char*, kSafetyStates> kSafetyWords = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
-constexpr std::array<const char*, kDeviceAnswers> kAnswerNames = {"ok", "no_data", "link_lost",
+constexpr std::array<const char*, kDeviceAnswers> kAnswerWords = {"ok", "no_data", "link_lost",
                                                                   "emergency_stop", "motor_fault"};
 
 std::vector<std::string> make_columns() {
@@ -212,16 +212,16 @@ class RowReader {
 }  // namespace
 
 const char* to_word(ContactPhase phase) {
-  return kPhaseNames.at(static_cast<std::size_t>(phase));
+  return kPhaseWords.at(static_cast<std::size_t>(phase));
 }
 const char* to_word(Fault fault) {
-  return kFaultNames.at(static_cast<std::size_t>(fault));
+  return kFaultWords.at(static_cast<std::size_t>(fault));
 }
 const char* to_word(SafetyState state) {
-  return kSafetyNames.at(static_cast<std::size_t>(state));
+  return kSafetyWords.at(static_cast<std::size_t>(state));
 }
 const char* to_word(DeviceAnswer answer) {
-  return kAnswerNames.at(static_cast<std::size_t>(answer));
+  return kAnswerWords.at(static_cast<std::size_t>(answer));
 }
 
 const std::string& recording_header() {
@@ -321,7 +321,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.tau_Nm);
     for (double& angle : row.encoder_rad)
       reader.number(angle);
-    reader.name(row.phase, kPhaseNames);
+    reader.name(row.phase, kPhaseWords);
     reader.number(row.active_slice);
     reader.finite(row.penetration_m);
     reader.finite(row.wrench_scale);
@@ -331,12 +331,12 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.number(row.response_stiffness_N_per_m);
     for (double& offset_m : row.response_offset_m)
       reader.number(offset_m);
-    reader.name(row.fault, kFaultNames);
-    reader.name(row.device_read, kAnswerNames);
-    reader.name(row.device_write, kAnswerNames);
-    reader.name(row.outside_fault, kFaultNames);
+    reader.name(row.fault, kFaultWords);
+    reader.name(row.device_read, kAnswerWords);
+    reader.name(row.device_write, kAnswerWords);
+    reader.name(row.outside_fault, kFaultWords);
     reader.flag(row.recovery_asked);
-    reader.name(row.safety, kSafetyNames);
+    reader.name(row.safety, kSafetyWords);
     reader.finite(row.authority);
     reader.finite(row.passivity_J);
     reader.finite(row.passivity_N_s_per_m);

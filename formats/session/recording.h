@@ -62,7 +62,7 @@ enum class SafetyState : std::uint8_t {
 };
 inline constexpr int kSafetyStates = 5;
 
-/// Outcome of reading from or writing to the device.
+/// How the device answered, as a word in the recording.
 enum class DeviceAnswer : std::uint8_t {
   kOk,             ///< "ok"
   kNoData,         ///< "no_data"
@@ -73,7 +73,6 @@ enum class DeviceAnswer : std::uint8_t {
 
 inline constexpr int kDeviceAnswers = 5;
 
-/// The names in recordings and summaries.
 const char* to_word(ContactPhase phase);
 const char* to_word(Fault fault);
 const char* to_word(SafetyState state);
@@ -102,9 +101,9 @@ struct RecordingRow {
   double response_stiffness_N_per_m = 0;
   std::array<double, 2> response_offset_m{};  ///< of the force, from the tool's centre
   Fault fault = Fault::kNone;
-  // Further inputs of a tick's torques, so that a replay gives them bit for bit.
+  // What else a tick's torques depend on, so that a replay gives them to the last bit.
   DeviceAnswer device_read = DeviceAnswer::kOk, device_write = DeviceAnswer::kOk;
-  Fault outside_fault = Fault::kNone;  ///< found outside the tick: late ticks, a full queue
+  Fault outside_fault = Fault::kNone;  ///< found outside of the tick: late ticks, a full queue
   std::uint8_t recovery_asked = 0;     ///< 1: the operator requested recovery at this tick
   // Results of the tick.
   SafetyState safety = SafetyState::kIdle;

@@ -56,7 +56,7 @@ struct NamedTissue {
 
 enum class ForceLawKind : std::uint8_t {
   kHooke,    ///< F = K dx (paper, Eq. 1)
-  kNetwork,  ///< the reaction of the sheet's spring network (runtime/deformation/README.md)
+  kNetwork,  ///< the reaction of the sheet's spring network (DESIGN, Force)
 };
 enum class NetworkSolver : std::uint8_t { kAuto, kLocal, kGlobal, kPropagation };
 
