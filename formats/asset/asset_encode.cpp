@@ -35,8 +35,7 @@ LatticeBox box_of(const std::vector<LatticePoint>& points) {
   return box;
 }
 
-// Accessor of positions. glTF requires the bounds of the float32 values; these are exact, since
-// lattice multiples are.
+// Of positions: glTF wants the bounds of the float32 values; lattice multiples are exact in it.
 json positions(std::size_t count, const LatticeBox& box, const Lattice& lattice) {
   return {{"componentType", kFloat},
           {"type", "VEC3"},
