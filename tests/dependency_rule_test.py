@@ -101,7 +101,7 @@ def check_units(units, source):
 
 
 def check_include_lines(source):
-    """Rule 1 again, on the #include lines: this also covers headers that no unit includes yet."""
+    """Rule 1 once more on what is written, so that a header counts that no unit uses yet."""
     broken = []
     line = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
     for folder in OURS:
@@ -114,7 +114,7 @@ def check_include_lines(source):
 
 
 def check_json_headers(source):
-    """Rule 2 for nlohmann/json, from the #include lines: this also covers headers that no unit includes yet."""
+    """Rule 2 for nlohmann/json, from the #include lines, so that every header is checked."""
     line = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<(nlohmann/[^>]+)>)', re.MULTILINE)
 
     def path_to_json(name):
@@ -283,12 +283,13 @@ def main():
     for folder in ("formats", "pipeline", "runtime"):
         if not any(folder_of(unit, source) == folder for unit in units):
             broken.append(f"no translation unit of {folder}/ found: the check would be empty")
-    broken += check_units(units, source) + check_include_lines(source) + check_json_headers(source)
+    broken += check_units(units, source) + check_include_lines(source)
     broken += check_licences(source, units)
     if len(sys.argv) == 4:
         program = sys.argv[3]
         loaded = subprocess.run(["ldd", program], check=True, stdout=subprocess.PIPE, text=True)
         broken += check_program(loaded.stdout, program)
+    broken += check_json_headers(source)
     for line in broken:
         print(line)
     print(f"{len(units)} translation units, {len(broken)} broken rules")
