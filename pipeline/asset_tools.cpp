@@ -254,14 +254,14 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
                       {"rings", s.pslg.rings.size()},
                       {"outline_segments", outline},
                       {"area_mm2", 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2},
-                      {"measures", s.measures}});
+                      {"measures", json::parse(s.measures_json)}});
   }
   return {{"generator", asset.generator},
           {"schema", kAssetSchema},
           {"lattice_bits", asset.lattice.bits},
           {"lattice_step_mm", asset.lattice.step_mm()},
           {"input_digest", asset.input_digest},
-          {"parameters", asset.parameters},
+          {"parameters", json::parse(asset.parameters_json)},
           {"bytes", bytes},
           {"triangles", triangles},
           {"slices", std::move(slices)}};

@@ -13,6 +13,7 @@
 #include <set>
 #include <utility>
 
+#include "formats/base/json_text.h"
 #include "pipeline/for_each_piece.h"
 #include "pipeline/report.h"
 
@@ -123,7 +124,7 @@ Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& op
 
   const auto start = std::chrono::steady_clock::now();
   auto encoded = encode_slice({index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-                               std::move(meshed->refined.mesh), slice_measures(*meshed)},
+                               std::move(meshed->refined.mesh), json_text(slice_measures(*meshed))},
                               *grid);
   if (!encoded) return encoded.error();
   out.slice = std::move(*encoded);
@@ -199,7 +200,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     return unwritable("interrupted; nothing was written");
   }
   BatchResult out;
-  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, parameters, {}};
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(parameters), {}};
   json warnings = json::array();
   for (const Warning& w : stack.warnings)
     warnings.push_back(to_json(w));

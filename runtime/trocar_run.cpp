@@ -22,12 +22,12 @@
 #include "formats/session/scene.h"
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_device.h"
+#include "runtime/program.h"
 #include "runtime/session/display.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/scene_needs.h"
 #include "runtime/session/session.h"
 #include "runtime/session/summary.h"
-#include "runtime/program.h"
 
 namespace trocar::runtime {
 namespace {
@@ -376,12 +376,12 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
   };
   if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments.summary.empty()) {
-    nlohmann::json summary = summarize(loaded.scene, options, report, remesher);
-    if (is_remote(arguments)) summary["link"] = of_link;
-    keep_error(write_file_atomically(arguments.summary, json_text(summary, 2) + "\n"));
+    const std::string text = summarize(loaded.scene, options, report, remesher,
+                                       is_remote(arguments) ? json_text(of_link) : "");
+    keep_error(write_file_atomically(arguments.summary, text + "\n"));
   }
   if (!arguments.meshes.empty()) {
-    const std::string text = json_text(describe_sheets(loaded.scene, remesher)) + "\n";
+    const std::string text = describe_sheets(loaded.scene, remesher) + "\n";
     keep_error(write_file_atomically(arguments.meshes, text));
   }
   if (!arguments.frames.empty()) keep_error(frames.finish());

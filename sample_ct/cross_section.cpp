@@ -12,7 +12,7 @@ namespace trocar::sample {
 namespace {
 
 constexpr double kRootTolerance_mm = 1e-10;
-// All soft tissue near bone reads between these, with its texture.
+// HU range of all soft tissue near bone, including its texture.
 constexpr double kSoftTissueTop_hu = 110, kSoftTissueBottom_hu = -120;
 
 /// The zero of f in [a, b] where f(a) < 0 <= f(b), to kRootTolerance_mm: ITP.
@@ -99,28 +99,28 @@ class Tracer {
         visit(i + di, j + dj, s);
   }
 
-  /// One square: joins each crossing where the material ends (walking round the
-  /// square counter-clockwise) to one where it begins, so that it stays on the left.
+  /// One square: going round it counter-clockwise, joins each crossing where the material
+  /// ends to one where it begins, so that the material stays on the left.
   void cell(int i, int j) {
     const std::array<std::array<int, 2>, 4> at{{{i, j}, {i + 1, j}, {i + 1, j + 1}, {i, j + 1}}};
     std::array<double, 4> f{};
     for (int c = 0; c < 4; ++c)
       f[c] = value(at[c][0], at[c][1]);
-    std::array<int, 4> turn{};  // +1: material ends on this side, -1: begins, 0: neither
+    std::array<int, 4> change{};  // +1: material ends on this edge, -1: begins, 0: neither
     int crossings = 0;
     for (int c = 0; c < 4; ++c) {
-      turn[c] = (f[c] >= 0) - (f[(c + 1) % 4] >= 0);
-      crossings += turn[c] != 0;
+      change[c] = (f[c] >= 0) - (f[(c + 1) % 4] >= 0);
+      crossings += change[c] != 0;
     }
     if (crossings == 0) return;
-    // Four crossings: whether the two corners of material join is the middle's say.
+    // Four crossings: the middle decides whether the two corners of material are joined.
     const bool joined = crossings == 4 && field_.value(position(i + 0.5, j + 0.5)) >= 0;
     for (int c = 0; c < 4; ++c) {
-      if (turn[c] != 1) continue;
+      if (change[c] != 1) continue;
       int end = c;
       do
         end = (end + (joined ? 1 : 3)) % 4;
-      while (turn[end] != -1);
+      while (change[end] != -1);
       next_[edge(at, f, c)] = edge(at, f, end);
     }
   }
@@ -141,10 +141,10 @@ class Tracer {
     return key;
   }
 
-  /// The curve's point over the middle of the chord ab, or nothing if none is near.
+  /// The curve's point across from the middle of the chord ab, or nothing if none is near.
   std::optional<Vec2> over_middle(Vec2 a, Vec2 b) const {
     const Vec2 chord = b - a, middle = 0.5 * (a + b);
-    const Vec2 right{chord.y, -chord.x};  // as long as the chord; out of the material
+    const Vec2 right{chord.y, -chord.x};  // of the chord's length; points out of the material
     const double f = field_.value(middle);
     if (f == 0) return middle;
     for (const double reach : {0.05, 0.25, 1.0, 2.0}) {
@@ -161,7 +161,7 @@ class Tracer {
     if (length < 1e-6) return true;
     const std::optional<Vec2> peak = over_middle(a, b);
     if (!peak) return false;
-    const double rise = cross(*peak - a, b - a) / length;  // positive out of the material
+    const double rise = cross(*peak - a, b - a) / length;  // positive outside the material
     if (std::abs(rise) <= options_.tolerance_mm || depth == 0) {
       section.area_mm2 += 2.0 / 3.0 * length * rise;
       section.area_error_mm2 += 0.25 * length * options_.tolerance_mm;
@@ -226,7 +226,7 @@ Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upp
   CrossSection section;
   section.z_mm = z_mm;
   section.tolerance_mm = options.tolerance_mm;
-  // Where two parts of the outline come closer than a cell, smaller cells part them.
+  // Where two parts of the outline are closer than a cell, smaller cells separate them.
   constexpr int kHalvings = 4;
   for (int halving = 0;; ++halving) {
     SectionOptions finer = options;
@@ -258,9 +258,9 @@ Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeomet
     return usage("iso-value " + std::to_string(iso_hu) + " HU is not between soft tissue (" +
                  std::to_string(kSoftTissueTop_hu) + ") and cancellous bone (" +
                  std::to_string(core) + ")");
-  // With the bone's surface this far from the pixel's aperture the reading is on
-  // one side of the iso-value: at most `tail` of it is the other side's, because
-  // Phi(-t) <= exp(-t^2 / 2) / 2.
+  // If the bone's surface is this far from the pixel's aperture, the reading is certainly
+  // on one side of the iso-value: at most the share `tail` of it is of the other side,
+  // because Phi(-t) <= exp(-t^2 / 2) / 2.
   const double tail =
       std::min((iso_hu - kSoftTissueTop_hu) / (phantom.tissue.cortical - kSoftTissueTop_hu),
                (core - iso_hu) / (core - kSoftTissueBottom_hu));
@@ -333,8 +333,8 @@ double SectionDistance::operator()(Vec2 p) const {
       best2 = std::min(best2, dot(w, w));
     }
   };
-  // Squares of cells about p, outward; what lies beyond square r is at least r
-  // cells away (from a p outside the grid even farther).
+  // Squares of cells around p, from the inside out; everything beyond square r is at least
+  // r cells away (farther if p is outside the grid).
   for (int r = 0; r <= std::max(columns_, rows_); ++r) {
     for (int i = ci - r; i <= ci + r; ++i) {
       look(i, cj - r);

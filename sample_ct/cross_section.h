@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The truth to measure errors against: the exact outline of the material at any
+// Ground truth for contouring errors: the exact outline of the material at any
 // height, as the level set of a smooth function of the plane.
 //
-// Two truths are offered:
-//  - surface_section: the anatomy itself, where the bone's outer surface is;
+// There are two:
+//  - surface_section: the anatomy, that is, the bone's outer surface;
 //  - iso_section: where a noiseless scanner of the given geometry (pixel and slice
-//    apertures, point spread) reads the iso-value between pixel centres too. This
-//    is what a perfect contour of the scan would be; it lies outside the anatomy
-//    by a few tenths of a mm at 226 HU, which is the threshold's doing and not a
-//    contouring program's.
+//    apertures, point spread) reads the iso-value, also between pixel centres. This
+//    is the contour that a perfect program would find in the scan. At 226 HU it lies
+//    a few tenths of a mm outside the anatomy, because of the threshold.
 //
-// Method: a quadtree that discards squares in which the distance to the bone's
-// surface rules the level set out, marching squares on the rest, every crossing
-// refined by bracketing root finding (ITP: Oliveira and Takahashi 2020), every chord
-// split until the curve's rise above it is below the tolerance.
+// Method: a quadtree discards squares that are too far from the bone's surface to
+// meet the level set; marching squares on the rest; every crossing is refined by
+// bracketing root finding (ITP: Oliveira and Takahashi 2020); every chord is split
+// until the curve's rise above it is below the tolerance.
 #pragma once
 
 #include <functional>
@@ -25,8 +24,8 @@
 namespace trocar::sample {
 
 struct SectionOptions {
-  /// Marching squares' cell: parts and gaps below it may be missed. Halved by itself,
-  /// up to four times, where the outline turns out to bend within a cell.
+  /// Cell of marching squares; smaller parts and gaps may be missed. It is halved, up to
+  /// four times, if the outline bends too sharply within a cell.
   double cell_mm = 0.2;
   double tolerance_mm = 1e-3;  ///< greatest rise of the true curve above a chord
 };
@@ -70,8 +69,8 @@ Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeomet
                                  const SectionOptions& options = {});
 
 /// Planar signed distance to a cross-section, negative in the material: exact for
-/// the polygon, hence within tolerance_mm of exact for the curve. Built once, O(n);
-/// asked often, O(1) near the outline.
+/// the polygon, hence within tolerance_mm of exact for the curve. Building
+/// takes O(n), a query O(1) near the outline.
 class SectionDistance {
  public:
   explicit SectionDistance(const CrossSection& section);

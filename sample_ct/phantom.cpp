@@ -11,7 +11,7 @@
 namespace trocar::sample {
 namespace {
 
-/// How much of a solid there is at signed distance d from it: Phi(-d / sigma).
+/// Share of a solid at signed distance d from its surface: Phi(-d / sigma).
 double coverage(double d, double sigma) {
   if (sigma <= 0) return d < 0 ? 1.0 : 0.0;
   const double t = d / sigma;
@@ -20,8 +20,8 @@ double coverage(double d, double sigma) {
   return 0.5 * std::erfc(t * (1 / std::numbers::sqrt2));
 }
 
-/// An upright elliptic cylinder, 1-Lipschitz (short of the true distance along its
-/// longer axis).
+/// Signed distance of an upright elliptic cylinder, 1-Lipschitz (smaller than the true
+/// distance along its longer axis).
 struct EllipseColumn {
   Vec2 centre;
   Vec2 semi_axes;
@@ -33,7 +33,7 @@ double column_distance(Vec2 p, const EllipseColumn& e) {
   return (norm(q) - 1) * std::min(e.semi_axes.x, e.semi_axes.y);
 }
 
-// Where soft tissue lies, in the anatomical frame. One side; the other mirrors it.
+// Muscles of one side, in the anatomical frame. The other side is the mirror image.
 constexpr EllipseColumn kPatient{{0, -12}, {168, 106}};
 constexpr double kSkin_mm = 1.6;
 constexpr EllipseColumn kAbdomen{{0, -62}, {120, 40}};
@@ -42,7 +42,7 @@ constexpr std::array<EllipseColumn, 5> kMuscles{{
     {{71, 26}, {9, 21}, {0.878, 0.479}},      // quadratus lumborum
     {{41, 61}, {25, 18}, {0.989, 0.149}},     // erector spinae
     {{13.5, 54}, {13, 17}, {0.969, -0.247}},  // multifidus
-    {{20, 33}, {26, 13}, {0.939, 0.343}},     // what fills in about the joints
+    {{20, 33}, {26, 13}, {0.939, 0.343}},     // filling around the joints
 }};
 constexpr EllipseColumn kAorta{{9, -30}, {9.5, 9.5}};
 constexpr EllipseColumn kVenaCava{{-16, -27}, {12.5, 8.5}, {0.980, 0.199}};
@@ -102,7 +102,7 @@ double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan) {
   lay(tissue.muscle + texture, std::max(muscle + uneven, 8.0 * (width - sheet)));
   lay(tissue.bowel + texture, column_distance(q, kAbdomen) + 4 * uneven);
   lay(tissue.vessel, std::min(column_distance(q, kAorta), column_distance(q, kVenaCava)));
-  // Ligaments about the column, the discs, the canal's contents.
+  // Ligaments around the column, the discs, the contents of the canal.
   const double column = disc_column_distance_mm(p);
   lay(tissue.muscle, column - 1.2);
   lay(tissue.disc, column);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The phantom: what is where, and how radio-dense it is, at any point in space.
-// Bone is analytic (vertebra.h); soft tissue is made of simple solids; both get
-// a faint seeded texture. No pixel, slice or noise comes into it: see render.h.
+// The phantom: tissue and radio-density (HU) at any point in space. Bone is
+// analytic (vertebra.h); soft tissue is made of simple solids; both get a faint
+// seeded texture. Pixels, slices and noise are added in render.h.
 //
-// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy
-// sits in it turned and shifted a little (options), z unchanged, so that nothing
-// is aligned with the pixel grid by accident.
+// Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is
+// rotated about z and shifted a little in it (options), so that nothing is aligned
+// with the pixel grid by accident.
 //
 // The scanner's in-plane blur (point spread) is part of the field, analytically:
 // across a surface at signed distance d the HU follow the normal distribution's
@@ -32,8 +32,8 @@ struct TissueHu {
   double canal = 20;
   double cortical = 900;
   double cancellous = 315;
-  double cancellous_texture = 40;  ///< greatest departure from the mean
-  double soft_texture = 9;         ///< greatest departure, fat and muscle
+  double cancellous_texture = 40;  ///< largest deviation from the mean
+  double soft_texture = 9;         ///< largest deviation, in fat and muscle
 };
 
 struct PhantomOptions {
@@ -55,8 +55,8 @@ BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
 /// sample_bone(phantom, p_scan).distance_mm.
 double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan);
 
-/// How much of a point reads as bone, and as cancellous core, after the in-plane
-/// blur: 0..1 each, core <= bone.
+/// Shares of bone and of cancellous core at a point after the in-plane blur: 0..1 each,
+/// core <= bone.
 struct BoneFractions {
   double bone = 0;
   double core = 0;
@@ -65,15 +65,15 @@ struct BoneFractions {
 };
 BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone);
 
-/// Farther from a surface than this, its blurred edge departs from 0 or 1 by less
+/// Beyond this distance from a surface, its blurred edge differs from 0 or 1 by less
 /// than 4e-4 (0.3 HU) and may be taken as 0 or 1.
 double edge_reach_mm(const PhantomOptions& phantom);
 
-/// HU at a point of the scan frame if no bone were there, and if all were core.
+/// HU at a point of the scan frame if there were no bone, and if all were core.
 double soft_tissue_hu(const PhantomOptions& phantom, Vec3 p_scan);
 double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan);
 
-/// What the three mix to.
+/// HU of a mixture of soft tissue, cortical bone and cancellous core.
 inline double mixed_hu(const PhantomOptions& phantom, BoneFractions fraction, double soft_hu,
                        double core_hu) {
   return soft_hu + (phantom.tissue.cortical - soft_hu) * fraction.bone +

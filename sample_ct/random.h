@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counter-based random numbers: a pure function of a seed and a position, so
-// that results depend neither on the order of work nor on the number of threads.
-// Integers only: the same on every machine.
+// Counter-based random numbers: a pure function of a seed and a position, so that
+// results do not depend on the order of work or the number of threads. The hash uses
+// integers only and is the same on every machine.
 #pragma once
 
 #include <cstdint>

@@ -14,11 +14,11 @@ namespace {
 // The noise kernel along a row and along a column, before scaling: [1 4 1].
 constexpr double kKernelSide = 1, kKernelMiddle = 4;
 
-// The bone's inner surface moves a little faster than the point does, because
-// the shell's thickness varies.
+// Distances to the bone's inner surface change a little faster than the point moves,
+// because the shell's thickness varies.
 constexpr double kInnerLipschitz = 1.4;
 
-/// How far from its centre an aperture, and the blurred edges in it, reach.
+/// Radius within which surfaces influence a pixel: of its aperture and the blur.
 double reach_mm(const PhantomOptions& phantom, const ScanGeometry& scan) {
   return edge_reach_mm(phantom) + kInnerLipschitz * aperture_radius_mm(scan);
 }
@@ -82,13 +82,13 @@ std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeomet
   hu.reserve(static_cast<std::size_t>(scan.rows) * scan.columns);
   for (int j = 0; j < scan.rows; ++j) {
     BoneSample bone;
-    int known_until = 0;  // up to here the last bone sample says all there is to say
+    int known_until = 0;  // up to this column the last bone sample is sufficient
     for (int i = 0; i < scan.columns; ++i) {
       const Vec3 centre = pixel_centre_mm(scan, i, j, k);
       if (i >= known_until) {
         bone = sample_bone(phantom, centre);
-        // Distances change by no more than the way gone, so what is farther than
-        // its reach from any surface stays so for a while along the row.
+        // Distances change by at most the distance moved. So a pixel that is far from any
+        // surface tells how many further pixels of the row are, too.
         const double spare =
             std::max(bone.distance_mm - reach,
                      (-bone.distance_mm - bone.cortical_mm - reach) / kInnerLipschitz);

@@ -2,13 +2,13 @@
 // The scanner: turns the phantom's field into slices of integer HU.
 //
 // A pixel holds the mean of the bone's share over the pixel's area and the slice's
-// thickness (partial volume), by supersampling where the bone's outer or inner
-// surface is near and by one sample where it is not; the textures, which vary
-// little over a pixel, are taken at its centre. Then noise is added, mildly correlated in the plane
-// as a reconstruction kernel leaves it; then the sum is rounded to an integer, once.
+// thickness (partial volume): by supersampling near the bone's outer or inner surface,
+// by one sample elsewhere. Textures vary little over a pixel and are taken at its
+// centre. Then noise is added, mildly correlated in the plane as by a reconstruction
+// kernel. The sum is rounded to an integer once.
 //
-// Results are a pure function of the arguments: neither the number of threads
-// nor the order of the slices enters.
+// Results are a pure function of the arguments: they do not depend on the number of
+// threads or the order of the slices.
 #pragma once
 
 #include <atomic>
@@ -31,7 +31,7 @@ struct ScanGeometry {
   double slice_step_mm = 1.0;
   Vec3 first_pixel_mm{-79.84375, -54.84375, -17.0};
   double slice_thickness_mm = 1.0;  ///< 0: infinitely thin slices
-  int subsamples_xy = 3;            ///< along each side of a pixel
+  int subsamples_xy = 3;            ///< along each edge of a pixel
   int subsamples_z = 3;             ///< across the slice's thickness
 };
 
@@ -42,29 +42,29 @@ inline constexpr double kMaxNoise_hu = 200.0;
 
 /// The sample scan's geometry: `size` x `size` pixels over a field of view of
 /// 160 mm, `slices` slices 1 mm apart, centred on the middle of the vertebral body.
-/// usage error if a number is outside the limits above.
+/// Usage error if a number is outside the limits above.
 Result<ScanGeometry> sample_geometry(int size, int slices);
 
 /// Centre of a pixel in the scan frame; i, j, k may be fractional.
 Vec3 pixel_centre_mm(const ScanGeometry& scan, double i, double j, double k);
 
-/// What a noiseless scanner of this geometry reads with a pixel centred at any
-/// point of the scan frame: a smooth function of the point near the bone's surface.
+/// Reading of a noiseless scanner of this geometry for a pixel centred at any point of
+/// the scan frame: a smooth function of the point near the bone's surface.
 double scanner_hu(const PhantomOptions& phantom, const ScanGeometry& scan, Vec3 centre);
 
-/// How far a pixel's aperture (its area by the slice's thickness) reaches from its centre.
+/// Radius of a pixel's aperture (its area by the slice's thickness) around its centre.
 double aperture_radius_mm(const ScanGeometry& scan);
 
 /// One slice of noiseless, unrounded HU, rows * columns values, row by row.
 std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeometry& scan, int k);
 
-/// Noise of mean 0 and standard deviation sigma_hu, rows * columns values; its
-/// correlation with the neighbour in the row or column is 4/9, with the one
-/// beyond 1/18, and 0 farther out and between slices.
+/// Noise of mean 0 and standard deviation sigma_hu, rows * columns values. The
+/// correlation of neighbours in a row or column is 4/9, at a distance of two pixels
+/// 1/18, farther out and between slices 0.
 std::vector<double> noise_slice(const ScanGeometry& scan, std::uint64_t seed, double sigma_hu,
                                 int k);
 
-/// A scan as every writer gets it.
+/// A scan, the input of all writers.
 struct Scan {
   ScanGeometry geometry;
   std::uint64_t seed = 1;
@@ -76,12 +76,12 @@ struct Scan {
 };
 inline constexpr int kMinHu = -1024, kMaxHu = 3071;
 
-/// The whole scan; the noise is seeded by phantom.seed. threads <= 0: all cores. Incomplete if
-/// `stop`, if given, is set meanwhile.
+/// The whole scan; the noise is seeded by phantom.seed. threads <= 0: all cores. If `stop`
+/// is given and set during the work, the scan is incomplete.
 Scan render_scan(const PhantomOptions& phantom, const ScanGeometry& geometry, double noise_hu,
                  int threads = 0, const std::atomic<bool>* stop = nullptr);
 
-/// The mean of field(Vec3) over a pixel and the slice's thickness about the centre,
+/// The mean of field(Vec3) over a pixel and the slice's thickness around the centre,
 /// by the midpoint rule, summed in a fixed order. T needs += T and * double.
 template <typename T, typename Field>
 T aperture_mean(const ScanGeometry& scan, Vec3 centre, const Field& field) {

@@ -35,7 +35,7 @@ Error interrupted() {
   return unwritable("interrupted; nothing was written");
 }
 
-/// Removes the folder when the scope is left, whatever the way.
+/// Removes the folder when it goes out of scope.
 struct Scratch {
   fs::path path;
   explicit Scratch(fs::path folder) : path(std::move(folder)) {}
@@ -57,31 +57,31 @@ Result<void> sync_folder(const fs::path& folder) {
   return {};
 }
 
-/// Is the folder absent, empty, or full of nothing but files that we name so?
+/// Fails unless the folder is absent, empty, or has only files of this name pattern.
 Result<void> check_replaceable(const fs::path& folder, const char* pattern) {
   std::error_code error;
   const fs::file_status status = fs::symlink_status(folder, error);
   if (status.type() == fs::file_type::not_found) return {};
   if (error) return failed(folder, error);
   if (status.type() != fs::file_type::directory)
-    return unwritable(folder.string() + ": is in the way and not a folder");
+    return unwritable(folder.string() + ": exists and is not a folder");
   const std::regex ours(pattern);
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error))
     if (!std::regex_match(it->path().filename().string(), ours))
       return unwritable(folder.string() + ": holds " + it->path().filename().string() +
-                        ", which is not an earlier run's; it will not be replaced");
+                        ", which is not from an earlier run; the folder is not replaced");
   if (error) return failed(folder, error);
   return {};
 }
 
-/// Moves `made` to `place`, swapping it with what is there.
+/// Moves `made` to `place`; an existing file or folder there is exchanged with it.
 Result<void> put_in_place(const fs::path& made, const fs::path& place) {
   if (::rename(made.c_str(), place.c_str()) == 0) return {};
-  // A folder that is not empty has to be swapped; the old one goes with the scratch.
+  // A folder that is not empty must be exchanged; the old one is removed with the scratch folder.
   if (errno != ENOTEMPTY && errno != EEXIST) return failed(place, last_error());
   if (::renameat2(AT_FDCWD, made.c_str(), AT_FDCWD, place.c_str(), RENAME_EXCHANGE) == 0) return {};
   if (errno != EINVAL && errno != ENOSYS) return failed(place, last_error());
-  // The file system cannot swap: out with the old, in with the new.
+  // The file system cannot exchange: move the old one away, then the new one into place.
   const fs::path old = made.string() + ".old";
   if (::rename(place.c_str(), old.c_str()) != 0) return failed(place, last_error());
   if (::rename(made.c_str(), place.c_str()) == 0) return {};
@@ -142,7 +142,7 @@ Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, con
       {"writing PNG", [&] { return write_png(scan, window, scratch.path / "png"); }},
       {"writing DICOM", [&] { return write_dicom(scan, scratch.path / "dicom"); }},
       {"writing NIfTI", [&] { return write_nifti(scan, scratch.path / "sample.nii.gz"); }},
-      {"describing it", [&] {
+      {"writing sample.json", [&] {
          return write_file_atomically(scratch.path / "sample.json", describe_scan(scan, window));
        }}};
   for (const auto& [what, write] : writers) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Signed distances of simple solids, in mm, negative inside.
 //
-// Laws (tests/sample_ct/phantom_test.cpp holds the whole vertebra against them):
+// Laws (tests/sample_ct/phantom_test.cpp checks them for the whole vertebra):
 //  1. every function here is 1-Lipschitz in its point: |f(p) - f(q)| <= |p - q|,
 //     so |f(p)| never exceeds the true distance to the surface;
 //  2. f < 0 inside, f > 0 outside, f = 0 on the surface;

@@ -8,18 +8,18 @@ namespace trocar::sample {
 namespace {
 
 // Shape of the vertebral body.
-constexpr double kWaist_mm = 1.8;           // the side walls are this much hollow half-way up
-constexpr double kEndPlateHollow_mm = 1.3;  // the end-plates' depth at their middle
+constexpr double kWaist_mm = 1.8;           // depth of the side walls' concavity, half-way up
+constexpr double kEndPlateHollow_mm = 1.3;  // depth of the end-plates' concavity, at their middle
 constexpr double kEndPlateRadius_mm = 17.0;
 constexpr double kCorticalBody_mm = 1.0;
 constexpr double kCorticalEndPlate_mm = 0.8;
 constexpr double kCorticalArch_mm = 1.3;
 // Joint space between a superior articular process and the inferior one of the
-// vertebra above, which it cups.
+// vertebra above, which it encloses.
 constexpr double kJointSpace_mm = 1.9;
 
 /// The body's outline in a transverse plane: round in front, flat and slightly
-/// hollow behind. 45 mm wide, 33 mm deep.
+/// concave behind. 45 mm wide, 33 mm deep.
 double body_outline(Vec2 p) {
   const double front = norm(p - Vec2{std::clamp(p.x, -2.5, 2.5), 2.0}) - 20.3;
   const double rear = smooth_max(p.y - 16.5, 29.5 - norm(p - Vec2{0, 45.0}), 1.0);
@@ -43,35 +43,35 @@ BodySample sample_body(Vec3 p) {
   const double hollow = kEndPlateHollow_mm * std::max(1 - r * r, 0.0);
   const double end = (std::abs(p.z) - (kBodyHalfHeight_mm - hollow)) * hollow_scale;
 
-  // The basivertebral vein's opening in the middle of the rear wall.
+  // Opening of the basivertebral vein in the middle of the rear wall.
   const double vein = round_cone_distance(p, {0, 19, 0.5}, {0, 10, 0.5}, 2.6, 0.9);
   return {smooth_max(smooth_max(side, end, 2.5), -vein, 1.5),
           std::clamp(0.5 + 0.5 * (end - side), 0.0, 1.0)};
 }
 
-/// A ball that holds a part, to leave the part out where it is too far to matter.
-/// A part is taken as max(its own distance, its ball's): the same solid, still
-/// 1-Lipschitz, and never below the ball's, so that leaving it out changes nothing.
+/// A ball that contains a part, to skip the part where it is too far away to matter.
+/// The part's distance is max(its own, the ball's): the same solid, still 1-Lipschitz,
+/// and never below the ball's, so that skipping it does not change the result.
 struct Ball {
   Vec3 centre;
   double radius;
   double distance(Vec3 p) const { return sphere_distance(p, centre, radius); }
 };
 
-/// Adds a part (a function of nothing) to the union d, blended over k.
+/// Adds a part to the union d, blended over k. `part` gives its distance; called only if near.
 template <typename Part>
 double add(double d, Vec3 p, Ball ball, double k, const Part& part) {
   const double bound = ball.distance(p);
   return bound >= d + k ? d : smooth_min(d, std::max(part(), bound), k);
 }
 
-/// p about the z axis through the centre, so that x runs along (c, s).
-Vec3 turned(Vec3 p, Vec3 centre, double c, double s) {
+/// p in a frame rotated about the z axis through the centre, with x along (c, s).
+Vec3 rotated(Vec3 p, Vec3 centre, double c, double s) {
   const Vec3 w = p - centre;
   return {c * w.x + s * w.y, -s * w.x + c * w.y, w.z};
 }
 
-/// The facet joints' direction in the transverse plane (x >= 0), front to rear.
+/// Direction of the facet joints in the transverse plane (x >= 0), front to rear.
 constexpr Vec2 kFacetAlong{0.450, 0.893};
 
 /// The inferior articular process (x >= 0): down from the lamina, oblong along the
@@ -81,7 +81,7 @@ double inferior_process(Vec3 p) {
   const double stem = round_cone_distance(p, {12.2, 34.0, -5}, {10.8, 36.0, -16}, 4.2, 4.6);
   constexpr std::array<Vec2, 6> kPlate{
       {{-2.8, -12}, {2.8, -12}, {3.0, -19}, {0.9, -26.8}, {-0.9, -26.8}, {-2.8, -19}}};
-  const Vec3 q = turned(p, {10.9, 36.0, 0}, kFacetAlong.x, kFacetAlong.y);
+  const Vec3 q = rotated(p, {10.9, 36.0, 0}, kFacetAlong.x, kFacetAlong.y);
   const double tip = plate_distance(polygon_distance({q.x, q.z}, kPlate), q.y, 0.7, 3.6);
   return std::max(smooth_min(stem, tip, 3.0), kInferiorBall.distance(p));
 }
@@ -101,7 +101,7 @@ double lamina(Vec3 p) {
 }
 
 double spinous_process(Vec3 p) {
-  // A hatchet in the sagittal plane, thick at its rim.
+  // Hatchet-shaped in the sagittal plane, thick at its rim.
   constexpr std::array<Vec2, 7> kPlate{
       {{37, 0}, {52, -3.5}, {64, -4.5}, {68, -9}, {67, -17.5}, {61, -20}, {37, -12}}};
   const double plate = plate_distance(polygon_distance({p.y, p.z}, kPlate), p.x, 0.5, 2.1);
@@ -125,7 +125,7 @@ double superior_process(Vec3 p) {
   // The process itself, and the mammillary process on its rear rim.
   constexpr std::array<Vec2, 6> kPlate{
       {{-4, 4.5}, {4, 4.5}, {4.2, 11.5}, {1.2, 18.4}, {-1.5, 18.4}, {-4.2, 11.5}}};
-  const Vec3 q = turned(p, {18.2, 31.0, 0}, kFacetAlong.x, kFacetAlong.y);
+  const Vec3 q = rotated(p, {18.2, 31.0, 0}, kFacetAlong.x, kFacetAlong.y);
   const double process = plate_distance(polygon_distance({q.x, q.z}, kPlate), q.y, 0.8, 3.9);
   const double mammillary = round_cone_distance(p, {20.5, 35.0, 8}, {20.4, 37.2, 15}, 3.2, 2.7);
   return smooth_min(process, mammillary, 2.5);
@@ -142,7 +142,7 @@ double arch(Vec3 p) {
   d = add(d, p, {{0, 53.5, -10.5}, 24}, 3.5, [&] { return spinous_process(p); });
   d = add(d, p, {{29, 35, 3.5}, 24}, 4.0, [&] { return transverse_process(p); });
   d = add(d, p, {{19, 32, 11}, 15}, 2.5, [&] { return superior_process(p); });
-  // The facet is what the upper neighbour's inferior process and the joint leave.
+  // The facet: the process less the upper vertebra's inferior process and the joint space.
   constexpr double kRound = 1.0;
   const Vec3 q = p - Vec3{0, 0, kVertebraPitch_mm};
   if (kJointSpace_mm - kInferiorBall.distance(q) <= d - kRound) return d;
@@ -165,7 +165,7 @@ BoneSample sample_vertebra(Vec3 p) {
   return {d, shell + (kCorticalArch_mm - shell) * to_arch};
 }
 
-/// What holds all of a vertebra: a ball between two planes. Used like a part's ball.
+/// Bound of a whole vertebra: a ball between two planes. Used like the ball of a part.
 double vertebra_bound(Vec3 p) {
   constexpr Ball kBall{{0, 27, -4}, 56};
   return std::max({kBall.distance(p), -32.0 - p.z, p.z - 24.0});
@@ -184,7 +184,7 @@ double disc_column_distance_mm(Vec3 p) {
 }
 
 BoneSample sample_bone(Vec3 p) {
-  // The nearest vertebra first; another only where its bound is nearer.
+  // The nearest vertebra first; another one only if its bound is nearer.
   const double level = std::clamp(std::round(p.z / kVertebraPitch_mm), -1.0, 1.0);
   BoneSample best{std::numeric_limits<double>::infinity(), kCorticalBody_mm};
   for (const double other : {0.0, -1.0, 1.0}) {

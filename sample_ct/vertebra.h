@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic
-// solids, stacked with its like above and below so that the facet joints have
-// both their sides, as in a real scan.
+// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids,
+// with the same vertebra above and below it, so that the facet joints have both
+// their sides, as in a real scan.
 //
 // Anatomical frame (mm): x to the patient's left, y to the back, z up; origin
 // at the middle of the vertebral body of the middle vertebra. Left and right are
@@ -17,15 +17,15 @@ inline constexpr double kVertebraPitch_mm = 38.0;
 /// Half the height of the vertebral body at its rim.
 inline constexpr double kBodyHalfHeight_mm = 14.0;
 
-/// What is known of the bone at a point.
+/// The bone near a point.
 struct BoneSample {
   double distance_mm = 0;  ///< signed distance to the outer surface, negative inside
-  double cortical_mm = 1;  ///< thickness of the cortical shell hereabouts
+  double cortical_mm = 1;  ///< thickness of the cortical shell near the point
 };
 
 /// The bone (all vertebrae) at a point of the anatomical frame. The distance is
 /// 1-Lipschitz, has the sign of the exact one and never exceeds it in magnitude;
-/// on the walls of the body it is at most 4 % short of it.
+/// on the walls of the body it is at most 4 % smaller.
 BoneSample sample_bone(Vec3 p);
 
 /// sample_bone(p).distance_mm.
@@ -34,8 +34,8 @@ double bone_distance_mm(Vec3 p);
 /// The vertebral canal (the same at every height), 23 mm wide and 16 mm deep.
 double canal_distance_mm(Vec3 p);
 
-/// The column of vertebral bodies and discs, as if the body's outline went on
-/// through the discs, which bulge by 1 mm. Positive outside.
+/// Signed distance of the column of vertebral bodies and discs, positive outside. The
+/// body's outline continues through the discs, which bulge by 1 mm.
 double disc_column_distance_mm(Vec3 p);
 
 }  // namespace trocar::sample

@@ -37,7 +37,7 @@ std::string decimal(double value) {
   return s == "-0" ? "0" : s;
 }
 
-/// Sets attributes one after the other and keeps the first failure.
+/// Sets attributes and keeps the first error.
 class Attributes {
  public:
   explicit Attributes(DcmDataset& dataset) : dataset_(dataset) {}
@@ -174,7 +174,7 @@ Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder) 
       OFCondition outcome = attributes.outcome();
       errno = 0;
       if (outcome.good()) outcome = format.saveFile(file.c_str(), EXS_LittleEndianExplicit);
-      const int reason = errno;  // DCMTK's own words for a full disk are of suspended streams
+      const int reason = errno;  // DCMTK's own message for a full disk is about suspended streams
       if (outcome.bad()) {
         return unwritable(file.string() + ": " +
                           (reason != 0 ? std::generic_category().message(reason) : outcome.text()));

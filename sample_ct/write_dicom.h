@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scan as a DICOM series: CT Image Storage, explicit VR little endian, one file a
-// slice, stored values = HU + 1024 in 12 of 16 bits.
+// The scan as a DICOM series: CT Image Storage, explicit VR little endian, one file for
+// each slice, stored values = HU + 1024 in 12 of 16 bits.
 #pragma once
 
 #include <filesystem>
@@ -15,11 +15,11 @@ namespace trocar::sample {
 std::string dicom_name(int k);
 
 /// A UID under the 2.25 root (a UUID as a decimal number): a pure function of the
-/// scan's parameters and of what it is for ("study", "series", "frame", "image/3").
+/// scan's parameters and of `purpose` ("study", "series", "frame", "image/3").
 std::string dicom_uid(const Scan& scan, const std::string& purpose);
 
-/// Writes the slices, lowest first, into an existing folder. unwritable names the
-/// file; files written before it stay. The same scan gives the same bytes (dates and
+/// Writes the slices, lowest first, into an existing folder. An error (unwritable)
+/// names the file; files written before it stay. The same scan gives the same bytes (dates and
 /// UIDs are fixed by its parameters).
 Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// libnifti makes the header; the file is put together here, because
-// nifti_image_write() has no way to report a failed write.
+// libnifti makes the header. The file is written here, because nifti_image_write() cannot
+// report a failed write.
 #include "sample_ct/write_nifti.h"
 
 #include <zlib.h>
@@ -19,7 +19,8 @@
 namespace trocar::sample {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "the voxels are written as they lie");
+static_assert(std::endian::native == std::endian::little,
+              "the voxels are written as they are in memory");
 
 struct FreeImage {
   void operator()(nifti_image* image) const { nifti_image_free(image); }

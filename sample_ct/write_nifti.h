@@ -12,7 +12,7 @@
 namespace trocar::sample {
 
 /// Writes a .nii.gz, whole or not at all. The same scan gives the same bytes: the
-/// gzip header carries neither name nor time.
+/// gzip header has no name and no time.
 Result<void> write_nifti(const Scan& scan, const std::filesystem::path& file);
 
 std::string nifti_library_version();

@@ -22,7 +22,7 @@ std::string png_name(int k) {
 Result<void> write_png(const Scan& scan, const GreyWindow& window,
                        const std::filesystem::path& folder) {
   if (!(window.high_hu > window.low_hu))
-    return usage("the grey window's upper end must lie above its lower one");
+    return usage("the upper end of the grey window must be above its lower end");
   const int rows = scan.geometry.rows, columns = scan.geometry.columns;
   std::vector<std::uint8_t> grey(kMaxHu - kMinHu + 1);
   for (int hu = kMinHu; hu <= kMaxHu; ++hu) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scan as the paper had it: one 24-bit colour PNG a slice, grey in all channels.
+// The scan as images like the paper's: one 24-bit colour PNG for each slice, grey in all
+// channels.
 #pragma once
 
 #include <filesystem>
@@ -10,8 +11,8 @@
 
 namespace trocar::sample {
 
-/// grey = round(clamp((HU - low) / (high - low) * 255, 0, 255)): 5 HU a grey level
-/// by default, bone well inside and air cut off.
+/// grey = round(clamp((HU - low) / (high - low) * 255, 0, 255)): 5 HU per grey level
+/// by default; bone is well inside the range, air is clamped.
 struct GreyWindow {
   double low_hu = -250;
   double high_hu = 1025;
@@ -20,8 +21,8 @@ struct GreyWindow {
 /// The file of slice k (counted from 0): "slice_001.png" for k = 0.
 std::string png_name(int k);
 
-/// Writes the slices, lowest first, into an existing folder. unwritable names the
-/// file; files written before it stay. The same scan gives the same bytes.
+/// Writes the slices, lowest first, into an existing folder. An error (unwritable)
+/// names the file; files written before it stay. The same scan gives the same bytes.
 Result<void> write_png(const Scan& scan, const GreyWindow& window,
                        const std::filesystem::path& folder);
 

@@ -7,7 +7,8 @@ Read from the compiler's dependency files (`ninja -t deps`), from the sources'
  1. formats includes neither pipeline nor runtime; pipeline and runtime never include
     each other; none of the three includes sample_ct or tests.
  2. formats and runtime include neither OpenCV nor CGAL nor GMP/MPFR nor Boost
-    (runtime/console alone may use Boost); PROGRAM loads none of their libraries.
+    (runtime/console alone may use Boost); PROGRAM loads none of their libraries. No header
+    of runtime reaches nlohmann/json, and of formats only FORMATS_JSON_HEADERS do.
  3. Only formats (and tests that look inside files) include tinygltf or Draco.
  4. Every source file carries the SPDX line of its folder: Apache-2.0, but
     GPL-3.0-or-later in pipeline/ and in tests that include pipeline or CGAL.
@@ -50,6 +51,9 @@ MAY_NOT_INCLUDE_LIBRARY = {
     "sample_ct": {"tinygltf", "Draco"},
     "tests": set(),
 }
+# The headers of formats that are for .cpp files that work on JSON.
+FORMATS_JSON_HEADERS = {"formats/asset/gltf_writer.h", "formats/asset/slice_payload.h",
+                        "formats/base/json_text.h", "formats/base/strict_json.h"}
 FORBIDDEN_SHARED = re.compile(r"lib(opencv_\w+|gmp|gmpxx|mpfr|boost_\w+|CGAL\w*)\.so")
 APACHE, GPL = "Apache-2.0", "GPL-3.0-or-later"
 LICENSED = ("*.h", "*.cpp", "*.py", "*.mjs", "*.js", "*.cmake", "CMakeLists.txt")
@@ -95,6 +99,34 @@ def check_include_lines(source):
                 for name in rooms.INCLUDE.findall(path.read_text(encoding="utf-8", errors="replace")):
                     if name.split("/")[0] in MAY_NOT_INCLUDE_FOLDER[folder]:
                         broken.append(f'{path.relative_to(source)} includes "{name}"')
+    return broken
+
+
+def check_json_headers(source):
+    """Rule 2 for nlohmann/json, from the #include lines, so that every header is checked."""
+    line = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<(nlohmann/[^>]+)>)', re.MULTILINE)
+
+    def path_to_json(name):
+        """[name, ..., nlohmann header], the shortest along #include lines; None if there is none."""
+        paths, seen = [[name]], {name}
+        for path in paths:  # grows while it is read: breadth first
+            file = source / path[-1]
+            text = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
+            for ours, json_header in line.findall(text):
+                if json_header:
+                    return path + [json_header]
+                if ours not in seen:
+                    seen.add(ours)
+                    paths.append(path + [ours])
+        return None
+
+    broken = []
+    for folder, allowed in (("runtime", set()), ("formats", FORMATS_JSON_HEADERS)):
+        for path in sorted((source / folder).rglob("*.h")):
+            name = str(path.relative_to(source))
+            found = path_to_json(name)
+            if found and name not in allowed:
+                broken.append(f"{name} reaches nlohmann/json: {' -> '.join(found)}")
     return broken
 
 
@@ -232,6 +264,26 @@ def self_check():
             assert sum(f.startswith(complaint) for f in found) == 1, (complaint, found)
         assert len(found) == sum(c is not None for _, c in cases.values()), found
         assert check_include_lines(source) == ['runtime/r.h includes "pipeline/p.h"']
+
+        (source / "formats/base").mkdir()
+        (source / "formats/base/json_text.h").write_text("#include <nlohmann/json.hpp>\n")
+        (source / "formats/asset.h").write_text("#include <nlohmann/json_fwd.hpp>\n")
+        (source / "formats/f.h").write_text('#include "formats/g.h"\n')
+        (source / "formats/g.h").write_text('#include "formats/f.h"\n')
+        (source / "runtime/s.h").write_text('#include "runtime/t.h"\n')
+        (source / "runtime/t.h").write_text('#include "formats/f.h"\n'
+                                            '#include "formats/base/json_text.h"\n')
+        assert check_json_headers(source) == [
+            "runtime/s.h reaches nlohmann/json: runtime/s.h -> runtime/t.h -> "
+            "formats/base/json_text.h -> nlohmann/json.hpp",
+            "runtime/t.h reaches nlohmann/json: runtime/t.h -> "
+            "formats/base/json_text.h -> nlohmann/json.hpp",
+            "formats/asset.h reaches nlohmann/json: formats/asset.h -> nlohmann/json_fwd.hpp"]
+        for name in ("s", "t"):
+            (source / f"runtime/{name}.h").unlink()
+        for name in ("base/json_text", "asset", "f", "g"):
+            (source / f"formats/{name}.h").unlink()
+
         licences = check_licences(source, units)
         assert any(f.startswith("pipeline/a.cpp is marked Apache-2.0") for f in licences), licences
         assert any(f.startswith("runtime/r.h has no SPDX line") for f in licences), licences
@@ -260,6 +312,7 @@ def main():
         program = sys.argv[3]
         loaded = subprocess.run(["ldd", program], check=True, stdout=subprocess.PIPE, text=True)
         broken += check_program(loaded.stdout, program)
+    broken += check_json_headers(source)
     for line in broken:
         print(line)
     print(f"{len(units)} translation units, {len(broken)} broken rules")

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The asset: one .glb a scan, one mesh and node a slice. Triangles are
-// compressed by Draco, outlines are an uncompressed LINES primitive, the rest is
-// in `extras.trocar`. Lattice integers survive bit for bit. An index at the start of the binary
-// chunk (asset_index.h) lets a reader take some slices without the rest.
+// The asset: one .glb for a scan, one mesh and node for each slice. Triangles are compressed by
+// Draco, outlines are an uncompressed LINES primitive, everything else is in `extras.trocar`.
+// Lattice coordinates are stored without loss. An index at the start of the binary chunk
+// (asset_index.h) lets a reader take some slices without the rest. The format to the byte:
+// asset.md.
 #pragma once
 
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
-#include <nlohmann/json.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,19 +32,25 @@ struct AssetSlice {
   /// Slice plane (u along a row, v along a column, origin at the centre of the
   /// first pixel, mm) -> patient (DICOM LPS, mm). Column 2 is the normal u x v.
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
-  Pslg pslg;       ///< the outline that the mesh has exactly
+  Pslg pslg;       ///< the outline: exactly the mesh's boundary edges
   SliceMesh mesh;  ///< empty if there is no material in the slice
-  nlohmann::json measures =
-      nlohmann::json::object();  ///< per-slice error figures, as in the report
+  /// Per-slice figures (area, angles, mean HU ...; asset.md lists them): a JSON object as text.
+  std::string measures_json = "{}";
 };
 
 struct Asset {
   Lattice lattice;
-  std::vector<AssetSlice> slices;  ///< in ascending index
-  std::string generator;           ///< program and version
-  nlohmann::json parameters = nlohmann::json::object();
+  std::vector<AssetSlice> slices;      ///< in ascending index
+  std::string generator;               ///< program and version
+  std::string parameters_json = "{}";  ///< what it was made with: a JSON object as text
   std::string input_digest;  ///< of the input (slice_stack.h says how), hex; empty if unknown
 };
+
+/// The labels of the label map that the asset was made from (`labels` in its parameters); empty if
+/// it was made by a threshold. Numbers that are no int are left out.
+std::vector<int> labels_of(const Asset& asset);
+/// Mean HU of the slice's material (`mean_hu` in its measures), if it is known.
+std::optional<double> mean_hu_of(const AssetSlice& slice);
 
 /// Where an asset's bytes go.
 struct AssetSizes {
@@ -51,14 +58,13 @@ struct AssetSizes {
   std::uint64_t triangles = 0;
 };
 
-/// The .glb's bytes. What comes back from decode_asset() is what went in, but
-/// for the order of a mesh's vertices and triangles. Fails (bug) if a slice is
-/// not valid, (refused) if it exceeds kMaxAssetExtent. `sizes`, if not null, becomes what
-/// asset_sizes() would say.
+/// The .glb's bytes. decode_asset() gives the same asset again, except for the order of a mesh's
+/// vertices and triangles. Fails (bug) if a slice or its JSON text is not valid, (refused)
+/// if the asset exceeds kMaxAssetExtent. `sizes`, if not null, is set to what asset_sizes() gives.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 
 // The same in three steps, for scans of thousands of slices: encode_slice() may run on several
-// threads, and a mesh can go when its slice is encoded.
+// threads, and a mesh may be freed once its slice is encoded.
 
 struct LatticeBox {
   LatticePoint low, high;
@@ -67,13 +73,13 @@ struct LatticeBox {
 /// kMaxAssetExtent.
 Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box);
 
-/// A slice as the file will have it, its triangles compressed.
+/// A slice with its triangles compressed, ready for the file.
 struct EncodedSlice {
   int index = 0;
   double z_mm = 0;
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;
-  std::vector<std::uint8_t> measures;  ///< as CBOR, a tenth of the tree's size
+  std::string measures_json;
   std::vector<std::uint8_t> draco;
   std::size_t vertices = 0, triangles = 0;
   LatticeBox bounds;  ///< of the vertices
@@ -81,12 +87,12 @@ struct EncodedSlice {
 /// Fails (bug) if the slice is not valid or not within the grid's box.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);
 
-/// The file; `head` is the asset less its slices, which are taken over.
+/// The file's bytes. Of `head` everything but the slices is used; `slices` take their place.
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes = nullptr);
 
-/// Where a file's bytes go. Fails (refused) if it is no container of ours.
+/// Where a file's bytes go. Refused if it is not an asset's container.
 Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
 
 /// Which slices to decode; the others keep their metadata and have an empty mesh and PSLG.
@@ -95,28 +101,28 @@ struct DecodeOptions {
   std::vector<int> slice_indices;  ///< AssetSlice::index values; used if !all
 };
 
-/// Decodes and checks every size and index. `name` is used in messages. The geometry's
-/// invariants are proved by verify_asset(), not here.
+/// Decodes and checks every size and index. `name` is used in messages. verify_asset() proves the
+/// geometry's invariants; this does not.
 Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
                            const DecodeOptions& options = {});
 Result<Asset> read_asset(const std::filesystem::path& file);
 
-/// What a scene needs of a file.
+/// Some slices of a file.
 struct AssetPart {
-  Asset asset;                   ///< with the slices asked for only; its generator may be empty
-  std::size_t asset_slices = 0;  ///< that the file has
+  Asset asset;                   ///< with the requested slices only; its generator may be empty
+  std::size_t asset_slices = 0;  ///< number of slices in the file
   std::uint64_t file_bytes = 0, read_bytes = 0;
 };
-/// The slices of these AssetSlice::index, and no more of the file than they take: time, memory and
-/// bytes read do not depend on how many others it has (asset_index.h). A file without a slice
-/// index is read whole. Refused, in words that name the file: a slice that is not there, bytes that
-/// decode_asset() would refuse of these slices.
+/// The slices with these AssetSlice::index. Only their bytes are read: time, memory and bytes read
+/// do not depend on how many others the file has (asset_index.h). A file without a slice index is
+/// read whole. Refused, naming the file: a slice that is not there, and a slice that decode_asset()
+/// would refuse.
 Result<AssetPart> read_asset_part(const std::filesystem::path& file,
                                   std::vector<int> slice_indices);
 Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
                                     std::vector<int> slice_indices);
 
-/// Proves the invariants of every slice (mesh_validity.h). Names slice and place.
+/// Proves the invariants of every slice (mesh_validity.h), or names the slice and the place.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
 
 }  // namespace trocar

@@ -9,19 +9,19 @@
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
-#include "formats/base/file_io.h"
 #include "formats/asset/gltf.h"
-#include "formats/geometry/mesh_validity.h"
 #include "formats/asset/slice_payload.h"
+#include "formats/base/file_io.h"
+#include "formats/geometry/mesh_validity.h"
 
 namespace trocar {
 namespace {
 
 constexpr const char* kIndicesSetAside = "trocar_indices";
 
-// tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, which is how glTF says
-// that the indices are in the Draco payload. Moves such an index accessor's number into the Draco
-// extension, where record_triangles() looks for it.
+// tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, although this is how
+// glTF says that the indices are in the Draco payload. This moves the number of such an accessor
+// into the Draco extension, where record_triangles() finds it.
 Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::uint8_t> glb,
                                                          std::size_t json_size,
                                                          nlohmann::json& root,
@@ -50,7 +50,7 @@ Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::ui
   out.resize((out.size() + 3) & ~std::size_t{3}, ' ');
   std::vector<std::uint8_t> bytes;
   bytes.reserve(out.size() + glb.size() -
-                json_size);  // no room behind it for a reader to stray into
+                json_size);  // exact: an over-read would be seen by the address sanitizer
   bytes.insert(bytes.end(), glb.begin(), glb.begin() + kGlbHeader);
   bytes.insert(bytes.end(), out.begin(), out.end());
   bytes.insert(bytes.end(), glb.begin() + static_cast<std::ptrdiff_t>(kGlbHeader + json_size),
@@ -68,11 +68,11 @@ struct Document {
 };
 
 Result<Document> parse_container(std::span<const std::uint8_t> glb, const std::string& name) {
-  // What tinygltf needs to be safe: sizes that add up, and JSON that is not nested deeply.
+  // tinygltf is only safe if sizes add up and JSON is not nested deeply.
   MemorySource source(glb);
   const auto json_bytes = json_bytes_of(source);
   if (!json_bytes) return refused(name + ": " + json_bytes.error().message);
-  // It lets a binary chunk end up to eight bytes behind the file.
+  // tinygltf accepts a binary chunk that ends up to eight bytes behind the file.
   if (const auto rest = glb.subspan(kGlbHeader + *json_bytes); !rest.empty()) {
     std::uint32_t binary_bytes = 0;
     if (rest.size() >= kGlbChunkHeader)
@@ -82,7 +82,7 @@ Result<Document> parse_container(std::span<const std::uint8_t> glb, const std::s
   }
   auto root = parse_json_text(glb.subspan(kGlbHeader, *json_bytes));
   if (!root) return refused(name + ": " + root.error().message);
-  if (!root->is_object()) return refused(name + ": its JSON is no object");
+  if (!root->is_object()) return refused(name + ": its JSON is not an object");
   const auto patched = with_indices_set_aside(glb, *json_bytes, *root, name);
   if (!patched) return patched.error();
   Document document;
@@ -141,7 +141,7 @@ int position_accessor(const tinygltf::Primitive& primitive) {
   return it == primitive.attributes.end() ? -1 : it->second;
 }
 
-// A view's number if it is all of the elements of an accessor, tightly packed; else none.
+// The number of an accessor's view if the view holds exactly its elements, packed; else nothing.
 std::optional<int> packed_view(const tinygltf::Model& model, const tinygltf::Accessor& accessor,
                                std::size_t element_bytes) {
   const auto bytes = view_bytes(model, accessor.bufferView);
@@ -155,7 +155,7 @@ std::uint32_t offset_of(const tinygltf::Model& model, int view) {
   return static_cast<std::uint32_t>(model.bufferViews[static_cast<std::size_t>(view)].byteOffset);
 }
 
-// Bounds of positions as lattice points.
+// A bound of positions as a lattice point.
 Result<LatticePoint> lattice_point(const std::vector<double>& xyz_mm, const Lattice& lattice) {
   if (xyz_mm.size() != 3 || xyz_mm[2] != 0) return refused("accessor without bounds in the plane");
   const double x = std::ldexp(xyz_mm[0], lattice.bits), y = std::ldexp(xyz_mm[1], lattice.bits);
@@ -179,8 +179,8 @@ Result<void> record_triangles(const tinygltf::Model& model, const tinygltf::Prim
   if (position == nullptr || indices == nullptr) {
     return refused("triangles without a Draco payload");
   }
-  constexpr std::size_t kMost = std::numeric_limits<std::uint32_t>::max();
-  if (position->count > kMost || indices->count > kMost || indices->count % 3 != 0 ||
+  constexpr std::size_t kMax = std::numeric_limits<std::uint32_t>::max();
+  if (position->count > kMax || indices->count > kMax || indices->count % 3 != 0 ||
       indices->count == 0) {
     return refused("triangles of an impossible count");
   }
@@ -223,7 +223,7 @@ Result<void> record_lines(const tinygltf::Model& model, const tinygltf::Primitiv
   return {};
 }
 
-// What the JSON says of a slice; where its node's text is, it does not.
+// A slice's record as the JSON states it, without the place of the node's text and the checksum.
 Result<SliceRecord> record_slice(const tinygltf::Model& model, const tinygltf::Node& node,
                                  int index, const Lattice& lattice) {
   SliceRecord record;
@@ -247,14 +247,14 @@ Result<void> decode_geometry(const tinygltf::Model& model, const SliceRecord& re
                              const Lattice& lattice, AssetSlice& slice) {
   if (record.triangles == 0) return {};
   const std::span<const std::uint8_t> buffer(model.buffers[0].data);
-  return take_geometry(record,
-                       {buffer.subspan(record.draco_offset, record.draco_bytes),
-                        buffer.subspan(record.outline_offset, record.outline_bytes()),
-                        buffer.subspan(record.segments_offset, record.segments_bytes())},
-                       lattice, slice);
+  return decode_slice_geometry(record,
+                               {buffer.subspan(record.draco_offset, record.draco_bytes),
+                                buffer.subspan(record.outline_offset, record.outline_bytes()),
+                                buffer.subspan(record.segments_offset, record.segments_bytes())},
+                               lattice, slice);
 }
 
-// Law 2 of asset_index.h, but for the slices.
+// The slice index, if any. Checks contract 2 of asset_index.h for everything but the slices.
 Result<std::optional<IndexedFile>> index_of(ByteSource& source, const nlohmann::json& extras,
                                             std::size_t slices) {
   auto index = find_index(source);
@@ -267,7 +267,7 @@ Result<std::optional<IndexedFile>> index_of(ByteSource& source, const nlohmann::
   return index;
 }
 
-// And of the slices, one after the other.
+// Checks contract 2 of asset_index.h for the slices, one after the other.
 class RecordChecks {
  public:
   RecordChecks(ByteSource& source, const IndexedFile& index) : source_(source), index_(index) {}
@@ -279,7 +279,7 @@ class RecordChecks {
     expected.node_bytes = record->node_bytes;
     expected.checksum = record->checksum;
     if (*record != expected) return refused("the slice index and the JSON differ");
-    // Nothing is read twice, so that a file cannot make work of more than its size.
+    // Slices may not share bytes, so that the work is bounded by the file's size.
     text_ += record->node_bytes;
     geometry_ += record->draco_bytes + record->outline_bytes() + record->segments_bytes();
     if (text_ > index_.header.json_bytes || geometry_ > index_.header.binary_bytes)
@@ -313,7 +313,7 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   const nlohmann::json& extras = document->extras;
   const nlohmann::json& nodes = document->nodes;
   Asset asset;
-  if (auto ok = take_head(extras, asset, name); !ok) return ok.error();
+  if (auto ok = read_document_extras(extras, asset, name); !ok) return ok.error();
   asset.generator = model.asset.generator;
 
   if (model.nodes.empty() || model.nodes.size() != nodes.size() ||
@@ -361,7 +361,7 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
   const tinygltf::Model* const model = &document->model;
   AssetSizes out;
   MemorySource source(glb);
-  out.json_bytes = *json_bytes_of(source);  // parsed, so it is there
+  out.json_bytes = *json_bytes_of(source);  // cannot fail: the container was parsed
   const auto index = find_index(source);
   if (index && *index)
     out.index_bytes = sizeof(IndexHeader) + (*index)->header.slices * sizeof(SliceRecord);

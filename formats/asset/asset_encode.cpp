@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <numeric>
 #include <utility>
 
@@ -16,7 +17,7 @@ namespace {
 
 using nlohmann::json;
 
-// glTF's numbers for these.
+// glTF's numbers for component types and primitive modes.
 constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
 constexpr int kLines = 1, kTriangles = 4;
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
@@ -122,7 +123,7 @@ json materials() {
            {"extensions", {{kUnlitExtension, json::object()}}}}};
 }
 
-// Into the bytes kept free for it.
+// Writes the slice index into the bytes that were reserved for it.
 void put_index(GltfWriter::File& file, std::vector<SliceRecord> records) {
   IndexHeader header;
   header.slices = static_cast<std::uint32_t>(records.size());
@@ -135,7 +136,7 @@ void put_index(GltfWriter::File& file, std::vector<SliceRecord> records) {
     header.last_index = records.back().index;
   }
   for (std::size_t i = 0; i < records.size(); ++i) {
-    const GltfWriter::Range node = file.nodes[i + 1];  // the first is the scan's
+    const GltfWriter::Range node = file.nodes[i + 1];  // node 0 is the scan
     records[i].node_offset = static_cast<std::uint32_t>(node.offset);
     records[i].node_bytes = static_cast<std::uint32_t>(node.size);
   }
@@ -143,7 +144,7 @@ void put_index(GltfWriter::File& file, std::vector<SliceRecord> records) {
   std::memcpy(at, &header, sizeof header);
   if (!records.empty())
     std::memcpy(at + sizeof header, records.data(), records.size() * sizeof(SliceRecord));
-  seal_index(file.bytes);
+  write_index_checksums(file.bytes);
 }
 
 std::vector<double> node_matrix(const Eigen::Affine3d& T) {
@@ -169,8 +170,8 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   const std::int64_t farthest =
       std::max({std::abs(std::int64_t{low.x}), std::abs(std::int64_t{low.y}),
                 std::abs(std::int64_t{high.x}), std::abs(std::int64_t{high.y})});
-  // Draco's options travel as text with six decimals: the origin in whole mm and a range of at
-  // least 16 mm survive that exactly.
+  // Draco passes its options on as text with six decimals. An origin in whole mm and a range of at
+  // least 16 mm are exact in it.
   const auto whole_mm = [bits = lattice.bits](std::int32_t c) {
     return static_cast<std::int32_t>((c >> bits) * (1 << bits));
   };
@@ -187,18 +188,19 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   return grid;
 }
 
-// Counts, bounds and proofs come from the bytes just written, not from what we meant to write.
+// Counts, bounds and proofs are those of the bytes just written, decoded again.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid) {
-  EncodedSlice out{
-      slice.index, slice.z_mm, slice.T_lps_plane, slice.pslg, json::to_cbor(slice.measures), {}, 0,
-      0,           {}};
-  if (slice.mesh.triangles.empty()) return out;
   const std::string where = "slice " + std::to_string(slice.index) + ": ";
+  if (!json::accept(slice.measures_json)) return bug(where + "its measures are not JSON");
+  EncodedSlice out{
+      slice.index, slice.z_mm, slice.T_lps_plane, slice.pslg, slice.measures_json, {}, 0, 0, {}};
+  if (slice.mesh.triangles.empty()) return out;
   auto bytes = encode_draco(slice.mesh, grid);
   if (!bytes) return bug(where + bytes.error().message);
   auto decoded =
       decode_draco(*bytes, grid.lattice, slice.mesh.vertices.size(), slice.mesh.triangles.size());
-  if (!decoded) return bug(where + "what Draco wrote does not decode: " + decoded.error().message);
+  if (!decoded)
+    return bug(where + "the bytes that Draco wrote do not decode: " + decoded.error().message);
   if (decoded->vertices.size() != slice.mesh.vertices.size() ||
       decoded->triangles.size() != slice.mesh.triangles.size()) {
     return bug(where + "Draco did not keep every vertex and triangle");
@@ -216,15 +218,17 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes) {
+  json parameters = json::parse(head.parameters_json, nullptr, false);
+  if (parameters.is_discarded()) return bug("the asset's parameters are not JSON");
   GltfWriter gltf;
   AssetSizes counted;
   std::size_t bytes = 4096;
   for (const EncodedSlice& slice : slices) {
-    bytes += slice.draco.size() + 2048;  // the latter for its JSON
+    bytes += slice.draco.size() + 2048;  // 2048 for its JSON
     for (const Ring& ring : slice.pslg.rings)
       bytes += ring.size() * (3 * sizeof(float) + 2 * sizeof(std::uint32_t)) + 6;
   }
-  // The index comes first (asset_index.h) and is filled in last.
+  // The index is at the start (asset_index.h). Its bytes are reserved here and written last.
   std::vector<SliceRecord> records(slices.size());
   counted.index_bytes = sizeof(IndexHeader) + records.size() * sizeof(SliceRecord);
   gltf.reserve(bytes + counted.index_bytes);
@@ -243,7 +247,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                   {{"trocar",
                     {{"index", slice.index},
                      {"z_mm", slice.z_mm},
-                     {"measures", json::from_cbor(slice.measures)}}}}}};
+                     {"measures", json::parse(slice.measures_json)}}}}}};
     if (slice.triangles > 0) {
       json primitives = json::array();
       primitives.push_back(triangles_primitive(gltf, slice, head.lattice, counted, record));
@@ -264,7 +268,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                {{"schema", kAssetSchema},
                                 {"lattice_bits", head.lattice.bits},
                                 {"slices", slices.size()},
-                                {"parameters", head.parameters},
+                                {"parameters", std::move(parameters)},
                                 {"input_digest", head.input_digest}}}});
   if (!file) return file.error();
   put_index(*file, std::move(records));

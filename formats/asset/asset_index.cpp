@@ -50,7 +50,7 @@ Result<std::vector<std::uint8_t>> read_bytes(ByteSource& source, std::uint64_t o
   return bytes;
 }
 
-// Of a consistent record: all of it lies in the file.
+// `r` is consistent: all its bytes lie in the file.
 Result<SliceBytes> unchecked_bytes(ByteSource& source, const IndexedFile& file,
                                    const SliceRecord& r) {
   SliceBytes out;
@@ -145,8 +145,8 @@ Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std
   return record;
 }
 
-// Slices mostly follow each other without a gap, and the first place looked at is the right one;
-// then by bisection.
+// Slices mostly follow each other without a gap, so that the first place tried is the right one.
+// After that: bisection.
 Result<std::optional<SliceRecord>> find_record(ByteSource& source, const IndexedFile& file,
                                                int index) {
   const IndexHeader& h = file.header;
@@ -167,7 +167,7 @@ Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
                                     const SliceRecord& record) {
   auto bytes = unchecked_bytes(source, file, record);
   if (bytes && checksum_of(record, *bytes) != record.checksum)
-    return refused("its bytes are not those that were written (checksum)");
+    return refused("its bytes are corrupted (checksum)");
   return bytes;
 }
 
@@ -175,11 +175,11 @@ Result<std::vector<std::uint8_t>> read_extras(ByteSource& source, const IndexedF
   const IndexHeader& h = file.header;
   auto text = read_bytes(source, file.json_at + h.extras_offset, h.extras_bytes);
   if (text && checksum_of(*text) != h.extras_checksum)
-    return refused("its extras are not those that were written (checksum)");
+    return refused("its extras are corrupted (checksum)");
   return text;
 }
 
-void seal_index(std::span<std::uint8_t> glb) {
+void write_index_checksums(std::span<std::uint8_t> glb) {
   MemorySource source(glb);
   const auto found = find_index(source);
   if (!found || !*found) return;

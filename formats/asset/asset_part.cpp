@@ -5,8 +5,8 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
-#include "formats/base/file_io.h"
 #include "formats/asset/slice_payload.h"
+#include "formats/base/file_io.h"
 
 namespace trocar {
 namespace {
@@ -28,8 +28,8 @@ Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
   if (!slice) return slice;
   if (slice->index != record.index) return refused("the slice index and the JSON differ");
   if (record.triangles == 0) return slice;
-  if (auto ok =
-          take_geometry(record, {bytes->draco, bytes->outline, bytes->segments}, lattice, *slice);
+  if (auto ok = decode_slice_geometry(record, {bytes->draco, bytes->outline, bytes->segments},
+                                      lattice, *slice);
       !ok) {
     return ok.error();
   }
@@ -45,7 +45,7 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
   if (!text) return refused(name + ": " + text.error().message);
   const auto extras = parse_json_text(*text);
   if (!extras) return refused(name + ": " + extras.error().message);
-  if (auto ok = take_head(*extras, part.asset, name); !ok) return ok.error();
+  if (auto ok = read_document_extras(*extras, part.asset, name); !ok) return ok.error();
   for (const int index : slice_indices) {
     const auto record = find_record(source, file, index);
     if (!record) return refused(name + ": " + record.error().message);

@@ -12,13 +12,13 @@
 namespace trocar {
 namespace {
 
-// What a few hostile bytes make Draco allocate (24 bytes a triangle) before it reads on is bounded.
-// Refined meshes have 0.2 to 0.4 triangles a byte; a perfect grid can have a hundred, a large one
-// more.
-constexpr std::uint64_t kMostTrianglesAByte = 64, kAlwaysAllowedTriangles = 1 << 22;
+// Draco allocates 24 bytes for each triangle that a payload states before it reads on. These limits
+// bound what a few hostile bytes can cost. Refined meshes have 0.2 to 0.4 triangles a byte; a
+// perfect grid can have a hundred, a large one more.
+constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 << 22;
 
-// What stands before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags,
-// kind of traversal, vertices and faces. Draco allocates for these numbers whatever they are.
+// The bytes before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags, kind
+// of traversal, vertices and faces. Draco allocates for these two numbers without a check.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles) {
   constexpr std::string_view kStart("DRACO\2\2\1\1\0\0", 11);
@@ -40,7 +40,7 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
   const std::uint64_t vertices = varint(), triangles = varint();
   if (vertices > max_vertices || triangles > max_triangles)
     return refused("Draco: more vertices or triangles than stated");
-  if (triangles > std::max(kAlwaysAllowedTriangles, kMostTrianglesAByte * bytes.size()))
+  if (triangles > std::max(kAlwaysAllowedTriangles, kMaxTrianglesPerByte * bytes.size()))
     return refused("Draco: more triangles than its bytes can hold");
   return {};
 }
@@ -79,7 +79,7 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
   draco::ExpertEncoder encoder(out);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
   // In the plane one parallelogram predicts better than Draco's slowest choice, the constrained
-  // average of several, whose flags cost more bits than they save; and it takes half the time.
+  // average of several, whose flags cost more bits than they save. It also takes half the time.
   encoder.SetSpeedOptions(2, 2);
   if (const auto status =
           encoder.SetAttributePredictionScheme(id, draco::MESH_PREDICTION_PARALLELOGRAM);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // A slice mesh as a Draco (Edgebreaker) payload, lossless on the lattice.
 //
-// With range = (2^bits - 1) * step and step a power of two, Draco's float
-// arithmetic is exact: q = (x - origin) / step on the way in, x = q * step +
-// origin on the way out, as long as everything fits a float's 24 bits.
+// With range = (2^bits - 1) * step and step a power of two, Draco's float arithmetic is exact:
+// q = (x - origin) / step when encoding, x = q * step + origin when decoding, as long as all
+// numbers of steps fit a float's 24 bits.
 #pragma once
 
 #include <cstdint>
@@ -15,10 +15,10 @@
 
 namespace trocar {
 
-/// The quantisation grid that all slices of a scan share.
+/// The quantisation grid, the same for all slices of a scan.
 struct DracoGrid {
   Lattice lattice;
-  LatticePoint origin;        ///< smallest coordinates of the scan
+  LatticePoint origin;        ///< at or below all coordinates of the scan
   int quantization_bits = 1;  ///< 2^bits - 1 >= largest extent; at most 24
 };
 
@@ -29,11 +29,10 @@ inline constexpr std::uint32_t kDracoPositionId = 0;
 /// Fails (bug) on an empty mesh or one outside the grid.
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid);
 
-/// Fails (refused, without a file's name) if the payload is not what encode_draco
-/// makes: corrupt, more than `max_vertices` or `max_triangles`, more triangles than so few bytes
-/// ever hold (more than 4 million and 64 a byte), a coordinate off the lattice, an index out of
-/// range. Its counts are checked before Draco allocates for them. Vertices and triangles come in
-/// Draco's order.
+/// Refused (without a file's name) if the payload is not what encode_draco makes: corrupted, more
+/// than `max_vertices` or `max_triangles`, more triangles than 2^22 and than 64 a byte, a
+/// coordinate off the lattice, an index out of range. Its counts are checked before Draco allocates
+/// for them. Vertices and triangles come in Draco's order.
 Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattice& lattice,
                                std::uint64_t max_vertices, std::uint64_t max_triangles);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// tinygltf, which reads assets. Internal to formats/: every file that
-// includes this is compiled with hidden visibility, since Debian's libdraco exports a tinygltf of
-// its own, built with other options, that must not be mixed with ours.
+// Includes tinygltf, which reads assets. Internal to formats/. Debian's libdraco exports a tinygltf
+// built with other options; to keep the two apart, every file that includes this one is compiled
+// with hidden visibility.
 #pragma once
 
 #define TINYGLTF_NO_STB_IMAGE

@@ -59,7 +59,7 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras)
       std::size_t begin = 0;
       for (const std::size_t end : nodes_.ends) {
         out.nodes.push_back({at + begin, end - begin});
-        begin = end + 1;  // behind the comma
+        begin = end + 1;  // after the comma
       }
     }
     texts.push_back(std::move(array->text));
@@ -77,14 +77,14 @@ Result<GltfWriter::File> GltfWriter::finish(const json& top, const json& extras)
   const std::size_t size = 12 + 8 + json_size + (buffer_.empty() ? 0 : 8 + buffer_.size());
   if (size > std::numeric_limits<std::uint32_t>::max())
     return refused("an asset of more than 4 GiB; mesh fewer slices at a time");
-  // What comes before the buffer is put before it in place, if reserve() was told enough.
+  // Header and JSON go in front of the buffer; without a new allocation if reserve() was enough.
   out.json_bytes = json_size;
   out.binary_offset = size - buffer_.size();
   out.bytes = std::move(buffer_);
   const std::size_t binary = out.bytes.size();
   out.bytes.insert(out.bytes.begin(), size - binary, 0);
   std::size_t at = 0;
-  const auto put = [&out, &at](std::size_t number) {  // little-endian, as the machine
+  const auto put = [&out, &at](std::size_t number) {  // this machine is little-endian, as the file
     const auto value = static_cast<std::uint32_t>(number);
     std::memcpy(out.bytes.data() + at, &value, 4);
     at += 4;

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "formats/asset/draco_mesh.h"
+#include "formats/base/json_text.h"
 
 namespace trocar {
 namespace {
@@ -51,7 +52,7 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   }
   if (xyz.size() != 3 * count || indices.size() != 2 * count)
     return refused("outline data outside the buffer or of the wrong size");
-  // Rings as written: (f, f+1) (f+1, f+2) ... (l, f).
+  // The segments of a ring: (f, f+1) (f+1, f+2) ... (l, f).
   Pslg pslg;
   Ring ring;
   std::size_t first = 0;
@@ -76,7 +77,33 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   return pslg;
 }
 
+// The value under `key` of a JSON object given as text; null if there is none.
+nlohmann::json value_of(const std::string& object, const char* key) {
+  const nlohmann::json parsed = nlohmann::json::parse(object, nullptr, false);
+  return parsed.is_object() ? parsed.value(key, nlohmann::json()) : nlohmann::json();
+}
+
 }  // namespace
+
+std::vector<int> labels_of(const Asset& asset) {
+  std::vector<int> out;
+  const nlohmann::json labels = value_of(asset.parameters_json, "labels");
+  if (!labels.is_array()) return out;
+  for (const nlohmann::json& label : labels) {
+    if (!label.is_number()) continue;
+    const double number = label.get<double>();
+    if (number == std::rint(number) && number >= std::numeric_limits<int>::min() &&
+        number <= std::numeric_limits<int>::max()) {
+      out.push_back(static_cast<int>(number));
+    }
+  }
+  return out;
+}
+
+std::optional<double> mean_hu_of(const AssetSlice& slice) {
+  const nlohmann::json mean_hu = value_of(slice.measures_json, "mean_hu");
+  return mean_hu.is_number() ? std::optional(mean_hu.get<double>()) : std::nullopt;
+}
 
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
   int depth = 0;
@@ -99,12 +126,13 @@ Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
   return parsed;
 }
 
-nlohmann::json our_extras(const nlohmann::json& extras) {
+nlohmann::json trocar_extras(const nlohmann::json& extras) {
   return extras.is_object() && extras.contains("trocar") ? extras["trocar"] : nullptr;
 }
 
-Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::string& name) {
-  const nlohmann::json ours = our_extras(extras);
+Result<void> read_document_extras(const nlohmann::json& extras, Asset& asset,
+                                  const std::string& name) {
+  const nlohmann::json ours = trocar_extras(extras);
   if (!ours.is_object() || ours.value("schema", nlohmann::json()) != kAssetSchema) {
     return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
   }
@@ -113,7 +141,7 @@ Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::st
     return refused(name + ": lattice_bits missing or out of range");
   }
   asset.lattice.bits = bits.get<int>();
-  asset.parameters = ours.value("parameters", nlohmann::json::object());
+  asset.parameters_json = json_text(ours.value("parameters", nlohmann::json::object()));
   const nlohmann::json digest = ours.value("input_digest", nlohmann::json());
   if (digest.is_string()) asset.input_digest = digest.get<std::string>();
   return {};
@@ -121,7 +149,7 @@ Result<void> take_head(const nlohmann::json& extras, Asset& asset, const std::st
 
 Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
   const nlohmann::json ours =
-      node.is_object() && node.contains("extras") ? our_extras(node["extras"]) : nullptr;
+      node.is_object() && node.contains("extras") ? trocar_extras(node["extras"]) : nullptr;
   if (!ours.is_object() || !ours.contains("index") || !ours["index"].is_number_integer() ||
       !ours.contains("z_mm") || !ours["z_mm"].is_number()) {
     return refused("a slice node without index and z_mm");
@@ -131,7 +159,7 @@ Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
     return refused("a slice index out of range");
   slice.index = ours["index"].get<int>();
   slice.z_mm = ours["z_mm"].get<double>();
-  slice.measures = ours.value("measures", nlohmann::json::object());
+  slice.measures_json = json_text(ours.value("measures", nlohmann::json::object()));
   const nlohmann::json matrix = node.value("matrix", nlohmann::json());
   if (!matrix.is_array() || matrix.size() != 16 ||
       !std::all_of(matrix.begin(), matrix.end(), [](const nlohmann::json& number) {
@@ -146,8 +174,8 @@ Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
   return slice;
 }
 
-Result<void> take_geometry(const SliceRecord& record, const GeometryBytes& bytes,
-                           const Lattice& lattice, AssetSlice& slice) {
+Result<void> decode_slice_geometry(const SliceRecord& record, const GeometryBytes& bytes,
+                                   const Lattice& lattice, AssetSlice& slice) {
   auto mesh = decode_triangles(record, bytes.draco, lattice);
   if (!mesh) return mesh.error();
   auto pslg = decode_lines(record, bytes, lattice);

@@ -76,7 +76,7 @@ class FileSource : public ByteSource {
 }  // namespace
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
-  // Not to wait for the other end of what turns out to be a pipe.
+  // O_NONBLOCK: if it is a pipe, do not wait for its other end.
   Descriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
   struct stat status {};
@@ -103,10 +103,10 @@ Result<void> check_writable(const std::filesystem::path& file) {
   if (file.empty()) return {};
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
   std::error_code ignored;
-  // The rename that ends the writing would put a file in the place of a device or a pipe.
+  // The final rename would replace a device or a pipe by a file.
   const std::filesystem::file_status there = std::filesystem::status(file, ignored);
   if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
-    return unwritable(file.string() + ": is there and is not a regular file");
+    return unwritable(file.string() + ": exists and is not a regular file");
   }
   if (!std::filesystem::is_directory(folder, ignored)) {
     return unwritable(file.string() + ": there is no folder " + folder.string());
@@ -119,9 +119,9 @@ Result<void> check_writable(const std::filesystem::path& file) {
 
 namespace {
 
-/// Where it is or would be: of a file that is not there, weakly_canonical leaves a relative name as
-/// it was spelt.
-std::filesystem::path place_of(const std::filesystem::path& file) {
+/// The canonical path of a file that may not exist. It is made absolute first, because
+/// weakly_canonical does not change a relative path of which no part exists.
+std::filesystem::path canonical_path(const std::filesystem::path& file) {
   std::error_code ignored;
   return std::filesystem::weakly_canonical(std::filesystem::absolute(file, ignored), ignored);
 }
@@ -141,7 +141,7 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
     }
     for (const OutputFile& other : outputs) {
       if (&other != &output && !other.file.empty() &&
-          place_of(other.file) == place_of(output.file)) {
+          canonical_path(other.file) == canonical_path(output.file)) {
         return usage(said + ": is also the file of " + other.option);
       }
     }
@@ -167,7 +167,7 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
     if (put < 0) return fail();
     done += static_cast<std::size_t>(put);
   }
-  // mkostemp makes the file private; give it what open() would have given.
+  // mkostemp makes the file private; give it the permissions that open() would have given.
   const mode_t mask = ::umask(0);
   ::umask(mask);
   if (::fchmod(fd.get(), 0666 & ~mask) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files in, whole or piece by piece, and out. Outputs appear whole or not at all.
+// Reading files, whole or piece by piece, and writing them. Outputs appear whole or not at all.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace trocar {
 Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
                                             std::uint64_t max_bytes = std::uint64_t{1} << 32);
 
-/// Something of known size that is read piece by piece.
+/// Bytes of known size that are read piece by piece.
 class ByteSource {
  public:
   ByteSource() = default;
@@ -27,7 +27,7 @@ class ByteSource {
   virtual ~ByteSource() = default;
 
   virtual std::uint64_t size() const = 0;
-  /// The `into.size()` bytes from `offset` on. Refused if they are not all there.
+  /// Reads `into.size()` bytes from `offset` on. Refused if there are fewer.
   Result<void> read(std::uint64_t offset, std::span<std::uint8_t> into);
   std::uint64_t bytes_read() const { return bytes_read_; }  ///< by all calls of read()
 
@@ -36,7 +36,7 @@ class ByteSource {
   std::uint64_t bytes_read_ = 0;
 };
 
-/// Bytes in memory, which must outlive it.
+/// Bytes in memory. They must outlive the source.
 class MemorySource : public ByteSource {
  public:
   explicit MemorySource(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -50,22 +50,22 @@ class MemorySource : public ByteSource {
 /// A regular file, open while this lives; refused if it cannot be opened.
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file);
 
-/// Could `file` be written, as far as one can tell beforehand? Better known before the work than
-/// after it. An empty path counts as no output wanted.
+/// Whether `file` could be written, as far as this can be known without writing: programs ask
+/// before long work. (Unwritable) if not. An empty path means that no output is wanted.
 Result<void> check_writable(const std::filesystem::path& file);
 
-/// A file that is to be written, and the option that says so. An empty path: none is wanted.
+/// An output file and the command-line option that names it. An empty path: no output is wanted.
 struct OutputFile {
   std::string option;
   std::filesystem::path file;
 };
 
-/// check_writable() of each; (usage) an output that is also an input, or another output.
+/// check_writable() of each. Fails (usage) if an output is also an input, or another output.
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs);
 
-/// Writes beside the target, syncs, renames over it. On failure (unwritable) the target
-/// is as it was and nothing is left behind.
+/// Writes a temporary file beside the target, syncs it and renames it to the target. On failure
+/// (unwritable) the target is unchanged and the temporary file is removed.
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes);
 Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// JSON as text that can always be written.
+// A JSON value as text, whatever bytes its strings have. For .cpp files: it includes nlohmann/json,
+// which no header of runtime/ may reach.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -7,7 +8,7 @@
 
 namespace trocar {
 
-/// Bytes that are not UTF-8 (file names, text from scans) become U+FFFD rather than an exception.
+/// Bytes that are not UTF-8 (in file names, in text from scans) become U+FFFD; nothing is thrown.
 /// `indent` as in nlohmann::json::dump(); -1 is one line.
 inline std::string json_text(const nlohmann::json& value, int indent = -1) {
   return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// "--treshold": did you mean --threshold?
+// Suggestions for misspelt names: "--treshold": did you mean --threshold?
 #pragma once
 
 #include <string>
@@ -8,8 +8,8 @@
 
 namespace trocar {
 
-/// The candidate with the smallest edit distance (Levenshtein) to `name`, or empty if none is
-/// near enough (a third of the name's length, at least one) to be meant.
+/// The candidate with the smallest edit distance (Levenshtein) to `name`; empty if all are farther
+/// than a third of the name's length (at least 1) or the name has more than 64 bytes.
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
 
 /// ", did you mean X?" or nothing.

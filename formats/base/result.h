@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A value or the reason why there is none. The reason carries the exit code
-// that a program ends with, so that main() needs no table of its own.
+// A value, or an error with its message and the exit code of the program.
 #pragma once
 
 #include <cassert>
@@ -10,11 +9,11 @@
 
 namespace trocar {
 
-/// The programs' exit codes (the outer contract).
+/// The exit codes of all programs.
 enum class ExitCode : int {
   kDone = 0,
-  kBug = 1,          ///< an invariant of ours broke
-  kUsage = 2,        ///< what was asked cannot be asked this way
+  kBug = 1,          ///< an internal invariant does not hold
+  kUsage = 2,        ///< wrong options or arguments
   kRefused = 3,      ///< the input is not acceptable
   kUnwritable = 4,   ///< an output could not be written
   kDeviceFault = 5,  ///< stopped by the device or the safety layer
@@ -25,7 +24,7 @@ struct Error {
   std::string message;  ///< one line: file, slice, place, why
 };
 
-/// Holds a T or an Error. Reading the one that is not there is a bug (assert).
+/// Holds a T or an Error. Accessing the one that is absent is a bug (assert).
 template <typename T>
 class [[nodiscard]] Result {
  public:

@@ -15,7 +15,7 @@ int after_printing(const char* program, int code) {
   const bool fails_now = std::fflush(stdout) != 0;
   if ((!failed_before && !fails_now) || errno == EPIPE) return code;
   const std::string why = errno == 0 ? "" : ": " + std::generic_category().message(errno);
-  std::fprintf(stderr, "%s: what it prints could not all be written%s\n", program, why.c_str());
+  std::fprintf(stderr, "%s: standard output could not be written%s\n", program, why.c_str());
   return code == 0 ? static_cast<int>(ExitCode::kUnwritable) : code;
 }
 

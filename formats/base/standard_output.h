@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a program prints is an output like its files.
+// Errors in writing standard output.
 #pragma once
 
 namespace trocar {
 
-/// The last thing that a program's main() does: `code`, or 4 and one line on stderr if not all that
-/// was printed could be written (a full disk). A reader that has gone wanted no more of it.
+/// To be called last in main(): flushes standard output and returns the exit code. That is `code`,
+/// or 4 (unwritable, with a line on stderr) if `code` is 0 and not everything printed could be
+/// written, as on a full disk. A closed pipe is not an error.
 int after_printing(const char* program, int code);
 
 }  // namespace trocar

@@ -11,19 +11,18 @@ namespace {
 
 constexpr std::size_t kMaxDepth = 64;
 
-std::string in_words(double x) {
+std::string as_text(double x) {
   return nlohmann::json(x).dump();
 }
 
-std::string range_in_words(double lowest, double highest) {
-  return "must be within " + in_words(lowest) + " and " + in_words(highest);
+std::string range_message(double lowest, double highest) {
+  return "must be within " + as_text(lowest) + " and " + as_text(highest);
 }
 
 }  // namespace
 
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name) {
-  // nlohmann keeps the last of two equal keys without a word; what a document says
-  // twice it may say differently, so it is refused here.
+  // nlohmann silently keeps the last of two equal keys. Their values may differ, so refuse both.
   std::vector<std::set<std::string>> keys;
   std::optional<std::string> wrong;
   const auto watch = [&](int, nlohmann::json::parse_event_t event, nlohmann::json& parsed) {
@@ -66,7 +65,7 @@ bool StrictObject::has(const char* key) const {
 }
 
 const nlohmann::json* StrictObject::find(const char* key, bool required) {
-  asked_.insert(key);
+  known_.insert(key);
   if (has(key)) return &value_[key];
   if (required && value_.is_object()) errors_.add(path(key), "is missing");
   return nullptr;
@@ -82,7 +81,7 @@ double StrictObject::number(const char* key, double lowest, double highest,
   }
   const double x = found->get<double>();
   if (!std::isfinite(x) || x < lowest || x > highest) {
-    errors_.add(path(key), range_in_words(lowest, highest));
+    errors_.add(path(key), range_message(lowest, highest));
     return lowest;
   }
   return x;
@@ -134,7 +133,7 @@ void StrictObject::numbers(const char* key, std::span<double> result, double low
     const double x = element.is_number() ? element.get<double>() : NAN;
     if (!std::isfinite(x) || x < lowest || x > highest) {
       errors_.add(path(key) + "/" + std::to_string(i),
-                  "must be a number; it " + range_in_words(lowest, highest));
+                  "must be a number; it " + range_message(lowest, highest));
       return;
     }
     result[i] = x;
@@ -160,7 +159,7 @@ const nlohmann::json* StrictObject::optional_value(const char* key) {
 void StrictObject::finish() {
   if (!value_.is_object()) return;
   for (const auto& [key, unused] : value_.items()) {
-    if (!asked_.contains(key)) {
+    if (!known_.contains(key)) {
       errors_.add(path_, "unknown key " + nlohmann::json(key).dump());
       return;
     }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// JSON from outside, read strictly: every key is asked for by name and type and
-// range, what nobody asked for is refused, and the first thing that is wrong is
-// named by file and JSON path.
+// Strict reading of JSON documents: each key is read with its type and range, unknown keys are
+// refused, and the first error is reported with file and JSON path. For .cpp files, as json_text.h.
 #pragma once
 
 #include <array>
@@ -17,19 +16,19 @@
 
 namespace trocar {
 
-/// One JSON value. Refuses syntax errors (line and column), bytes after the value,
-/// the same key twice in an object and numbers beyond double's range.
+/// Parses one JSON value. Refuses syntax errors (with line and column), bytes after the value, a
+/// key that occurs twice in an object, numbers beyond double's range and nesting deeper than 64.
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
-/// Where a document's first error is kept while its readers go on with defaults.
+/// Keeps the first error of a document; its readers continue with defaults.
 struct JsonErrors {
-  std::string file;  ///< named in the message
+  std::string file;  ///< for the message
   std::optional<Error> first;
   void add(const std::string& path, const std::string& why);
 };
 
-/// Reads one object. Getters return the value, or, after noting an error, `lowest`
-/// or an empty one; call finish() after the last getter.
+/// Reads one object. A getter returns the value; if it is missing or wrong, it adds an error and
+/// returns `lowest` or an empty value. Call finish() after the last getter.
 class StrictObject {
  public:
   /// `value` and `errors` must outlive the reader.
@@ -46,13 +45,13 @@ class StrictObject {
   /// `result.size()` numbers. A missing key leaves `result` as it is, if `required` is not set.
   void numbers(const char* key, std::span<double> result, double lowest, double highest,
                bool required);
-  /// The array under `key`, or null and an error if it is missing, no array or its length is
-  /// outside the bounds.
+  /// The array under `key`; null, with an error, if it is missing, not an array, or its length is
+  /// out of bounds.
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
-  /// The value under `key` (marked as asked for), or null if it is missing.
+  /// The value under `key`, or null if it is missing; the key counts as known.
   const nlohmann::json* optional_value(const char* key);
   std::string path(const char* key) const { return path_ + "/" + key; }
-  /// Refuses the keys that no getter asked for.
+  /// Adds an error if the object has a key that no getter has read.
   void finish();
 
  private:
@@ -61,7 +60,7 @@ class StrictObject {
   const nlohmann::json& value_;
   std::string path_;
   JsonErrors& errors_;
-  std::set<std::string> asked_;
+  std::set<std::string> known_;
 };
 
 }  // namespace trocar

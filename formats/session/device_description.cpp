@@ -17,7 +17,7 @@ constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 20;
 constexpr std::array<const char*, kJointsPerLeg> kJointName = {"theta1", "theta2", "theta3",
                                                                "theta4", "theta5", "theta6"};
 
-// The one conversion, so that the built-in description equals the file's to the bit.
+// The only conversion, so that the built-in description equals the file's bit for bit.
 double from_deg(double deg) {
   return deg * (std::numbers::pi / 180);
 }
@@ -26,7 +26,7 @@ JointLimit limit_from_deg(double min_deg, double max_deg) {
   return {from_deg(min_deg), from_deg(max_deg)};
 }
 
-// The object under `key`, for a StrictObject of its own.
+// The object under `key`, for a further StrictObject.
 const Json& section(StrictObject& parent, const char* key, JsonErrors& errors) {
   static const Json kNone;
   const Json* found = parent.optional_value(key);
@@ -104,7 +104,7 @@ void read_plate_and_simulation(StrictObject& root, DeviceDescription& device, Js
   plate.finish();
   if (i[0] + i[1] < i[2] || i[1] + i[2] < i[0] || i[2] + i[0] < i[1]) {
     errors.add(plate.path("inertia_kg_m2"),
-               "belongs to no body: one moment exceeds the others' sum");
+               "is impossible: one moment exceeds the sum of the others");
   }
   StrictObject simulation(section(root, "simulation", errors), "/simulation", errors);
   device.joint_viscous_friction_Nms_per_rad =

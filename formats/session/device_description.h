@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one haptic device is: geometry, motors, joint limits, and what its
-// simulation needs. The mechanism is the paper's four-legged, eight-motor device
-// (section III); how its lengths are read stands in runtime/device/README.md.
-// On disk: JSON, schema formats/session/device.schema.json.
+// The description of a haptic device: geometry, motors, joint limits, and the parameters of its
+// simulation. The mechanism is the paper's four-legged, eight-motor device (section III);
+// runtime/mechanism/README.md says how the paper's lengths are interpreted.
+// File: JSON, schema formats/session/device.schema.json.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@
 namespace trocar {
 
 /// Lengths in m, angles in rad, frame {B}: origin at the base's centre, z up.
-/// Leg m stands at azimuth (m-1) * 90 deg. Symbols are the paper's.
+/// Leg m is at azimuth (m-1) * 90 deg. Symbols are the paper's.
 struct DeviceGeometry {
   double l1_m = 0;    ///< motor axis of theta1 to the elbow E
   double l2_m = 0;    ///< elbow E to the plate's ball joint C
@@ -25,10 +25,11 @@ struct DeviceGeometry {
   double R_T_m = 0;   ///< circle of the ball joints C on the plate
   double R_B1_m = 0;  ///< circle of the axes of theta1
   double R_B2_m = 0;  ///< circle of the axes of theta4
-  double H_B_m = 0;   ///< how far the lower motors' links lie below the axes of theta1
+  double H_B_m = 0;   ///< depth of the lower motors' links below the axes of theta1
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
-  /// Sign of acos in theta1 = atan2(p_z, p_x) +- acos(.), and of theta4 likewise.
+  /// Sign of acos in theta1 = atan2(p_z, p_x) +- acos(.) and in theta4 = atan2(q_y, q_x) +-
+  /// acos(.).
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -36,7 +37,7 @@ struct DeviceGeometry {
 
 struct JointLimit {
   double min_rad = 0;
-  double max_rad = 0;  ///< greater than min_rad by at most a turn
+  double max_rad = 0;  ///< greater than min_rad, by at most 2 pi
   friend bool operator==(const JointLimit&, const JointLimit&) = default;
 };
 inline constexpr std::size_t kJointsPerLeg = 6;
@@ -47,11 +48,11 @@ struct DeviceDescription {
   double motor_peak_torque_Nm = 0;            ///< at the joint, every motor
   double motor_continuous_torque_Nm = 0;      ///< at the joint; not above the peak
   double motor_torque_constant_Nm_per_A = 0;  ///< at the rotor
-  double motor_gear_ratio = 0;                ///< rotor's turns per turn of the joint
+  double motor_gear_ratio = 0;                ///< revolutions of the rotor for one of the joint
   double upper_bevel_ratio = 0;               ///< of theta1's bevel gears, in series with the gear
   double motor_peak_current_A = 0;            ///< of the drive
   double motor_continuous_current_A = 0;      ///< of motor and drive; not above the peak
-  double motor_peak_time_s = 0;               ///< how long a cold motor bears the peak current
+  double motor_peak_time_s = 0;               ///< longest time at the peak current, from cold
   double joint_coulomb_friction_Nm = 0;       ///< at each of the eight motor joints
   std::array<JointLimit, kJointsPerLeg> joint_limit;  ///< theta1..theta6, the same in every leg
   double plate_mass_kg = 0;                           ///< plate, sensor and grip
@@ -59,20 +60,20 @@ struct DeviceDescription {
 
   // The simulated device only.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
-  int encoder_counts_per_revolution = 0;          ///< 0: encoders are exact
+  int encoder_counts_per_revolution = 0;          ///< 0: exact encoders
   double gravity_m_per_s2 = 0;                    ///< along -z; 0: the mechanism is balanced
-  int minimum_substeps = 0;                       ///< of the integration, a step
+  int minimum_substeps = 0;                       ///< of the integration, in each simulation step
   double maximum_substep_s = 0;
 
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
 };
 
-/// The device of the paper; equal to what runtime/device/four_legs.json holds.
+/// The device of the paper; equal to runtime/device/four_legs.json.
 DeviceDescription default_device_description();
 
-/// Reads a description from JSON text. `source` names the text in errors.
-/// Refused: no JSON, unknown, repeated or missing keys, wrong types, numbers that
-/// are not finite or outside sane ranges, "assumed" entries that name no value.
+/// Reads a description from JSON text. `source` is its name in errors. Refused: text that is not
+/// JSON; unknown, repeated or missing keys; wrong types; numbers that are not finite or out of the
+/// schema's range; entries of "assumed" that name no value.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

@@ -21,7 +21,7 @@ constexpr std::array<std::uint8_t, 4> kMagic = {'T', 'R', 'C', 'R'};
 constexpr std::uint8_t kVersion = 1;
 constexpr std::size_t kHeaderBytes = 32;
 
-/// Fields one after the other; the sizes are checked before a cursor is made.
+/// Writes fields one after the other. The caller has checked the size.
 class Writer {
  public:
   explicit Writer(std::uint8_t* at) : at_(at) {}
@@ -121,8 +121,8 @@ std::size_t seal(const LinkKey& key, std::uint8_t* out) noexcept {
   return kBytes;
 }
 
-/// All that does not depend on the contents. `any_session`: hello and welcome have none to be
-/// held against.
+/// Checks everything except the contents. `any_session`: for hello and welcome, which belong to no
+/// known session.
 template <typename Packet>
 LinkRefusal open(Bytes bytes, const LinkKey& key, bool any_session, std::uint64_t session,
                  Header& header) noexcept {
@@ -140,7 +140,7 @@ LinkRefusal open(Bytes bytes, const LinkKey& key, bool any_session, std::uint64_
   if (!any_session && header.session != session) return LinkRefusal::kSession;
   std::array<std::uint8_t, kLinkMacBytes> mac;
   mac_of(bytes.first(kBytes - kLinkMacBytes), key, mac.data());
-  // In constant time: how far a guess was right must not show.
+  // In constant time, so that the time does not reveal how much of a guess is right.
   return sodium_memcmp(mac.data(), bytes.data() + kBytes - kLinkMacBytes, kLinkMacBytes) == 0
              ? LinkRefusal::kNone
              : LinkRefusal::kMac;
@@ -187,10 +187,10 @@ LinkRefusal accept_newer(const Packet& read, bool good, std::uint64_t& last_sequ
 }  // namespace
 
 const char* to_word(LinkRefusal refusal) noexcept {
-  static constexpr std::array<const char*, kLinkRefusals> kWords = {
+  static constexpr std::array<const char*, kLinkRefusals> kNames = {
       "accepted", "size", "magic", "kind", "session", "mac", "sequence", "contents"};
   const auto at = static_cast<std::size_t>(refusal);
-  return at < kWords.size() ? kWords[at] : "unknown";
+  return at < kNames.size() ? kNames[at] : "unknown";
 }
 
 std::uint64_t LinkCounts::refused() const noexcept {

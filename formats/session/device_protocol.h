@@ -1,33 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device link: what the loop's host and a drive say to each other over UDP. One datagram is
-// one packet of a fixed size; every number is little-endian; floating-point numbers are IEEE 754
-// binary64. The same to the byte, with the course of a session, in device_protocol.md.
+// Packets of the device link, the UDP protocol between the haptic loop's host and a drive. One
+// datagram is one packet of a fixed size. Layout to the byte and course of a session:
+// device_link.md.
 //
-//   offset  bytes  header of every packet
-//        0      4  magic "TRCR"
-//        4      1  version, 1
-//        5      1  kind: 1 hello, 2 welcome, 3 command, 4 state
-//        6      2  size of the whole packet in bytes
-//        8      8  session: the first 8 bytes of the drive's nonce; 0 in hello
-//       16      8  sequence, from 1, strictly increasing a direction and session; 1 in hello,
-//       welcome 24      8  time on the sender's clock, ns, signed (a state's: time of its encoders)
-//
-//   hello, 96    32: 16 host's nonce | 48: 8 period of the host's loop, s | 56: 1 fresh | 57: 7
-//   zero welcome, 112 32: 16 host's nonce | 48: 16 drive's nonce | 64: 8 drive's period, s |
-//                72: 1 clock | 73: 7 zero
-//   command, 144 32: 1 mode | 33: 7 zero | 40: 8 sequence of the newest state seen |
-//                48: 8 x 8 motor torques, N*m
-//   state, 208   32: 1 mode | 33: 1 motor faults | 34: 6 zero | 40: 8 sequence of the newest
-//                command taken | 48: 16 x 8 encoder angles, rad
-//   The last 32 bytes of each are the MAC of all before them: BLAKE2b-256 with a key of 32 bytes
-//   (libsodium's crypto_generichash). hello and welcome: the shared key; command and state: the
-//   session's key, BLAKE2b-256 under the shared key of "trocar link 1" | host's nonce | drive's.
-//
-// Laws (tests/formats/session/device_protocol_test.cpp):
-//  1. What decode accepts, encode gives again byte for byte, and only who has the key made it.
-//  2. Nothing is accepted twice, nor after something newer, nor in another session or direction.
+// Contract (tests/formats/session/device_protocol_test.cpp):
+//  1. A packet that decode accepts was made with the key, and encode gives the same bytes again.
+//  2. A command or state is accepted once, in its own session and direction, and never after a
+//     newer one.
 //  3. A refused packet changes nothing.
-// No function but start_link allocates, locks, throws or looks at a clock.
+// No function except start_link allocates, locks, throws or reads a clock.
 #pragma once
 
 #include <array>
@@ -44,7 +25,7 @@ inline constexpr std::size_t kHelloBytes = 96, kWelcomeBytes = 112, kCommandByte
                              kStateBytes = 208;
 inline constexpr std::size_t kLargestPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
-/// Beyond these a number is refused: no device of this kind has them.
+/// Numbers beyond these are refused; no device of this kind reaches them.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMinPeriod_s = 1e-5, kLinkMaxPeriod_s = 0.1;
 
@@ -56,20 +37,20 @@ using LinkNonce = std::array<std::uint8_t, kLinkNonceBytes>;
 enum class PacketKind : std::uint8_t { kHello = 1, kWelcome = 2, kCommand = 3, kState = 4 };
 
 enum class LinkClock : std::uint8_t {
-  kReal = 1,      ///< the drive goes by its own clock
-  kLockStep = 2,  ///< the drive's time goes on by one host's period a torque command
+  kReal = 1,      ///< the drive's own clock
+  kLockStep = 2,  ///< each torque command advances the drive's time by one period of the host
 };
 enum class CommandMode : std::uint8_t {
-  kHold = 1,    ///< torques must be zero; lock-step: time stands still, a state is sent
+  kHold = 1,    ///< torques must be zero; lock-step: time does not advance, a state is sent
   kTorque = 2,  ///< torques to hold until the next command
-  kStop = 3,    ///< torques must be zero; the session is over
+  kStop = 3,    ///< torques must be zero; ends the session
 };
 enum class DriveMode : std::uint8_t {
-  kReady = 1,     ///< torques are zero, a torque command is taken
+  kReady = 1,     ///< torques are zero; a torque command is accepted
   kTorque = 2,    ///< the last command's torques are applied
-  kWatchdog = 3,  ///< commands fell silent: torques are zero until one that has seen it asks for
-                  ///< none
-  kEmergencyStop = 4,  ///< pressed, or released and no such command has come yet:
+  kWatchdog = 3,  ///< commands stopped arriving: torques are zero until a command arrives that has
+                  ///< seen this mode and whose torques are zero
+  kEmergencyStop = 4,  ///< pressed, or released and no such command has arrived yet:
                        ///< torques are zero whatever is commanded
 };
 
@@ -77,7 +58,7 @@ struct HelloPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};
   double period_s = 0;
-  bool fresh = true;  ///< a simulated world is to begin anew
+  bool fresh = true;  ///< a simulated world starts again from its initial state
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
 };
 struct WelcomePacket {
@@ -105,35 +86,36 @@ struct StatePacket {
   friend bool operator==(const StatePacket&, const StatePacket&) = default;
 };
 
-/// Why a packet was not accepted; the first of these that applies.
+/// Why a packet was refused: the first of these that applies.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
-  kSize,      ///< no packet of the wanted kind has this many bytes, or it states another size
-  kMagic,     ///< not this protocol, or another version
-  kKind,      ///< of another kind, as one's own packet sent back
-  kSession,   ///< of another session
-  kMac,       ///< not made with the key, or changed on its way
-  kSequence,  ///< seen before, or overtaken by a newer one
-  kContents,  ///< authentic, and yet: an unknown mode, bytes that must be zero, a number that is
-              ///< not finite or beyond bounds, or a nonce that is not the asked one
+  kSize,      ///< not the size of this kind of packet, or not the size that it states
+  kMagic,     ///< another protocol or version
+  kKind,      ///< another kind, such as the receiver's own packet sent back
+  kSession,   ///< another session
+  kMac,       ///< not made with the key, or corrupted
+  kSequence,  ///< repeated, or overtaken by a newer one
+  kContents,  ///< authentic, but with an unknown mode, a non-zero byte where zero is required, a
+              ///< number that is not finite or out of bounds, or a nonce of another hello
 };
 inline constexpr std::size_t kLinkRefusals = 8;
-/// A word for summaries, such as "sequence".
+/// The name in summaries, such as "sequence".
 const char* to_word(LinkRefusal refusal) noexcept;
 
-/// Once before all else in a program; may be repeated. Fails (bug) if the system has no randomness.
+/// To be called before any other function of this header; may be repeated. Fails (bug) if the
+/// system has no source of randomness.
 Result<void> start_link();
 
-/// Fresh from the system's random numbers.
+/// New ones from the system's random numbers.
 LinkKey random_link_key() noexcept;
 LinkNonce random_nonce() noexcept;
 
-/// What command and state of a session are made with, and its number in their headers.
+/// The key of a session's commands and states, and the session's number in their headers.
 LinkKey session_key(const LinkKey& shared, const LinkNonce& host, const LinkNonce& drive) noexcept;
 std::uint64_t session_number(const LinkNonce& drive) noexcept;
 
-/// Bytes written: the kind's size; 0 if `out` is shorter, or the packet is one that decode would
-/// refuse for its contents. The key: shared for hello and welcome, the session's for the others.
+/// Returns the bytes written, the size of this kind of packet; 0 if `out` is shorter or decode
+/// would refuse the contents. `key`: the shared key for hello and welcome, else the session's.
 std::size_t encode(const HelloPacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
 std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
@@ -143,24 +125,24 @@ std::size_t encode(const CommandPacket& packet, const LinkKey& key,
 std::size_t encode(const StatePacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
 
-/// The kind that a datagram claims to be by its header and size; kHello if it is none (which
-/// decode then refuses). Nothing is authenticated.
+/// The kind of a datagram by its header and size, without authentication; kHello if it is none
+/// (decode then refuses it).
 PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
 
-/// `packet` and `last_sequence` change only if the packet is accepted. A hello has no history: who
-/// sends an old one again gets a welcome, whose session he cannot speak in.
+/// `packet` and `last_sequence` change only if the packet is accepted. A repeated hello is
+/// accepted: whoever sends an old one gets a welcome, but lacks the key to use its session.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
                    HelloPacket& packet) noexcept;
-/// `asked`: the nonce of one's own hello.
+/// `asked`: the host's nonce in its hello.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, const LinkNonce& asked,
                    WelcomePacket& packet) noexcept;
-/// `last_sequence`: of the session's packets of this kind, 0 at its start.
+/// `last_sequence`: of the session's packets of this kind; 0 at its start.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept;
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, StatePacket& packet) noexcept;
 
-/// Packets by what became of them.
+/// Numbers of accepted packets and of refused ones by reason.
 struct LinkCounts {
   std::array<std::uint64_t, kLinkRefusals> by_refusal{};  ///< [kNone]: accepted
   void add(LinkRefusal refusal) noexcept { ++by_refusal[static_cast<std::size_t>(refusal)]; }

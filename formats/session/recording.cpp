@@ -104,8 +104,8 @@ void put(std::string& out, Number x) {
   out.push_back(',');
 }
 
-void put(std::string& out, const char* word) {
-  out.append(word).push_back(',');
+void put(std::string& out, const char* name) {
+  out.append(name).push_back(',');
 }
 
 template <std::size_t N>
@@ -145,7 +145,7 @@ void put(std::string& out, const RecordingRow& row) {
   out.back() = '\n';
 }
 
-/// Takes one row apart, field by field; keeps the first thing that is wrong.
+/// Reads one row field by field; keeps the first error.
 class RowReader {
  public:
   explicit RowReader(std::string_view line) : rest_(line) {}
@@ -153,7 +153,7 @@ class RowReader {
   bool ok() const { return why_ == nullptr; }
   bool at_end() const { return ended_; }
   const char* why() const { return why_; }
-  std::size_t field() const { return field_; }  ///< number of fields asked for so far
+  std::size_t field() const { return field_; }  ///< number of fields read so far
 
   template <typename Number>
   void number(Number& x) {
@@ -176,16 +176,16 @@ class RowReader {
       finite(x);
   }
   template <typename Enum, std::size_t N>
-  void word(Enum& value, const std::array<const char*, N>& words) {
+  void name(Enum& value, const std::array<const char*, N>& names) {
     const std::string_view text = next();
     if (!ok()) return;
     for (std::size_t i = 0; i < N; ++i) {
-      if (text == words[i]) {
+      if (text == names[i]) {
         value = static_cast<Enum>(i);
         return;
       }
     }
-    why_ = "is an unknown word";
+    why_ = "is an unknown name";
   }
 
  private:
@@ -286,7 +286,7 @@ Result<void> RecordingWriter::flush() {
 
 Result<void> RecordingWriter::commit() {
   if (Result<void> flushed = flush(); !flushed) return flushed;
-  // mkostemp makes the file private; give it what open() would have given.
+  // mkostemp makes the file private; give it the permissions that open() would have given.
   const mode_t mask = ::umask(0);
   ::umask(mask);
   if (::fchmod(fd_, 0666 & ~mask) != 0 || ::fsync(fd_) != 0) return failure(errno);
@@ -303,11 +303,11 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     ++line_number;
     const std::size_t end = csv.find('\n');
     const std::string where = name + ": line " + std::to_string(line_number);
-    if (end == std::string_view::npos) return refused(where + ": has no end");
+    if (end == std::string_view::npos) return refused(where + ": has no line feed at its end");
     const std::string_view line = csv.substr(0, end);
     csv.remove_prefix(end + 1);
     if (line_number == 1) {
-      if (line != recording_header()) return refused(where + ": is not a recording's header");
+      if (line != recording_header()) return refused(where + ": is not the header of a recording");
       continue;
     }
     RecordingRow row;
@@ -321,7 +321,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.tau_Nm);
     for (double& angle : row.encoder_rad)
       reader.number(angle);
-    reader.word(row.phase, kPhaseWords);
+    reader.name(row.phase, kPhaseWords);
     reader.number(row.active_slice);
     reader.finite(row.penetration_m);
     reader.finite(row.wrench_scale);
@@ -331,12 +331,12 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.number(row.response_stiffness_N_per_m);
     for (double& offset_m : row.response_offset_m)
       reader.number(offset_m);
-    reader.word(row.fault, kFaultWords);
-    reader.word(row.device_read, kAnswerWords);
-    reader.word(row.device_write, kAnswerWords);
-    reader.word(row.outside_fault, kFaultWords);
+    reader.name(row.fault, kFaultWords);
+    reader.name(row.device_read, kAnswerWords);
+    reader.name(row.device_write, kAnswerWords);
+    reader.name(row.outside_fault, kFaultWords);
     reader.flag(row.recovery_asked);
-    reader.word(row.safety, kSafetyWords);
+    reader.name(row.safety, kSafetyWords);
     reader.finite(row.authority);
     reader.finite(row.passivity_J);
     reader.finite(row.passivity_N_s_per_m);
@@ -350,7 +350,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     }
     rows.push_back(row);
   }
-  if (rows.empty()) return refused(name + ": no row");
+  if (rows.empty()) return refused(name + ": has no row");
   return rows;
 }
 

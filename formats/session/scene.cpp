@@ -6,8 +6,8 @@
 #include <span>
 
 #include "formats/base/file_io.h"
-#include "formats/geometry/slice_mesh.h"
 #include "formats/base/strict_json.h"
+#include "formats/geometry/slice_mesh.h"
 
 namespace trocar {
 namespace {
@@ -65,7 +65,7 @@ ShaftTissue read_shaft(const nlohmann::json& value, const std::string& path, Jso
   return shaft;
 }
 
-// The fields of a tissue; the caller has more, and finishes.
+// Reads the fields of a tissue. The caller reads further keys and calls finish().
 Tissue read_tissue_fields(StrictObject& object, JsonErrors& errors) {
   Tissue tissue;
   tissue.stiffness_N_per_m = object.number("stiffness_N_per_m", 1.0, 1e5, tissue.stiffness_N_per_m);
@@ -114,7 +114,7 @@ void read_tissues(const nlohmann::json& array, JsonErrors& errors,
     tissue.tissue = read_tissue_fields(object, errors);
     object.finish();
     for (const NamedTissue& other : tissues) {
-      if (other.name == tissue.name) errors.add(object.path("name"), "is there twice");
+      if (other.name == tissue.name) errors.add(object.path("name"), "occurs twice");
     }
     tissues.push_back(std::move(tissue));
   }
@@ -130,7 +130,7 @@ void check_tissue_names(const Scene& scene, JsonErrors& errors) {
   }
 }
 
-// Nanometres, so that the exact predicates serve.
+// In nanometres, as integers, so that the exact predicates can be used.
 LatticePoint in_nm(const std::array<double, 2>& p_m) {
   return {static_cast<std::int32_t>(std::lrint(p_m[0] * 1e9)),
           static_cast<std::int32_t>(std::lrint(p_m[1] * 1e9))};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene: which slices of which asset hang where in the device's frame {B}
-// (origin in the base, z up, metres), what they are made of, what the tool is and
-// what the simulated hand does. JSON, schema in formats/session/scene.schema.json.
+// The scene: slices of an asset and their places in the device's frame {B} (origin in the base, z
+// up, metres), their tissues, the tool, and the simulated hand's trajectory. File: JSON, schema
+// formats/session/scene.schema.json.
 #pragma once
 
 #include <array>
@@ -21,33 +21,32 @@ inline constexpr std::size_t kMaxSceneSlices = 64;
 inline constexpr int kMaxToolSides = 32;
 inline constexpr std::size_t kMaxKeyframes = 4096;
 inline constexpr std::size_t kMaxTissues = 64;
-/// Two slices closer than this have no defined order for a tool that comes from above.
+/// Smallest distance of two slices in height, so that their order is defined.
 inline constexpr double kMinSliceGap_m = 1e-4;
 
-/// What a sheet does to the shaft that goes through its hole (A. Okamura, C. Simone, M. O'Leary,
-/// Force modeling for needle insertion into soft tissue, 2004: dry plus viscous friction along the
-/// shaft), and its rim to a shaft that is pushed aside. All zero: nothing.
+/// Forces of a punctured sheet on the shaft in its hole: dry and viscous friction along the shaft
+/// (A. Okamura, C. Simone, M. O'Leary, Force modeling for needle insertion into soft tissue, 2004),
+/// and a spring from the hole's rim against lateral displacement. All zero: no force.
 struct ShaftTissue {
   double dry_friction_N = 0;
   double viscous_friction_N_s_per_m = 0;
-  /// Displacement within which the dry friction builds up, as a spring: so it is defined at rest.
+  /// Displacement over which dry friction builds up like a spring, so that it is defined at rest.
   double presliding_m = 2e-4;
-  double rim_stiffness_N_per_m = 0;  ///< against the shaft's displacement from the hole's middle
+  double rim_stiffness_N_per_m = 0;  ///< for displacement from the hole's centre
   friend bool operator==(const ShaftTissue&, const ShaftTissue&) = default;
 };
 
 /// One elastic sheet; the defaults are the paper's.
 struct Tissue {
   double stiffness_N_per_m = 5000;
-  double threshold_N = 35;       ///< the sheet gives way in the tick in which it would be exceeded
-  double damping_N_s_per_m = 0;  ///< added to K dx, on the rate of dx; the sum never pulls
+  double threshold_N = 35;       ///< the sheet is punctured in the tick in which F would exceed it
+  double damping_N_s_per_m = 0;  ///< times the rate of dx, added to K dx; the sum is never negative
   ShaftTissue shaft;
   friend bool operator==(const Tissue&, const Tissue&) = default;
 };
 
-/// A tissue with a name, and the slices that it is for: those of an asset made from one of these
-/// labels, or whose material has a mean within this range of HU. Neither: only for slices that
-/// name it.
+/// A tissue with a name, and the slices that it applies to: those of an asset made from one of
+/// these labels, or whose mean HU is in this range. With neither: only slices that name it.
 struct NamedTissue {
   std::string name;
   std::vector<int> labels;
@@ -65,26 +64,27 @@ struct ForceLaw {
   ForceLawKind kind = ForceLawKind::kHooke;
   // kNetwork:
   NetworkSolver solver = NetworkSolver::kAuto;
-  double reach_m = 0.01;      ///< lambda: over which the sheet's response dies out
-  double error_bound = 0.01;  ///< kAuto: of force and displacement, relative
-  double radius_m = 0.04;     ///< kLocal: of the region around the tool
-  int depth = 6;              ///< kPropagation: rings of vertices
+  double reach_m = 0.01;      ///< decay length lambda of the sheet's response
+  double error_bound = 0.01;  ///< kAuto: relative error of force and displacement
+  double radius_m = 0.04;     ///< kLocal: radius of the region around the tool
+  int depth = 6;              ///< kPropagation: number of vertex rings
 };
 
-/// Where the slice plane (u along the image's columns, v along its rows, mm) lies in {B}:
+/// Where the slice plane (u, v in mm; asset.md, Frames) lies in {B}:
 /// p = at + R_z(rotation) (uv - anchor). u -> x, v -> y, slice normal -> z: never mirrored.
 struct Placement {
   /// The point of the slice plane that lies at `at_m`; none: the centroid of the material of
-  /// the first of the scene's slices. The same point serves all slices, so they stay in register.
+  /// the scene's first slice. The same for all slices, so that they stay aligned.
   std::optional<std::array<double, 2>> anchor_mm;
   std::array<double, 2> at_m{0, 0};
   double rotation_deg = 0;
 };
 
 struct SceneSlice {
-  int index = 0;                      ///< AssetSlice::index
-  double z_m = 0;                     ///< height in {B}
-  std::optional<std::string> tissue;  ///< NamedTissue::name; none: by label, HU, or Scene::tissue
+  int index = 0;   ///< AssetSlice::index
+  double z_m = 0;  ///< height in {B}
+  std::optional<std::string>
+      tissue;  ///< NamedTissue::name; none: chosen by label, HU, or Scene::tissue
 };
 
 /// A prism along the tool's axis. Its cross-section is a regular polygon, or the polygon
@@ -92,14 +92,14 @@ struct SceneSlice {
 struct SceneTool {
   int sides = 6;
   double radius_m = 0.003;  ///< of the circumscribed circle
-  /// Not empty: in the place of `sides` and `radius_m`; simple, counter-clockwise seen from +z.
+  /// If not empty, replaces `sides` and `radius_m`; simple, counter-clockwise seen from +z.
   std::vector<std::array<double, 2>> outline_m;
   double rotation_deg = 0;                        ///< of the cross-section about the axis
-  std::array<double, 3> tip_in_plate_m{0, 0, 0};  ///< the axis's lower end in the plate's frame
-  /// The axis: the plate's z axis, tilted by this much towards this direction from its x axis.
+  std::array<double, 3> tip_in_plate_m{0, 0, 0};  ///< lower end of the axis in the plate's frame
+  /// The axis is the plate's z axis tilted by tilt_deg towards tilt_azimuth_deg from its x axis.
   double tilt_deg = 0, tilt_azimuth_deg = 0;
 };
-/// Beyond this angle between axis and {B}'s z a tool does not puncture but slide.
+/// At a larger angle between its axis and {B}'s z a tool would slide instead of puncture.
 inline constexpr double kMaxTilt_deg = 45;
 
 struct TipKeyframe {
@@ -110,29 +110,29 @@ struct TipKeyframe {
 
 enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
 
-/// The simulated hand: an impedance that pulls the tool tip along a trajectory. What is not
-/// given is the grip's (runtime/simulation/hand.h).
+/// The simulated hand: an impedance that pulls the tool tip along a trajectory. Absent values are
+/// those of the grip (runtime/simulation/hand.h).
 struct SceneHand {
   HandGrip grip = HandGrip::kFirm;
   std::optional<double> stiffness_N_per_m;
   std::optional<double> damping_N_s_per_m;
   std::optional<double> rotation_stiffness_Nm_per_rad;
   std::optional<double> rotation_damping_Nm_s_per_rad;
-  std::optional<double> mass_kg;        ///< moves with the tip
-  std::optional<double> let_go_t_s;     ///< from here on there is no hand
-  std::vector<TipKeyframe> trajectory;  ///< >= 1, in ascending time, the first at 0
+  std::optional<double> mass_kg;        ///< mass that moves with the tip
+  std::optional<double> let_go_t_s;     ///< the hand exerts no force from this time on
+  std::vector<TipKeyframe> trajectory;  ///< at least 1, in ascending time, the first at 0
 };
 
 struct Scene {
   std::string name;
   std::filesystem::path asset;                  ///< resolved against the scene file's folder
-  std::optional<std::filesystem::path> device;  ///< device description, likewise; none: built in
+  std::optional<std::filesystem::path> device;  ///< resolved in the same way; none: built in
   double duration_s = 0;
   std::optional<double> rate_Hz;
   Placement placement;
   std::vector<SceneSlice> slices;    ///< in the file's order
-  Tissue tissue;                     ///< where no other is chosen
-  std::vector<NamedTissue> tissues;  ///< the first that fits a slice is its tissue
+  Tissue tissue;                     ///< of slices for which none of `tissues` is chosen
+  std::vector<NamedTissue> tissues;  ///< a slice gets the first that applies to it
   ForceLaw force_law;
   SceneTool tool;
   SceneHand hand;
@@ -141,8 +141,9 @@ struct Scene {
 inline constexpr double kMinRate_Hz = 100, kMaxRate_Hz = 8000;
 inline constexpr double kMaxDuration_s = 86400;
 
-/// Strict: unknown or repeated keys, wrong types, values that are not finite or out of range
-/// are refused, with `name` and the JSON path in one line. Paths are resolved against `folder`.
+/// Reads a scene from JSON text. Unknown or repeated keys, wrong types, and values that are not
+/// finite or out of range are refused, with `name` and the JSON path in one line. Paths are
+/// resolved against `folder`.
 Result<Scene> parse_scene(std::string_view text, const std::string& name,
                           const std::filesystem::path& folder);
 Result<Scene> read_scene(const std::filesystem::path& file);

@@ -7,18 +7,17 @@ namespace trocar::runtime {
 namespace {
 
 bool has_label(const Asset& asset, const NamedTissue& tissue) {
-  const auto labels = asset.parameters.find("labels");
-  if (labels == asset.parameters.end() || !labels->is_array()) return false;
-  return std::any_of(labels->begin(), labels->end(), [&](const nlohmann::json& label) {
-    return std::any_of(tissue.labels.begin(), tissue.labels.end(),
-                       [&](int wanted) { return label == wanted; });
+  if (tissue.labels.empty()) return false;
+  const std::vector<int> labels = labels_of(asset);
+  return std::any_of(tissue.labels.begin(), tissue.labels.end(), [&](int wanted) {
+    return std::find(labels.begin(), labels.end(), wanted) != labels.end();
   });
 }
 
 bool has_hu(const AssetSlice& slice, const NamedTissue& tissue) {
-  const auto mean_hu = slice.measures.find("mean_hu");
-  return tissue.hu && mean_hu != slice.measures.end() && mean_hu->is_number() &&
-         *mean_hu >= (*tissue.hu)[0] && *mean_hu <= (*tissue.hu)[1];
+  if (!tissue.hu) return false;
+  const std::optional<double> mean_hu = mean_hu_of(slice);
+  return mean_hu && *mean_hu >= (*tissue.hu)[0] && *mean_hu <= (*tissue.hu)[1];
 }
 
 }  // namespace

@@ -2,6 +2,9 @@
 #include "runtime/session/summary.h"
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "formats/base/json_text.h"
 
 namespace trocar::runtime {
 namespace {
@@ -102,8 +105,9 @@ json describe(const SliceMesh& mesh) {
 
 }  // namespace
 
-json summarize(const Scene& scene, const SessionOptions& options, const SessionReport& report,
-               const Remesher& remesher) {
+std::string summarize(const Scene& scene, const SessionOptions& options,
+                      const SessionReport& report, const Remesher& remesher,
+                      const std::string& link_json) {
   const char* end = report.end == SessionEnd::kDone          ? "done"
                     : report.end == SessionEnd::kInterrupted ? "interrupted"
                                                              : "fault";
@@ -159,10 +163,11 @@ json summarize(const Scene& scene, const SessionOptions& options, const SessionR
                          {"first_difference_row", nullptr}};
     if (differs) summary["replay"]["first_difference_row"] = report.replay_first_difference + 1;
   }
-  return summary;
+  if (!link_json.empty()) summary["link"] = json::parse(link_json);
+  return json_text(summary, 2);
 }
 
-json describe_sheets(const Scene& scene, const Remesher& remesher) {
+std::string describe_sheets(const Scene& scene, const Remesher& remesher) {
   json sheets = json::array();
   for (std::size_t i = 0; i < remesher.size(); ++i) {
     const Sheet& first = remesher.first_version(i);
@@ -188,7 +193,8 @@ json describe_sheets(const Scene& scene, const Remesher& remesher) {
     sheets.push_back(std::move(sheet));
   }
   const int bits = remesher.size() > 0 ? remesher.first_version(0).transform.lattice.bits : 0;
-  return {{"schema", "trocar.sheets/1"}, {"lattice_bits", bits}, {"sheets", std::move(sheets)}};
+  return json_text(
+      {{"schema", "trocar.sheets/1"}, {"lattice_bits", bits}, {"sheets", std::move(sheets)}});
 }
 
 }  // namespace trocar::runtime

@@ -3,7 +3,6 @@
 // for pictures.
 #pragma once
 
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "runtime/session/session.h"
@@ -16,14 +15,17 @@ namespace trocar::runtime {
 /// wake_histogram_us are lists of [at most us, count]. No quantity is left out; what did not happen
 /// is 0 or empty. `network` (responses, prepare_us, free_nodes_max, error bounds) only by that
 /// force law. A puncture's remesh_us and hole_vertices are null if its cut failed.
-nlohmann::json summarize(const Scene& scene, const SessionOptions& options,
-                         const SessionReport& report, const Remesher& remesher);
+/// `link_json`: what to say of the device's link, a JSON object as text; empty: there is none.
+/// Indented by two spaces, without a line feed at its end.
+std::string summarize(const Scene& scene, const SessionOptions& options,
+                      const SessionReport& report, const Remesher& remesher,
+                      const std::string& link_json = {});
 
 /// {"schema": "trocar.sheets/1", "lattice_bits", "sheets": [{"slice", "z_m", "at_m", "anchor_mm",
 /// "rotation_deg", "before": {"vertices": [[x, y], ...], "triangles": [[a, b, c], ...]}, "after":
 /// likewise, "cuts": [{"tool": [[x, y], ...], "hole": [[[x, y], ...], ...], "triangles_removed",
 /// "triangles_created", "doubled_area_removed"}]}]}; the topmost sheet first. Points are in lattice
-/// steps (2^-lattice_bits mm) of the slice plane.
-nlohmann::json describe_sheets(const Scene& scene, const Remesher& remesher);
+/// steps (2^-lattice_bits mm) of the slice plane. On one line, without a line feed at its end.
+std::string describe_sheets(const Scene& scene, const Remesher& remesher);
 
 }  // namespace trocar::runtime

@@ -122,7 +122,7 @@ def outputs_whole_or_not(programs, scan, work):
     mesh, sample_ct, volume = programs / "trocar-mesh", programs / "trocar-sample-ct", scan / "sample.nii.gz"
     os.mkfifo(work / "pipe")
     for words in (("-o", work / "pipe"), ("-o", work / "never.glb", "--report", work / "pipe")):
-        refuses(4, "pipe: is there and is not a regular file", mesh, volume, *words, timeout=60)
+        refuses(4, "pipe: exists and is not a regular file", mesh, volume, *words, timeout=60)
     for limit in (5_000, 20_000, 100_000):  # less than a PNG, a DICOM file, the NIfTI
         folder = work / f"full_{limit}"
         folder.mkdir()

@@ -121,7 +121,7 @@ def main():
     # What is printed is an output too, but for a reader that has gone; a replay that differs says so.
     with open("/dev/full", "w") as nowhere:
         printed = subprocess.run([trocar_run, scene, "--check"], stdout=nowhere, stderr=subprocess.PIPE, text=True, check=False)
-    check(printed.returncode == 4 and "could not all be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}")
+    check(printed.returncode == 4 and "standard output could not be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}")
     process = subprocess.Popen([trocar_run, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()
     check(process.wait() == 0, f"a reader that has gone: {process.returncode}, {process.stderr.read()!r}")

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The phantom's distance laws and anatomy, the exact cross-sections against other
-// ways to measure them, and the scanner's apertures and noise.
+// The laws of the phantom's distances, its anatomy, the exact cross-sections against
+// independent measurements, and the scanner's apertures and noise.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-/// The anatomy unturned and unshifted, without texture.
+/// The anatomy without rotation, shift and texture.
 PhantomOptions plain_phantom() {
   PhantomOptions phantom;
   phantom.rotation_rad = 0;
@@ -43,8 +43,8 @@ Vec3 random_direction(std::mt19937_64& bits) {
   return {r * std::cos(angle), r * std::sin(angle), z};
 }
 
-/// Where along from + t * direction (0 <= t <= length) the bone's surface is crossed,
-/// by walking as far as the distance allows: needs law 1 only.
+/// The values of t at which from + t * direction (0 <= t <= length) crosses the bone's surface,
+/// by steps of the distance (sphere tracing): needs law 1 only.
 std::vector<double> surface_crossings(Vec3 from, Vec3 direction, double length) {
   std::vector<double> at;
   double t = 0, d = bone_distance_mm(from);
@@ -73,8 +73,8 @@ TEST(BoneDistance, IsOneLipschitz) {
 }
 
 TEST(BoneDistance, IsTightOnTheSurface) {
-  // The gradient at the surface: never above 1, and mostly near 1, so that the shell
-  // is as thick as it says.
+  // The gradient at the surface is never above 1 and mostly near 1, so that the shell
+  // has its stated thickness.
   std::mt19937_64 bits(12);
   int found = 0, tight = 0;
   double least = 1;
@@ -133,7 +133,7 @@ TEST(Anatomy, HasTheSizesOfALumbarVertebra) {
   ASSERT_GE(canal_y.size(), 2u);
   EXPECT_NEAR(22 + canal_y.front() - 16, 16, 2.0);  // from the body's rear wall
   EXPECT_NEAR(22 + surface_crossings({0, 22, -12}, y, 60).back() - 32.5, 38, 3.0);  // spinous tip
-  // The transverse processes reach some 45 mm to the side.
+  // The transverse processes reach about 45 mm to the side.
   double reach = 0;
   for (int half_mm = 70; half_mm < 104; ++half_mm)
     for (const double t : surface_crossings({30, 0.5 * half_mm, 4}, x, 30))
@@ -145,7 +145,7 @@ TEST(Anatomy, HasTheSizesOfALumbarVertebra) {
   EXPECT_NEAR(joint[1] - joint[0], 2.0, 0.4);
 }
 
-TEST(Anatomy, IsMirroredAndPlacedReversibly) {
+TEST(Anatomy, IsMirroredAndItsPlacementIsInvertible) {
   std::mt19937_64 bits(14);
   for (int n = 0; n < 2000; ++n) {
     const Vec3 p = random_point(bits);
@@ -179,7 +179,7 @@ TEST(Field, CoreReadsAbove270AndSoftTissueBelowTheThreshold) {
 // --- Exact cross-sections --------------------------------------------------
 
 TEST(CrossSection, OfARingIsExact) {
-  // Between two circles: the area, the turning of the rings, the distance.
+  // Between two circles: the area, the orientation of the rings, the distance.
   constexpr double kOuter = 17.3, kInner = 6.1;
   const Vec2 centre{1.23, -4.56};
   const auto inside = [&](Vec2 p) {
@@ -215,7 +215,7 @@ TEST(CrossSection, OfARingIsExact) {
   }
 }
 
-TEST(CrossSection, JoinsOrPartsTouchingCornersLikeTheField) {
+TEST(CrossSection, JoinsOrSeparatesTouchingCornersLikeTheField) {
   // Two squares' corners near one cell: a saddle, open or closed by its level.
   const auto traced = [](double level) {
     const auto value = [level](Vec2 p) { return p.x * p.y - level - 1e-2 * dot(p, p) * dot(p, p); };
@@ -230,8 +230,8 @@ TEST(CrossSection, JoinsOrPartsTouchingCornersLikeTheField) {
 }
 
 TEST(CrossSection, OfTheBoneAgreesWithScanLines) {
-  // The area once more, from 2,800 parallel lines that are walked by the distance
-  // alone; aslant, so that none runs along a flat wall.
+  // The area again, from 2,800 parallel lines that are traced by the distance alone;
+  // oblique, so that none runs along a flat wall.
   const PhantomOptions phantom = plain_phantom();
   const Vec3 along{std::cos(0.3), std::sin(0.3), 0}, across{-along.y, along.x, 0};
   for (const double z : {-16.5, -3.0, 4.0, 11.0}) {
@@ -288,7 +288,7 @@ TEST(CrossSection, AtAnIsoValueAgreesWithCountedSamples) {
     }
   // A cell on the edge is right on average; 3,500 of them err by 0.5 * step^2 each.
   EXPECT_NEAR(section->area_mm2, area, 5 * 0.5 * kStep * kStep * std::sqrt(3500.0));
-  // And the threshold's bias is outward: more than the anatomy, by less than 0.5 mm.
+  // The threshold's bias is outward: outside the anatomy by less than 0.5 mm.
   const Result<CrossSection> anatomy = surface_section(phantom, z);
   ASSERT_TRUE(anatomy);
   const SectionDistance distance(*anatomy);
@@ -300,7 +300,7 @@ TEST(CrossSection, AtAnIsoValueAgreesWithCountedSamples) {
   EXPECT_LT(mean / count, 0.5);
 }
 
-TEST(CrossSection, RefusesWhatItCannotTrace) {
+TEST(CrossSection, RefusesInvalidOptionsAndOpenOutlines) {
   const PhantomOptions phantom;
   const ScanGeometry scan;
   EXPECT_FALSE(surface_section(phantom, 0, {.cell_mm = 0}));
@@ -347,7 +347,7 @@ TEST(PartialVolume, OfASharpFlatEdgeIsTheCoveredShare) {
 
 TEST(PartialVolume, AtTheEndPlateMatchesTheClosedForm) {
   // In the middle of the lower end-plate the layers are flat: disc, 0.8 mm of cortical
-  // shell, cancellous core. Its height there is 12.7 mm, its distance 1.1 % short.
+  // shell, cancellous core. Its height there is 12.7 mm, its distance 1.1 % too small.
   const PhantomOptions phantom = plain_phantom();
   const ScanGeometry scan;
   const TissueHu& tissue = phantom.tissue;
@@ -407,7 +407,7 @@ TEST(Noise, HasTheStatedSpreadAndCorrelation) {
   for (const double v : a)
     mean += v, beyond_two_sigma += std::abs(v) > 24;
   const double n = 512.0 * 512.0;
-  EXPECT_NEAR(mean / n, 0, 0.25);  // five standard errors, the correlation counted in
+  EXPECT_NEAR(mean / n, 0, 0.25);  // five standard errors, including the correlation
   EXPECT_NEAR(beyond_two_sigma / n, 0.0455, 0.004);
   EXPECT_NEAR(std::sqrt(covariance(a, a, 0, 0)), 12, 0.15);
   for (const auto& [di, dj, expected] : {std::tuple{1, 0, 4.0 / 9},
@@ -445,7 +445,7 @@ TEST(Scan, AddsTheNoiseAndRoundsOnce) {
     for (int j = 0; j < 128; ++j)
       for (int i = 0; i < 128; ++i) {
         const int at = j * 128 + i;
-        // Skipping along a row must not change what a pixel reads.
+        // Skipping along a row must not change a pixel.
         ASSERT_NEAR(clean[at], scanner_hu(phantom, *geometry, pixel_centre_mm(*geometry, i, j, k)),
                     1e-9);
         ASSERT_EQ(scan.slice(k)[at],

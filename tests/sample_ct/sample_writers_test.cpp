@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sample scan's files, read back by other means than wrote them: the libraries'
-// readers, and the raw bytes.
+// The sample scan's files, read by other code than wrote them: the libraries' readers, and
+// the raw bytes.
 #include <gtest/gtest.h>
 #include <nifti2_io.h>
 #include <unistd.h>
@@ -34,7 +34,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A scan whose pixels are not square in number and whose HU reach both ends.
+/// A scan with different numbers of rows and columns, and HU at both ends of the range.
 Scan small_scan(std::uint64_t seed) {
   ScanGeometry geometry = *sample_geometry(96, 5);
   geometry.columns = 80;
@@ -208,7 +208,7 @@ TEST_F(Writers, NiftiHoldsTheSameScanInTheSamePlace) {
       }
     }
 
-  // The raw bytes, past libnifti.
+  // The raw bytes, without libnifti.
   const std::unique_ptr<gzFile_s, int (*)(gzFile)> packed(gzopen(file.c_str(), "rb"), gzclose);
   ASSERT_NE(packed, nullptr);
   std::vector<std::int16_t> raw(176 + scan.hu.size() + 1);
@@ -220,7 +220,7 @@ TEST_F(Writers, NiftiHoldsTheSameScanInTheSamePlace) {
   EXPECT_EQ(bytes[4] | bytes[5] | bytes[6] | bytes[7], 0) << "a time in the gzip header";
 }
 
-TEST_F(Writers, FolderIsTheSameBytesAgainAndReplacesAnEarlierRun) {
+TEST_F(Writers, FolderHasTheSameBytesInEveryRunAndReplacesAnEarlierOne) {
   const Scan scan = small_scan(6);
   const GreyWindow window;
   ASSERT_TRUE(write_sample_folder(scan, window, folder_ / "deep" / "a"));
@@ -228,7 +228,8 @@ TEST_F(Writers, FolderIsTheSameBytesAgainAndReplacesAnEarlierRun) {
   const auto first = contents(folder_ / "deep" / "a");
   EXPECT_EQ(first.size(), 5u + 5u + 2u);
   EXPECT_EQ(first, contents(folder_ / "b"));
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "b"), {}), 4);  // nothing hidden is left
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "b"), {}),
+            4);  // no hidden folder is left
 
   ScanGeometry shorter = scan.geometry;
   shorter.slices = 2;
@@ -247,7 +248,7 @@ TEST_F(Writers, FolderIsTheSameBytesAgainAndReplacesAnEarlierRun) {
   EXPECT_EQ(json.at("png_window_HU").at(0), -250.0);
 }
 
-TEST_F(Writers, FolderLeavesStrangersAndEarlierRunsAloneWhenItFails) {
+TEST_F(Writers, OnFailureOtherFilesAndEarlierRunsAreUnchanged) {
   const Scan scan = small_scan(7);
   ASSERT_TRUE(write_sample_folder(scan, {}, folder_));
   std::ofstream(folder_ / "dicom" / "notes.txt") << "mine";
@@ -278,7 +279,7 @@ Outcome run(std::vector<const char*> arguments) {
   return {code, testing::internal::GetCapturedStdout(), testing::internal::GetCapturedStderr()};
 }
 
-TEST_F(Writers, ProgramWritesTheScanThatItsOptionsName) {
+TEST_F(Writers, ProgramWritesTheScanOfItsOptions) {
   const std::string out = (folder_ / "out").string();
   const Outcome done =
       run({out.c_str(), "--seed", "3", "--slices", "4", "--size", "64", "--noise-hu", "5"});
@@ -295,7 +296,7 @@ TEST_F(Writers, ProgramWritesTheScanThatItsOptionsName) {
   EXPECT_EQ(quiet.out + quiet.err, "");
 }
 
-TEST_F(Writers, ProgramSaysWhatIsWrong) {
+TEST_F(Writers, ProgramReportsErrors) {
   const std::string out = (folder_ / "out").string();
   EXPECT_EQ(run({"--help"}).code, 0);
   EXPECT_NE(run({"--help"}).out.find("--noise-hu"), std::string::npos);

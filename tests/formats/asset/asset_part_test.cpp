@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slices of an asset without the rest: the laws of formats/asset/asset_index.h, and that cost follows
-// what is asked for.
+// Slices of an asset without the rest: the contract of formats/asset/asset_index.h, and that the
+// bytes read depend on the requested slices only.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <cstring>
 #include <filesystem>
 #include <functional>
+#include <nlohmann/json.hpp>
 #include <random>
 
 #include "formats/asset/asset.h"
@@ -18,13 +19,13 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// A disc of n corners around its middle.
+// A disc of n corners, triangulated from its centre.
 AssetSlice disc(int index, int corners) {
   AssetSlice slice;
   slice.index = index;
   slice.z_mm = 0.5 * index;
   slice.T_lps_plane = Eigen::Translation3d(-1, 2.5, slice.z_mm);
-  slice.measures = {{"area_mm2", 0.1 * index}, {"mean_hu", 300 + index}};
+  slice.measures_json = nlohmann::json{{"area_mm2", 0.1 * index}, {"mean_hu", 300 + index}}.dump();
   if (corners == 0) return slice;
   Ring ring;
   for (int i = 0; i < corners; ++i) {
@@ -41,11 +42,11 @@ AssetSlice disc(int index, int corners) {
   return slice;
 }
 
-// Every fifth slice has no material; indices leave a gap where `gap` says so.
+// Every fifth slice has no material. With `gap`, indices have a gap.
 Asset discs(int slices, int first, bool gap = false) {
   Asset asset;
   asset.generator = "asset_part_test";
-  asset.parameters = {{"labels", {20, 22}}};
+  asset.parameters_json = R"({"labels":[20,22]})";
   asset.input_digest = "0123";
   for (int i = 0; i < slices; ++i) {
     const int index = first + i + (gap && i > slices / 2 ? 1000 : 0);
@@ -57,7 +58,7 @@ Asset discs(int slices, int first, bool gap = false) {
 void expect_same(const AssetSlice& a, const AssetSlice& b) {
   EXPECT_EQ(a.index, b.index);
   EXPECT_EQ(a.z_mm, b.z_mm);
-  EXPECT_EQ(a.measures, b.measures);
+  EXPECT_EQ(a.measures_json, b.measures_json);
   EXPECT_EQ(a.T_lps_plane.matrix(), b.T_lps_plane.matrix());
   EXPECT_EQ(a.pslg.rings, b.pslg.rings);
   EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
@@ -65,7 +66,7 @@ void expect_same(const AssetSlice& a, const AssetSlice& b) {
 }
 
 bool same(const AssetSlice& a, const AssetSlice& b) {
-  return a.index == b.index && a.z_mm == b.z_mm && a.measures == b.measures &&
+  return a.index == b.index && a.z_mm == b.z_mm && a.measures_json == b.measures_json &&
          a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
          a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles;
 }
@@ -75,7 +76,7 @@ IndexedFile index_of(const Bytes& glb) {
   return **find_index(source);
 }
 
-// The file as another tool might leave it: without our index, by its magic.
+// The file without a slice index (its magic is changed), as after another tool has rewritten it.
 Bytes without_index(Bytes glb) {
   glb[index_of(glb).binary_at] ^= 0xFF;
   return glb;
@@ -83,7 +84,7 @@ Bytes without_index(Bytes glb) {
 
 class AssetPartOf : public testing::TestWithParam<bool> {};
 
-TEST_P(AssetPartOf, IsWhatTheWholeHas) {
+TEST_P(AssetPartOf, EqualsTheSlicesOfTheWhole) {
   const Bytes glb = *encode_asset(discs(60, -7, GetParam()));
   const auto whole = decode_asset(glb, "test");
   ASSERT_TRUE(whole) << whole.error().message;
@@ -94,12 +95,12 @@ TEST_P(AssetPartOf, IsWhatTheWholeHas) {
       EXPECT_EQ(part->asset_slices, 60U);
       EXPECT_EQ(part->file_bytes, glb.size());
       EXPECT_EQ(part->asset.lattice, whole->lattice);
-      EXPECT_EQ(part->asset.parameters, whole->parameters);
+      EXPECT_EQ(part->asset.parameters_json, whole->parameters_json);
       EXPECT_EQ(part->asset.input_digest, whole->input_digest);
       ASSERT_EQ(part->asset.slices.size(), 1U);
       expect_same(part->asset.slices[0], slice);
     }
-    // In whatever order and however often they are asked for, they ascend.
+    // Slices ascend, in whatever order and however often they are requested.
     const auto some = decode_asset_part(file, "test", {3, -7, 3, 0});
     ASSERT_TRUE(some);
     ASSERT_EQ(some->asset.slices.size(), 3U);
@@ -128,9 +129,9 @@ TEST(AssetPart, RefusesASliceThatIsNotThere) {
   EXPECT_TRUE(decode_asset_part(none, "test", {}));
 }
 
-// The same slices, in assets of one, 35 and 350: the same bytes read, but for the length of
-// numbers in the JSON and, across a gap, the steps of a bisection.
-TEST(AssetPart, ReadsWhatIsAskedForAlone) {
+// The same slices in assets of 1, 35 and 350: the bytes read are equal, except for the length of
+// numbers in the JSON and, with a gap, the steps of a bisection.
+TEST(AssetPart, ReadsOnlyTheRequestedSlices) {
   const auto read = [](const Asset& asset, std::vector<int> indices) {
     const Bytes glb = *encode_asset(asset);
     const auto part = decode_asset_part(glb, "test", std::move(indices));
@@ -150,7 +151,7 @@ TEST(AssetPart, ReadsWhatIsAskedForAlone) {
               static_cast<double>(read(discs(35, 250), some)), 20 * 4);
 }
 
-TEST(AssetPart, IsReadFromAFileToo) {
+TEST(AssetPart, FromAFileEqualsFromMemory) {
   const std::filesystem::path file = std::filesystem::temp_directory_path() /
                                      ("trocar_asset_part_" + std::to_string(::getpid()) + ".glb");
   const Bytes glb = *encode_asset(discs(20, 5));
@@ -168,8 +169,9 @@ TEST(AssetPart, IsReadFromAFileToo) {
   EXPECT_NE(absent.error().message.find(file.string()), std::string::npos);
 }
 
-// Law 1: an index that does not state the file's own sizes is none, and the file is read whole.
-TEST(AssetPart, AnIndexOfAnotherFileIsNone) {
+// Contract 1: an index that does not state the file's own sizes counts as absent; the file is read
+// whole.
+TEST(AssetPart, AnIndexOfAnotherFileCountsAsAbsent) {
   const Bytes glb = *encode_asset(discs(8, 0));
   const IndexedFile file = index_of(glb);
   for (const std::size_t field :
@@ -184,8 +186,8 @@ TEST(AssetPart, AnIndexOfAnotherFileIsNone) {
   }
 }
 
-// Law 2: decode_asset() refuses an index that disagrees with the JSON, also one whose checksums
-// are right.
+// Contract 2: decode_asset() refuses an index that disagrees with the JSON, even with right
+// checksums.
 TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   const Bytes glb = *encode_asset(discs(8, 0));
   const IndexedFile file = index_of(glb);
@@ -196,7 +198,7 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
     std::memcpy(&record, bytes.data() + at, sizeof record);
     change(record);
     std::memcpy(bytes.data() + at, &record, sizeof record);
-    seal_index(bytes);
+    write_index_checksums(bytes);
     return bytes;
   };
   EXPECT_EQ(changed(1, [](SliceRecord&) {}), glb);
@@ -225,24 +227,24 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
     const auto out = decode_asset(bytes, "test");
     ASSERT_FALSE(out) << "change " << i;
     EXPECT_EQ(out.error().code, ExitCode::kRefused);
-    // Taken alone, it is a slice or a refusal.
+    // Reading the slice alone gives a slice or a refusal.
     const auto part = decode_asset_part(bytes, "test", {1});
     EXPECT_TRUE(part || part.error().code == ExitCode::kRefused);
   }
   Bytes extras = glb;
   extras[file.binary_at + offsetof(IndexHeader, extras_bytes)] -= 1;
-  seal_index(extras);
+  write_index_checksums(extras);
   EXPECT_FALSE(decode_asset(extras, "test"));
 }
 
-// Law 4: whichever byte changes, a part is refused or is what it was.
-TEST(AssetPart, AChangedByteIsSeen) {
+// Contract 4: whichever byte changes, a part is refused or unchanged.
+TEST(AssetPart, AChangedByteIsDetected) {
   const Bytes glb = *encode_asset(discs(3, 0));
   const auto whole = decode_asset(glb, "test");
   const IndexedFile file = index_of(glb);
   ASSERT_EQ(file.header.slices, 3U);
   std::mt19937_64 rng(3);
-  int unharmed = 0;
+  int unchanged = 0;
   for (std::size_t at = 0; at < glb.size(); ++at) {
     Bytes bytes = glb;
     bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ (1 + rng() % 255));
@@ -253,16 +255,16 @@ TEST(AssetPart, AChangedByteIsSeen) {
         EXPECT_EQ(part.error().message.find('\n'), std::string::npos);
         continue;
       }
-      // Without its index the file is read whole, which no checksum covers.
+      // Without an index the file is read whole, without checksums.
       if (part->read_bytes >= glb.size()) continue;
-      ++unharmed;
+      ++unchanged;
       EXPECT_TRUE(same(part->asset.slices[0], whole->slices[static_cast<std::size_t>(index)]))
           << "byte " << at;
       EXPECT_EQ(part->asset.lattice, whole->lattice);
-      EXPECT_EQ(part->asset.parameters, whole->parameters);
+      EXPECT_EQ(part->asset.parameters_json, whole->parameters_json);
     }
   }
-  EXPECT_GT(unharmed, 500);
+  EXPECT_GT(unchanged, 500);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The asset codec: lossless on the lattice, and unmoved by hostile bytes.
+// The asset codec: lossless on the lattice, and safe against hostile bytes.
 #include "formats/asset/asset.h"
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
   Asset asset;
   asset.lattice.bits = bits;
   asset.generator = "asset_test";
-  asset.parameters = {{"threshold", 226.5}, {"labels", {20, 22}}};
+  asset.parameters_json = R"({"labels":[20,22],"threshold":226.5})";
   asset.input_digest = "0123abcd";
   for (int i = 0; i < 3; ++i) {
     AssetSlice slice;
@@ -53,7 +53,7 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
     slice.z_mm = 0.1 * i;
     slice.T_lps_plane = Eigen::Translation3d(1.25, -3.1, 0.1 * i) *
                         Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
-    slice.measures = {{"area_mm2", 1.0 / 3.0}};
+    slice.measures_json = R"({"area_mm2":0.3333333333333333,"mean_hu":431.25})";
     if (i != 1) {
       slice.mesh = jittered_grid(13 + i, 7, 97, origin, 5 + static_cast<std::uint64_t>(i));
       slice.pslg = boundary_rings(slice.mesh);
@@ -63,7 +63,8 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
   return asset;
 }
 
-// The triangles as sets of points, each from its smallest corner, sorted: what must not change.
+// The triangles as points, each from its smallest corner, sorted: independent of the order in a
+// mesh.
 std::vector<std::array<LatticePoint, 3>> canonical(const SliceMesh& mesh) {
   std::vector<std::array<LatticePoint, 3>> out;
   for (const Triangle& t : mesh.triangles) {
@@ -86,14 +87,14 @@ TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
   ASSERT_TRUE(out) << out.error().message;
   EXPECT_TRUE(verify_asset(*out, "test"));
   EXPECT_EQ(out->lattice, in.lattice);
-  EXPECT_EQ(out->parameters, in.parameters);
+  EXPECT_EQ(out->parameters_json, in.parameters_json);
   EXPECT_EQ(out->input_digest, in.input_digest);
   EXPECT_EQ(out->generator, in.generator);
   ASSERT_EQ(out->slices.size(), in.slices.size());
   for (std::size_t i = 0; i < in.slices.size(); ++i) {
     EXPECT_EQ(out->slices[i].index, in.slices[i].index);
     EXPECT_EQ(out->slices[i].z_mm, in.slices[i].z_mm);
-    EXPECT_EQ(out->slices[i].measures, in.slices[i].measures);
+    EXPECT_EQ(out->slices[i].measures_json, in.slices[i].measures_json);
     EXPECT_EQ(out->slices[i].T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
     EXPECT_EQ(out->slices[i].pslg.rings, in.slices[i].pslg.rings);
     EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
@@ -102,21 +103,49 @@ TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
 
 INSTANTIATE_TEST_SUITE_P(LatticeBits, AssetRoundTrip, testing::Values(0, 1, 4, 6, 8, 11, 14));
 
-TEST(Asset, SizesAreThoseOfTheFile) {
-  AssetSizes said;
-  const auto glb = encode_asset(make_asset(8), &said);
+TEST(Asset, SizesFromEncodingEqualThoseOfTheFile) {
+  AssetSizes stated;
+  const auto glb = encode_asset(make_asset(8), &stated);
   const auto found = asset_sizes(*glb, "test");
   ASSERT_TRUE(found);
-  EXPECT_EQ(said.json_bytes, found->json_bytes);
-  EXPECT_EQ(said.index_bytes, found->index_bytes);
-  EXPECT_EQ(said.index_bytes, 44U + 3 * 64);
-  EXPECT_EQ(said.triangle_bytes, found->triangle_bytes);
-  EXPECT_EQ(said.outline_bytes, found->outline_bytes);
-  EXPECT_EQ(said.triangles, found->triangles);
-  EXPECT_EQ(said.triangles, 2U * 7 * (13 + 15));
+  EXPECT_EQ(stated.json_bytes, found->json_bytes);
+  EXPECT_EQ(stated.index_bytes, found->index_bytes);
+  EXPECT_EQ(stated.index_bytes, 44U + 3 * 64);
+  EXPECT_EQ(stated.triangle_bytes, found->triangle_bytes);
+  EXPECT_EQ(stated.outline_bytes, found->outline_bytes);
+  EXPECT_EQ(stated.triangles, found->triangles);
+  EXPECT_EQ(stated.triangles, 2U * 7 * (13 + 15));
 }
 
-TEST(Asset, DecodesOnlyTheSlicesAskedFor) {
+TEST(Asset, LabelsAndMeanHuComeFromTheJsonText) {
+  const Asset asset = make_asset(8);
+  EXPECT_EQ(labels_of(asset), (std::vector<int>{20, 22}));
+  EXPECT_EQ(mean_hu_of(asset.slices[0]), 431.25);
+  for (const char* text : {"{}", "[]", "", R"({"labels":22,"mean_hu":"400"})"}) {
+    Asset other;
+    other.parameters_json = text;
+    EXPECT_TRUE(labels_of(other).empty()) << text;
+    AssetSlice slice;
+    slice.measures_json = text;
+    EXPECT_FALSE(mean_hu_of(slice)) << text;
+  }
+  Asset mixed;
+  mixed.parameters_json = R"({"labels":["7",8.0,8.5,1e99,-3,18446744073709551615,true]})";
+  EXPECT_EQ(labels_of(mixed), (std::vector<int>{8, -3}));
+}
+
+TEST(Asset, ParametersAndMeasuresThatAreNotJsonAreABug) {
+  Asset asset = make_asset(8);
+  asset.parameters_json = "{";
+  ASSERT_FALSE(encode_asset(asset));
+  EXPECT_EQ(encode_asset(asset).error().code, ExitCode::kBug);
+  asset = make_asset(8);
+  asset.slices[1].measures_json = "not JSON";
+  ASSERT_FALSE(encode_asset(asset));
+  EXPECT_EQ(encode_asset(asset).error().message, "slice 3: its measures are not JSON");
+}
+
+TEST(Asset, DecodesOnlyTheRequestedSlices) {
   const auto glb = encode_asset(make_asset(8));
   const auto out = decode_asset(*glb, "test", {false, {5}});
   ASSERT_TRUE(out);
@@ -125,7 +154,7 @@ TEST(Asset, DecodesOnlyTheSlicesAskedFor) {
   EXPECT_FALSE(out->slices[2].mesh.triangles.empty());
 }
 
-TEST(Asset, PinchedVerticesSurvive) {
+TEST(Asset, PinchVerticesAreKept) {
   Asset asset = make_asset(8);
   asset.slices.resize(1);
   asset.slices[0].mesh = {{{0, 0}, {10, 0}, {5, 5}, {5, 5}, {10, 10}, {0, 10}},
@@ -139,7 +168,7 @@ TEST(Asset, PinchedVerticesSurvive) {
   EXPECT_EQ(out->slices[0].mesh.vertices.size(), 6U);
 }
 
-TEST(Asset, RefusesWhatItCannotHoldExactly) {
+TEST(Asset, RefusesCoordinatesBeyondTheExactRange) {
   const auto far = encode_asset(make_asset(8, {1 << 25, 0}));
   ASSERT_FALSE(far);
   EXPECT_EQ(far.error().code, ExitCode::kRefused);
@@ -150,7 +179,7 @@ TEST(Asset, RefusesWhatItCannotHoldExactly) {
   EXPECT_EQ(mismatch.error().code, ExitCode::kBug);
 }
 
-TEST(Asset, ABinaryChunkThatEndsBehindTheFileIsRefused) {
+TEST(Asset, ABinaryChunkThatIsLargerThanTheFileIsRefused) {
   const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
   std::uint32_t json_bytes = 0, binary_bytes = 0;
   std::memcpy(&json_bytes, glb.data() + 12, 4);
@@ -166,8 +195,8 @@ TEST(Asset, ABinaryChunkThatEndsBehindTheFileIsRefused) {
   }
 }
 
-// Draco allocates for the numbers in its header; what they can be is known before it reads on.
-TEST(Asset, ADracoHeaderThatPromisesTooMuchIsRefused) {
+// Draco allocates for the counts in its header; they are checked before.
+TEST(Asset, ADracoHeaderWithTooLargeCountsIsRefused) {
   const SliceMesh mesh = jittered_grid(13, 7, 97, {0, 0}, 5);
   const DracoGrid grid{{8}, {0, 0}, 16};
   const std::vector<std::uint8_t> good = *encode_draco(mesh, grid);
@@ -180,7 +209,7 @@ TEST(Asset, ADracoHeaderThatPromisesTooMuchIsRefused) {
     bytes[at] ^= 1;
     EXPECT_FALSE(decode_draco(bytes, grid.lattice, vertices, triangles)) << at;
   }
-  // 112 vertices and 182 triangles, a varint of one and one of two bytes, behind twelve others.
+  // 112 vertices and 182 triangles, a varint of one byte and one of two, after twelve other bytes.
   ASSERT_EQ(good[12], vertices);
   ASSERT_EQ((good[13] & 0x7fU) | (good[14] << 7U), triangles);
   for (const std::uint32_t many : {20'000'000U, 1'430'000'000U, 0xffffffffU}) {
@@ -196,9 +225,9 @@ TEST(Asset, ADracoHeaderThatPromisesTooMuchIsRefused) {
     EXPECT_FALSE(decode_draco({good.data(), size}, grid.lattice, vertices, triangles)) << size;
 }
 
-// The mesh that compresses best of all: Draco needs next to nothing for it.
-TEST(Asset, APerfectGridIsNotTakenForAPromise) {
-  const SliceMesh mesh = jittered_grid(500, 500, 1, {0, 0}, 5);  // no room to move anything in
+// The mesh that Draco compresses best.
+TEST(Asset, APerfectGridIsNotRefused) {
+  const SliceMesh mesh = jittered_grid(500, 500, 1, {0, 0}, 5);  // cells too small for jitter
   const DracoGrid grid{{8}, {0, 0}, 16};
   const std::vector<std::uint8_t> bytes = *encode_draco(mesh, grid);
   EXPECT_GT(mesh.triangles.size(), 64 * bytes.size());
@@ -207,7 +236,7 @@ TEST(Asset, APerfectGridIsNotTakenForAPromise) {
   EXPECT_EQ(canonical(*out), canonical(mesh));
 }
 
-TEST(Asset, HostileBytesAreRefusedOrReadWhole) {
+TEST(Asset, HostileBytesAreRefusedOrDecoded) {
   const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
   std::mt19937_64 rng(11);
   int refused_count = 0;
@@ -215,7 +244,7 @@ TEST(Asset, HostileBytesAreRefusedOrReadWhole) {
     std::vector<std::uint8_t> bytes = glb;
     if (i % 4 == 0) {
       bytes.resize(rng() % bytes.size());
-      // Keep the length field true half of the time, to get past the first check.
+      // Half of the time keep the length field right, to pass the first check.
       if (i % 8 == 0 && bytes.size() >= 12) {
         const auto size = static_cast<std::uint32_t>(bytes.size());
         std::memcpy(bytes.data() + 8, &size, 4);

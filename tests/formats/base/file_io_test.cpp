@@ -22,7 +22,7 @@ class FileIo : public testing::Test {
   fs::path folder_ = temporary_.path();
 };
 
-TEST_F(FileIo, TwoOutputsAreNotOneFileHoweverSpelt) {
+TEST_F(FileIo, TwoOutputsInOneFileAreRefusedHoweverItsPathIsSpelt) {
   const fs::path before = fs::current_path();
   fs::current_path(folder_);
   fs::create_directory("sub");
@@ -79,7 +79,7 @@ TEST_F(FileIo, RefusesWhatIsNotAFileOrTooLarge) {
   EXPECT_EQ(read_file(folder_ / "pipe").error().code, ExitCode::kRefused);
 }
 
-TEST(NearestName, FindsWhatWasMeantAndNothingElse) {
+TEST(NearestName, FindsNearNamesOnly) {
   const std::vector<std::string> names = {"--threshold", "--tolerance", "--jobs"};
   EXPECT_EQ(nearest_name("--treshold", names), "--threshold");
   EXPECT_EQ(nearest_name("--job", names), "--jobs");

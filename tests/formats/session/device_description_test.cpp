@@ -25,7 +25,7 @@ TEST(DeviceDescription, ShippedFileEqualsTheBuiltInOne) {
   EXPECT_EQ(*device, default_device_description());
 }
 
-TEST(DeviceDescription, HoldsThePapersLinksAndMarksAllElseAsAssumed) {
+TEST(DeviceDescription, HasThePapersLinksAndMarksAllOtherValuesAsAssumed) {
   const DeviceGeometry g = default_device_description().geometry;
   EXPECT_EQ(g.l1_m, 0.094);
   EXPECT_EQ(g.l2_m, 0.131);
@@ -54,7 +54,7 @@ void expect_refused(const Json& document, const std::string& place) {
   EXPECT_EQ(device.error().message.find('\n'), std::string::npos);
 }
 
-// Every leaf of the shipped file, one at a time: left out, of a wrong type, out of range.
+// Every value of the shipped file, one at a time: missing, of a wrong type, out of range.
 TEST(DeviceDescription, EveryValueIsCheckedByName) {
   const Json document = Json::parse(shipped_text());
   const Json flat = document.flatten();
@@ -72,7 +72,7 @@ TEST(DeviceDescription, EveryValueIsCheckedByName) {
     } else {
       changed[place.parent_pointer()].erase(place.back());
     }
-    // "assumed" may name the same place; either complaint is right, the value's comes first.
+    // "assumed" may name the same place; the value's error comes first.
     expect_refused(changed, name);
     for (const Json& wrong : {Json(nullptr), Json(true), Json::array(), Json::object()}) {
       changed = document;
@@ -92,7 +92,7 @@ TEST(DeviceDescription, EveryValueIsCheckedByName) {
   EXPECT_GT(leaves, 30);
 }
 
-TEST(DeviceDescription, RefusesWhatDoesNotFitTogether) {
+TEST(DeviceDescription, RefusesInconsistentValues) {
   const Json document = Json::parse(shipped_text());
   const auto with = [&](const char* pointer, const Json& value) {
     Json changed = document;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device link's packets: the bytes are those of the documentation (written down here a second
-// time, with libsodium alone), and nothing else than an untouched, fresh packet is accepted.
+// The device link's packets: their bytes are those of formats/session/device_link.md (written here
+// a second time, with libsodium alone), and only unchanged, new packets are accepted.
 #include "formats/session/device_protocol.h"
 
 #include <gtest/gtest.h>
@@ -75,7 +75,7 @@ LinkRefusal open(const Bytes& bytes, StatePacket& packet) {
   return decode(bytes, kKey, state().session, last, packet);
 }
 
-/// The page of the documentation in its own words: little-endian fields after one another.
+/// The layout of device_link.md: little-endian fields one after another.
 struct Page {
   Bytes bytes;
   Page& number(std::uint64_t value, int count) {
@@ -160,7 +160,7 @@ TEST_F(DeviceProtocol, TheBytesAreThoseOfTheDocumentation) {
   EXPECT_EQ(encoded(welcome()).size(), 112U);
   EXPECT_EQ(encoded(command()).size(), 144U);
   EXPECT_EQ(encoded(state()).size(), 208U);
-  // The session's key.
+  // The session key.
   Page text;
   for (const char c : std::string("trocar link 1"))
     text.number(static_cast<std::uint64_t>(c), 1);
@@ -179,7 +179,7 @@ void expect_round_trip(const Packet& packet) {
   EXPECT_EQ(encoded(read), encoded(packet));
 }
 
-TEST_F(DeviceProtocol, WhatIsEncodedIsDecoded) {
+TEST_F(DeviceProtocol, DecodeGivesWhatWasEncoded) {
   expect_round_trip(hello());
   expect_round_trip(welcome());
   expect_round_trip(command());
@@ -214,7 +214,7 @@ TEST_F(DeviceProtocol, EveryFlippedBitAndEveryLengthIsRefusedAndChangesNothing) 
   check(state());
 }
 
-TEST_F(DeviceProtocol, NothingIsAcceptedTwiceOrAfterSomethingNewer) {
+TEST_F(DeviceProtocol, RepeatedAndOvertakenPacketsAreRefused) {
   std::uint64_t last = 0;
   CommandPacket read;
   const auto give = [&](std::uint64_t sequence) {
@@ -226,20 +226,20 @@ TEST_F(DeviceProtocol, NothingIsAcceptedTwiceOrAfterSomethingNewer) {
   EXPECT_EQ(read.sequence, 5U);
   EXPECT_EQ(give(900), LinkRefusal::kNone) << "gaps are losses, not attacks";
   EXPECT_EQ(give(899), LinkRefusal::kSequence);
-  // A forged number from the future does not shut out the true ones.
+  // A forged packet with a high sequence does not block the authentic ones.
   Bytes forged = page_of(command(1000000)).sealed(counted_key(2));
   EXPECT_EQ(decode(forged, kKey, command().session, last, read), LinkRefusal::kMac);
   EXPECT_EQ(give(901), LinkRefusal::kNone);
 }
 
-TEST_F(DeviceProtocol, AnotherSessionsOrDirectionsOrKeysPacketsAreRefused) {
+TEST_F(DeviceProtocol, PacketsOfAnotherSessionDirectionOrKeyAreRefused) {
   std::uint64_t last = 0;
   CommandPacket read;
   StatePacket read_state;
   HelloPacket read_hello;
   const Bytes old = encoded(command());
   EXPECT_EQ(decode(old, kKey, command().session + 1, last, read), LinkRefusal::kSession);
-  // With the number made to fit, the key does not.
+  // With the right session number the key is still wrong.
   const LinkKey other = session_key(kKey, hello().host_nonce, {2});
   EXPECT_EQ(decode(old, other, command().session, last, read), LinkRefusal::kMac);
   EXPECT_EQ(decode(old, kKey, command().session, last, read_state), LinkRefusal::kKind);
@@ -248,7 +248,7 @@ TEST_F(DeviceProtocol, AnotherSessionsOrDirectionsOrKeysPacketsAreRefused) {
   WelcomePacket read_welcome;
   EXPECT_EQ(decode(encoded(welcome()), kKey, {1, 1, 1}, read_welcome), LinkRefusal::kContents)
       << "a welcome to somebody else's hello";
-  // Every byte of either nonce changes the session's key.
+  // Every byte of both nonces changes the session key.
   const LinkKey key = session_key(kKey, {}, {});
   for (std::size_t i = 0; i < kLinkNonceBytes; ++i) {
     LinkNonce nonce{};
@@ -260,8 +260,8 @@ TEST_F(DeviceProtocol, AnotherSessionsOrDirectionsOrKeysPacketsAreRefused) {
   EXPECT_NE(random_link_key().bytes, random_link_key().bytes);
 }
 
-// Made with the right key, and still not accepted: the other side may be broken.
-TEST_F(DeviceProtocol, AuthenticNonsenseIsRefused) {
+// Packets made with the right key are refused if their contents are invalid.
+TEST_F(DeviceProtocol, AuthenticPacketsWithInvalidContentsAreRefused) {
   const double bad_numbers[] = {std::nan(""), -std::nan(""),
                                 std::numeric_limits<double>::infinity(), 1000.1, -1e300};
   for (const double bad : bad_numbers) {
@@ -309,7 +309,7 @@ TEST_F(DeviceProtocol, AuthenticNonsenseIsRefused) {
   EXPECT_EQ(open(page_of(zero).sealed(), read), LinkRefusal::kSequence);
 }
 
-// The corpus was made from the documentation by a program in another language.
+// The corpus was made from device_link.md by a Python program.
 TEST_F(DeviceProtocol, PacketsOfAnotherImplementationAreAccepted) {
   LinkKey shared;
   for (std::size_t i = 0; i < shared.bytes.size(); ++i)
@@ -337,13 +337,13 @@ TEST_F(DeviceProtocol, PacketsOfAnotherImplementationAreAccepted) {
   EXPECT_EQ(encoded(s, key), file("state"));
 }
 
-TEST_F(DeviceProtocol, ABufferTooShortIsNotWrittenTo) {
+TEST_F(DeviceProtocol, ATooShortBufferIsNotWrittenTo) {
   Bytes small(kStateBytes - 1, 0xaa);
   EXPECT_EQ(encode(state(), kKey, small), 0U);
   EXPECT_EQ(small, Bytes(kStateBytes - 1, 0xaa));
 }
 
-// Neither the sort of noise nor true packets with changes is ever taken. TROCAR_PACKETS scales.
+// Random bytes and mutated packets are never accepted. TROCAR_PACKETS sets their number.
 TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
   const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
   const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
@@ -358,7 +358,7 @@ TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
       bytes.resize(below(300));
       for (std::uint8_t& b : bytes)
         b = static_cast<std::uint8_t>(random());
-      if (n % 8 == 0 && bytes.size() >= 8) {  // a header that looks right
+      if (n % 8 == 0 && bytes.size() >= 8) {  // a plausible header
         std::copy_n(true_ones[below(4)].begin(), 8, bytes.begin());
       }
     } else {

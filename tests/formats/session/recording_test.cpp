@@ -25,7 +25,7 @@ class Recording : public testing::Test {
   fs::path folder_ = temporary_.path();
 };
 
-/// Any finite double, all exponents alike.
+/// Any finite double; all exponents are equally likely.
 double any_double(std::mt19937_64& random) {
   for (;;) {
     const double x = std::bit_cast<double>(random());
@@ -109,7 +109,7 @@ std::string csv_of(const fs::path& folder, std::span<const RecordingRow> rows) {
   return text_of(folder / "r.csv");
 }
 
-TEST_F(Recording, WhatIsReadIsBitForBitWhatWasWritten) {
+TEST_F(Recording, ReadingGivesTheWrittenValuesBitForBit) {
   const std::vector<RecordingRow> rows = any_rows(5000);
   csv_of(folder_, rows);
   const auto read = read_recording(folder_ / "r.csv");
@@ -120,7 +120,7 @@ TEST_F(Recording, WhatIsReadIsBitForBitWhatWasWritten) {
   EXPECT_EQ(files(), 1U) << "no temporary file is left";
 }
 
-TEST_F(Recording, ColumnsBeginAsTheContractSays) {
+TEST_F(Recording, TheFirstColumnsAreFixed) {
   EXPECT_EQ(recording_header().rfind(
                 "t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,tool_y_m,tool_z_m,"
                 "fx_wanted_N,fy_wanted_N,fz_wanted_N,tx_wanted_Nm,ty_wanted_Nm,tz_wanted_Nm,"
@@ -133,7 +133,7 @@ TEST_F(Recording, ColumnsBeginAsTheContractSays) {
             std::string::npos);
 }
 
-TEST_F(Recording, ABrokenEncoderMayBeRecorded) {
+TEST_F(Recording, EncodersThatAreNotFiniteCanBeRecorded) {
   std::vector<RecordingRow> rows(1);
   rows[0].encoder_rad[5] = std::numeric_limits<double>::quiet_NaN();
   rows[0].encoder_rad[6] = -std::numeric_limits<double>::infinity();
@@ -143,7 +143,7 @@ TEST_F(Recording, ABrokenEncoderMayBeRecorded) {
   EXPECT_EQ((*read)[0].encoder_rad[6], -std::numeric_limits<double>::infinity());
 }
 
-TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
+TEST_F(Recording, CorruptedRowsAreRefusedNamingLineAndColumn) {
   const std::string good = csv_of(folder_, any_rows(3));
   ASSERT_TRUE(parse_recording(good, "r.csv"));
   const std::size_t header = good.find('\n') + 1;
@@ -163,7 +163,7 @@ TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
   EXPECT_EQ(with(second, comma - second, "0"),
             "r.csv: line 3: t_s is not later than in the row before");
   EXPECT_EQ(with(second, comma - second + 1, ""), "r.csv: line 3: th_4_4_rad is not a number");
-  EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown word");
+  EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown name");
   const std::size_t end = good.find('\n', second);
   const std::size_t last = good.rfind(',', end);
   EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: motor_heat_max is missing");
@@ -173,19 +173,19 @@ TEST_F(Recording, DamagedRowsAreRefusedByLineAndColumn) {
   for (int fields = 0; fields < 6; ++fields)
     asked = good.rfind(',', asked - 1);  // before recovery_asked
   EXPECT_EQ(with(asked + 1, 1, "2"), "r.csv: line 3: recovery_asked is neither 0 nor 1");
-  EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown word");
+  EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown name");
   EXPECT_EQ(with(second, 0, "\n"), "r.csv: line 3: t_s is not a number");
-  EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not a recording's header");
-  EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: no row");
+  EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not the header of a recording");
+  EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: has no row");
   EXPECT_FALSE(parse_recording("", "r.csv"));
-  // Cut anywhere but at a line's end, a recording is refused.
+  // A recording that is cut anywhere except at a line's end is refused.
   for (std::size_t length = 0; length < good.size(); ++length) {
     const bool whole_rows = length > header && good[length - 1] == '\n';
     EXPECT_EQ(bool(parse_recording(good.substr(0, length), "r.csv")), whole_rows) << length;
   }
 }
 
-TEST_F(Recording, NothingIsLeftOfAWriterThatDoesNotCommit) {
+TEST_F(Recording, WithoutCommitNoFileIsLeft) {
   {
     auto writer = RecordingWriter::open(folder_ / "r.csv");
     ASSERT_TRUE(writer);
@@ -195,7 +195,7 @@ TEST_F(Recording, NothingIsLeftOfAWriterThatDoesNotCommit) {
   EXPECT_EQ(files(), 0U);
 }
 
-TEST_F(Recording, AFileThatIsThereStaysUntilTheCommit) {
+TEST_F(Recording, AnExistingFileStaysUntilCommit) {
   const std::string old = csv_of(folder_, any_rows(1));
   {
     auto writer = RecordingWriter::open(folder_ / "r.csv");
@@ -218,11 +218,11 @@ TEST_F(Recording, OnlyARegularFileIsReplaced) {
   EXPECT_EQ(files(), 3U);
 }
 
-TEST_F(Recording, WhatCannotBeWrittenIsSaid) {
+TEST_F(Recording, WriteFailuresAreReported) {
   const auto writer = RecordingWriter::open(folder_ / "no" / "r.csv");
   ASSERT_FALSE(writer);
   EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
-  // A folder that comes in the way of the rename.
+  // A folder at the target's path, created before the rename.
   auto blocked = RecordingWriter::open(folder_ / "r.csv");
   fs::create_directory(folder_ / "r.csv");
   ASSERT_TRUE(blocked);

@@ -52,7 +52,7 @@ Result<Scene> parse(const json& scene) {
   return parse_scene(scene.dump(), "s.json", "/data");
 }
 
-TEST(Scene, DefaultsAreThePapers) {
+TEST(Scene, DefaultsAreThoseOfThePaper) {
   const auto scene = parse(smallest());
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->tissue.stiffness_N_per_m, 5000);
@@ -174,7 +174,7 @@ struct Refusal {
   const char* named;  ///< must be in the message
 };
 
-// By itself googletest prints the bytes, also those that pad it.
+// Otherwise googletest would print the bytes, including padding.
 void PrintTo(const Refusal& refusal, std::ostream* out) {
   *out << refusal.pointer << " = " << refusal.value;
 }
@@ -218,7 +218,7 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"/tissue/threshold_N", 1e300, "/tissue/threshold_N"},
         Refusal{"/tissue/shaft/dry_friction_N", -1, "/tissue/shaft/dry_friction_N"},
         Refusal{"/tissue/shaft/presliding_m", 0, "/tissue/shaft/presliding_m"},
-        Refusal{"/tissues/1/name", "cortical", "/tissues/1/name: is there twice"},
+        Refusal{"/tissues/1/name", "cortical", "/tissues/1/name: occurs twice"},
         Refusal{"/tissues/1/labels", json::array({3}), "both labels and hu"},
         Refusal{"/tissues/0/labels", json::array({1.5}), "/tissues/0/labels"},
         Refusal{"/tissues/0/labels", json::array(), "/tissues/0/labels"},
@@ -263,7 +263,7 @@ TEST(Scene, BrokenTextIsRefused) {
     EXPECT_FALSE(parse_scene(text, "s", "")) << text;
   }
   EXPECT_FALSE(parse_scene(std::string(100'000, '['), "s", ""));
-  // What is said twice may be said differently.
+  // Repeated keys.
   const std::string twice = "{\"name\": \"a\"," + good.substr(1);
   const auto result = parse_scene(twice, "s", "");
   ASSERT_FALSE(result);

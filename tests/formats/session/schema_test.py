@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """schema_test.py SOURCE: the shipped scenes and device descriptions conform to the JSON
-Schemas of formats/, and what is changed in them so that it breaks a rule does not.
+Schemas of formats/session/, and documents with one broken rule do not.
 
-The changes are made from the schema itself: at every place of a document a wrong type,
-a number outside of its range, a list too short or too long, a key removed that is
-required, a key added that nobody knows.
+The broken rules come from the schema itself: at every place of a document a wrong type,
+a number out of range, a list too short or too long, a required key removed, an unknown
+key added.
 """
 import copy
 import json
@@ -65,7 +65,7 @@ def wrong_values(value, schema):
 
 
 def walk(value, schema, root, path=()):
-    """Every place of a document with the part of the schema that speaks of it."""
+    """Every place of a document with its part of the schema."""
     schema = resolve(schema, root)
     yield path, value, schema
     if isinstance(value, dict):

@@ -70,17 +70,17 @@ TEST(TissueChoice, ByNameThenByLabelOrHuThenTheScenes) {
   SceneSlice wanted;
   const auto threshold = [&] { return tissue_of(scene, wanted, asset, slice).threshold_N; };
   EXPECT_EQ(threshold(), 1);
-  slice.measures["mean_hu"] = 500;
+  slice.measures_json = R"({"mean_hu":500})";
   EXPECT_EQ(threshold(), 4);
-  slice.measures["mean_hu"] = 501;
+  slice.measures_json = R"({"mean_hu":501})";
   EXPECT_EQ(threshold(), 1);
-  asset.parameters["labels"] = {5, 22};
+  asset.parameters_json = R"({"labels":[5,22]})";
   EXPECT_EQ(threshold(), 3);
   wanted.tissue = "named";
   EXPECT_EQ(threshold(), 2);
   wanted.tissue.reset();
-  asset.parameters["labels"] = "22";  // not what the pipeline writes
-  slice.measures["mean_hu"] = "400";
+  asset.parameters_json = R"({"labels":"22"})";  // not what the pipeline writes
+  slice.measures_json = R"({"mean_hu":"400"})";
   EXPECT_EQ(threshold(), 1);
 }
 

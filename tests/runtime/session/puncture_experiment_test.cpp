@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "formats/geometry/mesh_validity.h"
@@ -207,7 +208,7 @@ TEST(Session, SummaryHasEveryFieldOfTheContract) {
   const Finished run = run_virtual(scene, 1000, folder / "r.csv");
   SessionOptions options;
   options.clock = Clock::kVirtual;
-  const nlohmann::json summary = summarize(scene, options, run.report, *run.remesher);
+  const auto summary = nlohmann::json::parse(summarize(scene, options, run.report, *run.remesher));
   for (const char* field :
        {"ticks", "missed_deadlines", "tick_us", "wake_us", "allocations_in_loop", "max_force_N",
         "punctures", "faults", "wrench_error_max", "torque_max_Nm"}) {
@@ -227,7 +228,7 @@ TEST(Session, SummaryHasEveryFieldOfTheContract) {
   EXPECT_NEAR(summary["max_force_N"].get<double>(), 35, 0.2);
   EXPECT_GT(summary["torque_max_Nm"].get<double>(), 0.5);
 
-  const nlohmann::json sheets = describe_sheets(scene, *run.remesher);
+  const auto sheets = nlohmann::json::parse(describe_sheets(scene, *run.remesher));
   ASSERT_EQ(sheets["sheets"].size(), 1U);
   EXPECT_EQ(sheets["sheets"][0]["before"]["triangles"].size(), 800U);
   EXPECT_EQ(sheets["sheets"][0]["cuts"][0]["tool"].size(), 6U);

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""asset_page_test.py SOURCE [ASSET.glb...]: reads assets as formats/asset/asset.md says and by
+nothing else: container, JSON, slice index with its checksums, outlines, what of Draco's payload the
+page describes. The page's example must be the bytes of the file that it names.
+"""
+import json
+import pathlib
+import re
+import struct
+import sys
+import zlib
+
+NO_MATERIAL = (0,) * 12
+
+
+class Broken(Exception):
+    pass
+
+
+def require(condition, what):
+    if not condition:
+        raise Broken(what)
+
+
+def container(glb):
+    """The JSON text and the binary data."""
+    require(len(glb) >= 28, "too short")
+    magic, version, size, json_bytes, json_type = struct.unpack("<4sIII4s", glb[:20])
+    require((magic, version, size, json_type) == (b"glTF", 2, len(glb), b"JSON"), "header")
+    text = glb[20:20 + json_bytes]
+    binary_bytes, binary_type = struct.unpack("<I4s", glb[20 + json_bytes:28 + json_bytes])
+    binary = glb[28 + json_bytes:]
+    require(binary_type == b"BIN\0" and len(binary) == binary_bytes, "binary chunk")
+    return text, binary
+
+
+def find_index(text, binary):
+    """The index header's numbers, or None if the file has no index of this version."""
+    if len(binary) < 44:
+        return None
+    magic, version, slices, json_bytes, binary_bytes, *rest = struct.unpack("<8s7I2i", binary[:44])
+    if (magic, version, json_bytes, binary_bytes) != (b"TROCARIX", 2, len(text), len(binary)):
+        return None
+    return (slices, *rest)
+
+
+def record_at(binary, place):
+    at = 44 + 64 * place
+    return struct.unpack("<i6I4i5I", binary[at:at + 64])
+
+
+def slice_by_index(text, binary, wanted):
+    """One slice: (node, record, draco, positions, indices), its checksum checked."""
+    slices, _, _, _, first, _ = find_index(text, binary)
+    low, high, place = 0, slices - 1, wanted - first
+    while low <= high:
+        place = min(max(place, low), high)
+        record = record_at(binary, place)
+        if record[0] == wanted:
+            break
+        if record[0] < wanted:
+            low = place + 1
+        else:
+            high = place - 1
+        place = (low + high) // 2
+    else:
+        return None
+    (_, node_at, node_bytes, draco_at, draco_bytes, _, _, _, _, _, _, positions_at, vertices,
+     indices_at, index_bytes, checksum) = record
+    node = text[node_at:node_at + node_bytes]
+    draco = binary[draco_at:draco_at + draco_bytes]
+    positions = binary[positions_at:positions_at + 12 * vertices]
+    indices = binary[indices_at:indices_at + 2 * vertices * index_bytes]
+    at = 44 + 64 * place
+    covered = binary[at:at + 60] + bytes(4) + node + draco + positions + indices
+    require(zlib.crc32(covered) == checksum, f"checksum of slice {wanted}")
+    node = json.loads(node)
+    require(node["extras"]["trocar"]["index"] == wanted, f"index of slice {wanted}")
+    return node, record, draco, positions, indices
+
+
+def varint(data, at):
+    value, shift = 0, 0
+    while True:
+        value |= (data[at] & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+        if data[at - 1] < 0x80:
+            return value, at
+
+
+def lattice(values, bits):
+    scaled = [v * 2**bits for v in values]
+    require(all(v == int(v) and abs(v) < 2**24 for v in scaled), "off the lattice")
+    return [int(v) for v in scaled]
+
+
+def rings_of(positions, indices, index_bytes, bits):
+    """The outline's rings as lists of lattice points."""
+    xyz = [v for (v,) in struct.iter_unpack("<f", positions)]
+    require(all(z == 0 for z in xyz[2::3]), "outline out of its plane")
+    points = list(zip(lattice(xyz[0::3], bits), lattice(xyz[1::3], bits)))
+    flat = [i for (i,) in struct.iter_unpack("<H" if index_bytes == 2 else "<I", indices)]
+    rings, first = [], 0
+    for i, (start, end) in enumerate(zip(flat[0::2], flat[1::2])):
+        require(start == i and end in (i + 1, first), "segments are not rings")
+        if end == first:
+            require(i - first >= 2, "a ring of fewer than 3 vertices")
+            rings.append(points[first:i + 1])
+            first = i + 1
+    require(first == len(points), "a ring is not closed")
+    return rings
+
+
+def doubled_area(ring):
+    return sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(ring, ring[1:] + ring[:1]))
+
+
+def check_draco(draco, vertices, triangles, bits):
+    """Head and tail of a payload; gives its quantisation."""
+    require(draco[:11] == b"DRACO\2\2\1\1\0\0", "Draco's header")
+    stated_vertices, at = varint(draco, 12)
+    stated_triangles, _ = varint(draco, at)
+    require(stated_triangles == triangles, "Draco's triangles")
+    require(stated_vertices <= vertices, "Draco's vertices")  # before pinches are split
+    x, y, z, extent, quantisation_bits = struct.unpack("<4fB", draco[-17:])
+    require(lattice([extent], bits) == [2**quantisation_bits - 1], "Draco's range")
+    require(x == int(x) and y == int(y) and z == 0, "Draco's origin")
+    require(bits + 5 <= quantisation_bits <= 24, "Draco's bits")
+    return x, y, extent, quantisation_bits
+
+
+def check_primitives(document, node, record, binary, parts):
+    """The record says what the JSON says."""
+    (_, _, _, _, _, vertices, triangles, x0, y0, x1, y1, _, outline_vertices, _, index_bytes,
+     _) = record
+    bits = document["extras"]["trocar"]["lattice_bits"]
+    material, outline = document["meshes"][node["mesh"]]["primitives"]
+    accessors = document["accessors"]
+
+    def view(number):
+        found = document["bufferViews"][number]
+        require("byteStride" not in found and found["byteOffset"] % 4 == 0, "buffer view")
+        return binary[found["byteOffset"]:found["byteOffset"] + found["byteLength"]]
+
+    require((material["mode"], outline["mode"]) == (4, 1), "modes")
+    compressed = material["extensions"]["KHR_draco_mesh_compression"]
+    require(compressed["attributes"] == {"POSITION": 0}, "Draco's attribute")
+    position = accessors[material["attributes"]["POSITION"]]
+    index = accessors[material["indices"]]
+    require("bufferView" not in position and "bufferView" not in index, "Draco's accessors")
+    require((position["componentType"], position["type"], position["count"]) ==
+            (5126, "VEC3", vertices), "position accessor")
+    require((index["componentType"], index["count"]) == (5125, 3 * triangles), "index accessor")
+    low, high = lattice(position["min"], bits), lattice(position["max"], bits)
+    require((low, high) == ([x0, y0, 0], [x1, y1, 0]), "bounds")
+    lines = accessors[outline["attributes"]["POSITION"]], accessors[outline["indices"]]
+    require(lines[0]["count"] == outline_vertices, "outline's vertices")
+    require(lines[1]["componentType"] == {2: 5123, 4: 5125}[index_bytes], "outline's indices")
+    require([view(compressed["bufferView"])] + [view(a["bufferView"]) for a in lines] ==
+            list(parts), "buffer views")
+
+
+def check_asset(glb):
+    """The whole file by its JSON and by its index; gives the number of slices."""
+    text, binary = container(glb)
+    document = json.loads(text)
+    head = document["extras"]["trocar"]
+    require(head["schema"] == 1 and 0 <= head["lattice_bits"] <= 14, "extras.trocar")
+    require(document["scenes"][0]["nodes"] == [0], "scene")
+    nodes = [document["nodes"][i] for i in document["nodes"][0].get("children", [])]
+    require(len(nodes) == head["slices"], "number of slices")
+    indices = [node["extras"]["trocar"]["index"] for node in nodes]
+    require(indices == sorted(set(indices)), "slices do not ascend")
+    header = find_index(text, binary)
+    if header is None:
+        return len(nodes)
+    slices, extras_at, extras_bytes, extras_checksum, first, last = header
+    extras = text[extras_at:extras_at + extras_bytes]
+    require(zlib.crc32(extras) == extras_checksum, "checksum of the extras")
+    require(json.loads(extras) == document["extras"], "text of the extras")
+    require((slices, first, last) == (len(nodes), indices[0], indices[-1]) if indices
+            else (slices, first, last) == (0, 0, 0), "index header")
+    require(document["bufferViews"][0] ==
+            {"buffer": 0, "byteOffset": 0, "byteLength": 44 + 64 * slices}, "first buffer view")
+    quantisations = set()
+    for place, node in enumerate(nodes):
+        own, record, *parts = slice_by_index(text, binary, indices[place])
+        require(own == node and record == record_at(binary, place), "node")
+        ours = node["extras"]["trocar"]
+        vertices, triangles = record[5:7]
+        if "mesh" not in node:
+            require(record[3:15] == NO_MATERIAL, "a slice without material")
+            continue
+        check_primitives(document, node, record, binary, parts)
+        quantisations.add(check_draco(parts[0], vertices, triangles, head["lattice_bits"]))
+        rings = rings_of(parts[1], parts[2], record[14], head["lattice_bits"])
+        area = sum(map(doubled_area, rings)) / 2 / 4**head["lattice_bits"]
+        require(abs(area - ours["measures"]["area_mm2"]) < 1e-9 * area, "area of the outline")
+        points = [p for ring in rings for p in ring]
+        require((min(points)[0], max(points)[0]) == (record[7], record[9]), "width of the outline")
+        u, v, n = (node["matrix"][4 * i:4 * i + 3] for i in range(3))
+        cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+        require(max(abs(a - b) for a, b in zip(cross, n)) < 1e-4, "the matrix is no rotation")
+    require(len(quantisations) <= 1, "several quantisations")
+    return len(nodes)
+
+
+def check_example(page, source):
+    """The rows "OFFSET  HEX HEX ... | meaning" and the JSON block of the section "Example"."""
+    example = page.split("\n## Example\n")[1]
+    glb = (source / re.search(r"`(tests/corpus/\S+\.glb)`", example)[1]).read_bytes()
+    rows = re.findall(r"^ *(\d+)  ((?:[0-9a-f]{2} +)+)\|", example, re.MULTILINE)
+    assert len(rows) > 10, rows
+    for offset, listed in rows:
+        wanted = bytes.fromhex(listed)
+        found = glb[int(offset):int(offset) + len(wanted)]
+        assert found == wanted, f"byte {offset}: {found.hex(' ')}, the page says {listed}"
+    text, binary = container(glb)
+    _, extras_at, extras_bytes, *_ = find_index(text, binary)
+    block = re.search(r"```json\n(.*)\n```", example)[1].encode()
+    assert text[extras_at:extras_at + extras_bytes] == block, "extras of the example"
+    node, record, _, positions, _ = slice_by_index(text, binary, 0)
+    u, v, _ = struct.unpack("<3f", positions[:12])
+    m = node["matrix"]
+    lps = [m[i] * u + m[4 + i] * v + m[12 + i] for i in range(3)]
+    assert (u, v) == (2.96875, 8) and lps == [-16.03125, -15, 0], (u, v, lps)
+    assert slice_by_index(text, binary, 3) is None
+    return glb
+
+
+def self_check(glb):
+    """A changed byte of the example's slice 0 or of its extras is found."""
+    text, _ = container(glb)
+    record_offset = 28 + len(text) + 44
+    for offset in (20 + 600, 20 + 2600, record_offset + 4, 28 + len(text) + 300,
+                   28 + len(text) + 400):
+        changed = bytearray(glb)
+        changed[offset] ^= 1
+        try:
+            check_asset(bytes(changed))
+        except (Broken, ValueError, KeyError, IndexError):
+            continue
+        raise AssertionError(f"a change of byte {offset} was not found")
+
+
+def main():
+    if len(sys.argv) < 2:
+        print("usage: asset_page_test.py SOURCE [ASSET.glb...]", file=sys.stderr)
+        return 2
+    source = pathlib.Path(sys.argv[1])
+    page = (source / "formats/asset/asset.md").read_text(encoding="utf-8")
+    self_check(check_example(page, source))
+    corpus = source / "tests/corpus/glb"
+    for file in [corpus / "indexed.glb", corpus / "older_index.glb", *sys.argv[2:]]:
+        print(f"{file}: {check_asset(pathlib.Path(file).read_bytes())} slices")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
