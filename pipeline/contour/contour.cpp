@@ -190,14 +190,14 @@ using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
 // Does direction b come before c when rotating clockwise from a? (All nonzero, from one point.)
 bool clockwise_before(LatticePoint a, LatticePoint b, LatticePoint c) {
   const LatticePoint o{0, 0};
-  const auto half =
-      [&](LatticePoint p) {  // 0: strictly right of a, or along a; 1: opposite or left
-        const std::int64_t s = orient2d(o, a, p);
-        if (s < 0) return 1;
-        if (s > 0) return 3;
-        return diametral_dot(a, p, o) > 0 ? 4 : 2;  // straight back comes last
-      };
-  if (half(b) != half(c)) return half(b) < half(c);
+  // Clockwise from a: right of it, opposite to it, left of it, and last along a itself.
+  const auto sector = [&](LatticePoint p) {
+    const std::int64_t s = orient2d(o, a, p);
+    if (s < 0) return 1;
+    if (s > 0) return 3;
+    return diametral_dot(a, p, o) > 0 ? 4 : 2;
+  };
+  if (sector(b) != sector(c)) return sector(b) < sector(c);
   return orient2d(o, b, c) < 0;
 }
 
