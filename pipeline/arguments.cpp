@@ -82,7 +82,7 @@ void add_stage_options(CLI::App& app, Arguments& a) {
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
   a.labels_given =
-      app.add_option("--labels", a.labels, "the input is a label map; these are material")
+      app.add_option("--labels", a.labels, "the input is a label map; these labels are material")
           ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()

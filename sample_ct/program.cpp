@@ -95,7 +95,7 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--jobs", arguments.jobs, "threads, 0: all cores; does not change the output")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024));
-  app.add_flag("--quiet", arguments.quiet, "print nothing but errors");
+  app.add_flag("--quiet", arguments.quiet, "print errors only");
 }
 
 int run_command_line(int argc, const char* const* argv) {
