@@ -12,7 +12,8 @@ namespace {
 
 using nlohmann::json;
 
-// The numbers of "A:B", "X,Y,Z", "X0:X1,Y0:Y1", all of them and nothing else.
+// The numbers in a text such as "A:B", "X,Y,Z" or "X0:X1,Y0:Y1". `pattern` has a # for each number;
+// the text must match it completely.
 template <typename T>
 Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern,
                                const std::string& option) {
@@ -36,7 +37,7 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-// "L[,L]", as often as it was given.
+// Lists "L[,L]"; the option may be given several times.
 Result<Labels> labels(const std::vector<std::string>& lists) {
   Labels out;
   for (const std::string& list : lists) {
@@ -57,7 +58,7 @@ Result<Labels> labels(const std::vector<std::string>& lists) {
 Result<Segmentation> segmentation(const Arguments& a, bool paper) {
   if (a.labels_given->count() > 0) {
     if (a.threshold_given->count() + a.equalize_given->count() > 0 || paper)
-      return usage("--labels goes with neither --threshold, --equalize nor --preset paper");
+      return usage("--labels cannot be combined with --threshold, --equalize or --preset paper");
     auto wanted = labels(a.labels);
     if (!wanted) return wanted.error();
     return Segmentation(std::move(*wanted));
@@ -70,7 +71,7 @@ Result<Segmentation> segmentation(const Arguments& a, bool paper) {
   return Segmentation(Threshold{a.threshold});
 }
 
-// What to make of the scan, in the order of the stages.
+// Options of the stages, in their order.
 void add_stage_options(CLI::App& app, Arguments& a) {
   a.threshold_given = app.add_option("--threshold", a.threshold,
                                      "iso-value in HU; on images 0..255, also with 16 bits")
@@ -80,8 +81,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
       app.add_option("--equalize", a.equalize, "histogram equalisation, then this level")
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
-  a.labels_given = app.add_option("--labels", a.labels, "the input is a label map: these labels")
-                       ->allow_extra_args(false);
+  a.labels_given =
+      app.add_option("--labels", a.labels, "the input is a label map; these labels are material")
+          ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));
@@ -99,7 +101,7 @@ void add_stage_options(CLI::App& app, Arguments& a) {
       ->check(CLI::Range(0.0, 1e12));
 }
 
-// Which part of the scan, and how it lies.
+// Options that select a part of the scan, its spacing and its axis.
 void add_scan_options(CLI::App& app, Arguments& a) {
   app.add_option("--spacing", a.spacing, "X,Y,Z in mm, where the input has none");
   app.add_option("--slices", a.slices, "A:B, first and last slice, from 0");
@@ -126,14 +128,14 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
       ->capture_default_str()
       ->check(CLI::Range(0, 1024));
   app.add_option("--report", a.report, "what was done, as JSON");
-  app.add_option("--dump-stages", a.dump_stages, "stages of --dump-slice as JSON, for pictures");
-  a.dump_slice_given = app.add_option("--dump-slice", a.dump_slice, "which slice that is")
+  app.add_option("--dump-stages", a.dump_stages, "stages of --dump-slice, as JSON for pictures");
+  a.dump_slice_given = app.add_option("--dump-slice", a.dump_slice, "the slice of --dump-stages")
                            ->check(CLI::NonNegativeNumber);
-  app.add_flag("--quiet", a.quiet, "say nothing but errors");
+  app.add_flag("--quiet", a.quiet, "print errors only");
 }
 
 Result<BatchOptions> batch_options(const Arguments& a) {
-  // CLI11 2.1 takes nan for a number in every range.
+  // CLI11 2.1 accepts nan in every range.
   for (const auto& [name, value] :
        {std::pair{"--threshold", a.threshold}, std::pair{"--equalize", a.equalize},
         std::pair{"--tolerance", a.tolerance_mm}, std::pair{"--min-angle", a.min_angle_deg},

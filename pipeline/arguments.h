@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What trocar-mesh is asked for, from the words of the command line to the options of the stages.
+// The options of trocar-mesh: their declaration, and their translation to the stages' options.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -33,7 +33,7 @@ void add_mesh_options(CLI::App& app, Arguments& a);
 Result<BatchOptions> batch_options(const Arguments& a);
 Result<OpenOptions> open_options(const Arguments& a);
 
-/// As reports and assets keep them.
+/// The parameters as reports and assets store them.
 nlohmann::json parameters_json(const BatchOptions& options, const OpenOptions& input);
 
 }  // namespace trocar::pipeline

@@ -46,9 +46,9 @@ bool inside_or_vertex(const Ring& ring, LatticePoint p) {
   return in;
 }
 
-// A point strictly inside each hole, clear of the islands in it: with every ring in the hole
-// reversed, the triangulation covers what is not material, and of its triangles those on the hole's
-// own rim are in this hole and no deeper one.
+// A point strictly inside each hole and outside the islands in it. With every ring in the hole
+// reversed, the triangulation covers what is not material; its triangles at the hole's own rim lie
+// in this hole and not in a deeper one.
 Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const Lattice& lattice) {
   std::vector<std::array<double, 2>> seeds;
   for (const Ring& hole : pslg.rings) {
@@ -111,7 +111,7 @@ Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice) {
   return out.str();
 }
 
-// By OpenMesh, which refuses what is not a manifold: an opinion other than our own.
+// By OpenMesh, which refuses a mesh that is not manifold: a check independent of ours.
 Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
   ObjMesh mesh;
   std::vector<ObjMesh::VertexHandle> handles;
@@ -178,7 +178,7 @@ Result<std::array<std::string, 3>> slice_texts(const AssetSlice& slice, const La
   return std::array{std::move(*poly), std::move(*obj), svg_text(slice, lattice)};
 }
 
-// Files in the folder as an export names them, of slices that this asset does not have.
+// Files in the folder with an export's names, of slices that this asset does not have.
 std::vector<std::string> other_exports(const Asset& asset, const fs::path& folder) {
   std::set<std::string> ours;
   for (const AssetSlice& slice : asset.slices) {
@@ -197,8 +197,9 @@ std::vector<std::string> other_exports(const Asset& asset, const fs::path& folde
   return out;
 }
 
-// A hidden folder inside the one to be filled, so that moving out of it is a rename. Goes with
-// what is left in it when this ends, as does the other where it was made for this and stays empty.
+// A hidden folder inside the target folder, so that moving files out of it is a rename. The
+// destructor removes it with what is left in it, and the target too if make() created it and it is
+// still empty.
 class Scratch {
  public:
   static Result<std::unique_ptr<Scratch>> make(const fs::path& target) {
@@ -269,7 +270,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
 
 Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path& folder,
                                               const std::atomic<bool>* stop) {
-  omlog().disable();  // OpenMesh tells of every file it writes
+  omlog().disable();  // OpenMesh logs every file that it writes
   std::vector<std::string> others = other_exports(asset, folder);
   const auto scratch = Scratch::make(folder);
   if (!scratch) return scratch.error();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What can be done with a finished asset: say what is in it, write it for other programs.
+// What can be done with a finished asset: describe it, or export it for other programs.
 #pragma once
 
 #include <atomic>
@@ -14,10 +14,10 @@ namespace trocar::pipeline {
 nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
 
 /// Per non-empty slice `slice_NNNN.poly` (Triangle's format: the outline with a seed in each
-/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is made if need be; an
+/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is created if needed; an
 /// export of the same slices in it is replaced. All files appear, or on failure none: (unwritable)
-/// `stop`, if given, was set. Gives the names of files of other slices that the folder held before:
-/// they stay, and would pass for this asset's.
+/// `stop`, if given, was set. Returns the names of files of an earlier export of other slices in
+/// the folder: they are kept, and could be mistaken for this asset's.
 Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);

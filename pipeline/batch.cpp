@@ -33,15 +33,15 @@ std::string significant(double value) {
   return out;
 }
 
-struct Done {
+struct FinishedSlice {
   EncodedSlice slice;
-  std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the tree's size
+  std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the JSON tree's size
   json stages;
   std::vector<Warning> warnings;
   std::set<int> labels;
 };
 
-void warn(Done& out, int index, const MeshedSlice& meshed) {
+void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
   const std::string where = "slice " + std::to_string(index);
   if (meshed.refined.mesh.triangles.empty()) {
     out.warnings.push_back({"empty_slice", where, "no material in this slice"});
@@ -72,10 +72,10 @@ void warn(Done& out, int index, const MeshedSlice& meshed) {
       return;
   }
   if (meshed.quality.below_unexplained > 0) {
-    out.warnings.push_back(
-        {"angle_not_reached", where,
-         std::to_string(meshed.quality.below_unexplained) +
-             " triangles are below the wanted angle though the input has none so small there"});
+    out.warnings.push_back({"angle_not_reached", where,
+                            std::to_string(meshed.quality.below_unexplained) +
+                                " triangles are below the wanted angle although the input has no "
+                                "such small angle there"});
   }
 }
 
@@ -84,12 +84,12 @@ std::set<int> wanted_labels(const Segmentation& how) {
   return labels == nullptr ? std::set<int>() : labels->labels;
 }
 
-// All vertices lie in the image, or in its crop, of every slice.
+// The quantisation grid of all slices: every vertex lies in the image, or in its crop.
 Result<DracoGrid> common_grid(const SliceStack& stack, int first, int last,
                               const MeshOptions& options) {
   const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
   const Crop& c = options.crop ? *options.crop : whole;
-  std::array<double, 4> box{};  // mm; a pixel of room all around
+  std::array<double, 4> box{};  // mm; with a margin of one pixel
   for (int k = first; k <= last; ++k) {
     const SlicePlane& plane = stack.plane(k);
     const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
@@ -109,14 +109,14 @@ Result<DracoGrid> common_grid(const SliceStack& stack, int first, int last,
   return asset_grid(options.lattice, lattice_box);
 }
 
-Result<Done> mesh_one(const SliceStack& stack, int index, const BatchOptions& options,
-                      const Result<DracoGrid>& grid) {
+Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOptions& options,
+                               const Result<DracoGrid>& grid) {
   auto meshed = mesh_slice(stack, index, options.mesh);
   if (!meshed) return meshed.error();
   if (!grid) return Error{grid.error().code, stack.name(index) + ": " + grid.error().message};
   const SlicePlane& plane = stack.plane(index);
-  json report = slice_report(index, plane.z_mm, *meshed, options.mesh);
-  Done out;
+  json report = slice_report(index, plane.z_mm, *meshed);
+  FinishedSlice out;
   if (options.dump_slice == index)
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
   warn(out, index, *meshed);
@@ -171,10 +171,11 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
 
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
-  // The digests of the input's files are pieces of work beside the slices.
+  // The digests of the input's files are computed in parallel with the slices.
   const int files = static_cast<int>(stack.files.size());
   std::vector<Result<std::string>> digests(stack.files.size(), std::string());
-  std::vector<std::optional<Result<Done>>> done(static_cast<std::size_t>(last - first + 1));
+  std::vector<std::optional<Result<FinishedSlice>>> done(
+      static_cast<std::size_t>(last - first + 1));
   std::mutex mutex;
   int finished = 0;
   const auto one_piece = [&](int piece) {
@@ -209,7 +210,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   std::set<int> absent = wanted_labels(options.mesh.segmentation);
   for (auto& result : done) {
     if (!*result) return result->error();
-    Done one = std::move(**result);
+    FinishedSlice one = std::move(**result);
     encoded.push_back(std::move(one.slice));
     reports.push_back(std::move(one.report));
     for (const Warning& w : one.warnings)

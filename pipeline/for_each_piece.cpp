@@ -9,10 +9,10 @@
 namespace trocar::pipeline {
 namespace {
 
-// What TBB copies and calls. TBB orders the pieces after what stands before the loop, and its end
-// after them, but in its library, unseen by ThreadSanitizer. `begun` and `ended` say it once more,
-// so that it sees what the pieces themselves share (scripts/lib/tsan.supp leaves out this file
-// only).
+// The function object that TBB copies and calls. TBB synchronises the pieces with the code before
+// and after the loop inside its library, where ThreadSanitizer does not see it. `begun` and `ended`
+// repeat this synchronisation, so that ThreadSanitizer checks what the pieces share
+// (scripts/lib/tsan.supp excludes this file only).
 struct RangeOfPieces {
   const std::function<void(int)>* one_piece;
   std::atomic<int>*begun, *ended;

@@ -6,9 +6,9 @@
 
 namespace trocar::pipeline {
 
-/// Calls one_piece(0), ..., one_piece(pieces - 1), each once, some at the same time; they begin
-/// about in this order. What stands before the call happens before each, and each before its
-/// return.
+/// Calls one_piece(0), ..., one_piece(pieces - 1) once each, several at the same time, started in
+/// about this order. What precedes the call happens before each piece, and each piece happens
+/// before the call returns.
 void for_each_piece(int pieces, const std::function<void(int)>& one_piece);
 
 }  // namespace trocar::pipeline

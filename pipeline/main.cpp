@@ -1,21 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// trocar-mesh: from a scan to an asset; and verify, info, export for assets.
+// trocar-mesh: makes an asset from a scan; its subcommands verify, describe and export assets.
 #include <oneapi/tbb/version.h>
 #include <unistd.h>
-#include <csignal>
 
 #include <CLI/CLI.hpp>
-#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <iostream>
 #include <opencv2/core/version.hpp>
 
 #include "formats/asset/asset.h"
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
-#include "formats/base/nearest_name.h"
-#include "formats/base/standard_output.h"
 #include "pipeline/arguments.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
@@ -30,12 +27,14 @@ namespace fs = std::filesystem;
 constexpr const char* kVersion = "trocar-mesh " TROCAR_VERSION " (OpenCV " CV_VERSION
                                  ", oneTBB " TBB_VERSION_STRING ", CLI11 " CLI11_VERSION ")";
 
+constexpr const char* kName = "trocar-mesh";
+
 int fail(const Error& error) {
-  std::cerr << "trocar-mesh: " << error.message << '\n';
-  return static_cast<int>(error.code);
+  return report_error(kName, error);
 }
 
-// Nothing that was read, or could be a scan, is written over: `-o *.png` makes a slice the output.
+// Refuses to overwrite an input or any file that may be a scan: in `-o *.png` the shell makes a
+// slice the output.
 Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
   const OutputFile outputs[] = {
       {"-o", a.output}, {"--report", a.report}, {"--dump-stages", a.dump_stages}};
@@ -44,13 +43,6 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
       return usage(output.option + " " + output.file.string() + ": would write over a scan");
   }
   return trocar::check_outputs(outputs, read);
-}
-
-std::atomic<bool> stop_requested = false;
-static_assert(std::atomic<bool>::is_always_lock_free);
-
-void request_stop(int) {
-  stop_requested = true;
 }
 
 // A bar with the time left.
@@ -66,17 +58,10 @@ std::function<void(int, int)> progress_bar() {
   };
 }
 
-// From now on a wish to stop is heard between two pieces of work, so that nothing is left behind.
-void stop_on_signals() {
-  struct sigaction action {};
-  action.sa_handler = request_stop;
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    ::sigaction(signal, &action, nullptr);
-}
-
-// Grey levels are no HU: the usual threshold would mean nothing, one beyond them all or nothing.
+// Grey levels are not HU: the default threshold has no meaning for them, and one outside 0..255
+// selects all pixels or none.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
-  if (stack.calibration() != Calibration::kGrey || a.labels_given->count() > 0 ||
+  if (stack.pixel_unit() != PixelUnit::kGrey || a.labels_given->count() > 0 ||
       a.equalize_given->count() > 0 || !a.preset.empty())
     return {};
   if (a.threshold_given->count() == 0) {
@@ -86,12 +71,12 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   if (!(a.threshold >= 0 && a.threshold <= 255)) {
     stack.warnings.push_back({"threshold_out_of_range", "--threshold",
                               "images have grey levels of 0..255, whatever their depth; with this "
-                              "one all of a slice is material, or nothing"});
+                              "threshold all of a slice is material, or nothing"});
   }
   return {};
 }
 
-// The report's entries on files, the asset's among them once it is written.
+// Adds to the report what it says of the input files and of the asset, which has been written.
 Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchResult& result) {
   const auto digest = digest_file(a.output);
   if (!digest) return digest.error();
@@ -195,7 +180,7 @@ int info(const fs::path& file, bool as_json) {
 int export_to(const fs::path& file, const fs::path& folder) {
   const auto asset = read_asset(file);
   if (!asset) return fail(asset.error());
-  // What is not proved, others need not be able to read.
+  // Only a valid asset is exported: other programs may not detect what is wrong.
   if (const auto proved = verify_asset(*asset, file.string()); !proved) return fail(proved.error());
   stop_on_signals();
   const auto others = export_asset(*asset, folder, &stop_requested);
@@ -210,12 +195,12 @@ int export_to(const fs::path& file, const fs::path& folder) {
   return 0;
 }
 
-// What stands before a subcommand is the mesher's, and would be passed over.
+// Options before a subcommand are those of meshing, and would be ignored.
 Result<void> check_nothing_before(const CLI::App& app) {
   for (const CLI::Option* option : app.get_options()) {
     if (option->count() > 0) {
-      return usage(option->get_name() + " does not go with " +
-                   app.get_subcommands().front()->get_name() + ", whose own options follow it");
+      return usage(option->get_name() + " cannot be combined with " +
+                   app.get_subcommands().front()->get_name() + "; its own options follow it");
     }
   }
   return {};
@@ -223,21 +208,21 @@ Result<void> check_nothing_before(const CLI::App& app) {
 
 int run(int argc, char** argv) {
   CLI::App app{
-      "From a CT scan to an asset of exact triangle meshes, one a slice.\n"
+      "Makes an asset of exact triangle meshes, one per slice, from a CT scan.\n"
       "INPUT is a folder or list of images, a folder of DICOM files, or a .nii/.nii.gz."};
-  app.name("trocar-mesh");
+  app.name(kName);
   app.get_formatter()->column_width(46);
-  app.set_version_flag("--version", kVersion);
+  add_help_and_version(app, kVersion);
   app.require_subcommand(0, 1);
   Arguments a;
   add_mesh_options(app, a);
 
   fs::path asset, folder;
   bool as_json = false;
-  CLI::App* verify_command = app.add_subcommand("verify", "prove an asset's invariants");
-  CLI::App* info_command = app.add_subcommand("info", "say what is in an asset");
+  CLI::App* verify_command = app.add_subcommand("verify", "check an asset's invariants");
+  CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
-      app.add_subcommand("export", "write .poly, .obj and .svg, one a slice");
+      app.add_subcommand("export", "write each slice as .poly, .obj and .svg");
   for (CLI::App* command : {verify_command, info_command, export_command}) {
     command->add_option("ASSET", asset, "the .glb")->required();
   }
@@ -245,15 +230,7 @@ int run(int argc, char** argv) {
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
-  if (const std::string empty = empty_value(argc, argv); !empty.empty()) return fail(usage(empty));
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ExtrasError&) {
-    return fail(usage(unexpected_word(app)));
-  } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app.exit(e);
-    return fail(usage(std::string(e.what()) + " (see trocar-mesh --help)"));
-  }
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
   if (app.get_subcommands().empty()) return mesh(a);
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
   if (*verify_command) return verify(asset, as_json);
@@ -261,16 +238,17 @@ int run(int argc, char** argv) {
   return export_to(asset, folder);
 }
 
+// Too little memory is a property of the input, not a bug.
+int run_within_memory(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    return fail(refused("not enough memory for this input"));
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::signal(SIGXFSZ, SIG_IGN);  // a write beyond `ulimit -f` fails instead,
-  std::signal(SIGPIPE, SIG_IGN);  // as does one that nobody reads
-  try {
-    return trocar::after_printing("trocar-mesh", run(argc, argv));
-  } catch (const std::bad_alloc&) {
-    return fail(refused("not enough memory for this input"));
-  } catch (const std::exception& e) {
-    return fail(bug(e.what()));
-  }
+  return trocar::run_program(kName, [&] { return run_within_memory(argc, argv); });
 }

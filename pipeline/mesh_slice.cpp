@@ -74,9 +74,9 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     grid.offset_y = options.crop->y0;
     *image = cropped(std::move(*image), *options.crop);
   }
-  Field field = segment(std::move(*image), stack.calibration(), options.segmentation);
+  Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
   out.labels = std::move(field.labels);
-  if (stack.calibration() == Calibration::kHounsfield &&
+  if (stack.pixel_unit() == PixelUnit::kHounsfield &&
       std::holds_alternative<Threshold>(options.segmentation)) {
     out.mean_hu = mean_of_material(field);
   }

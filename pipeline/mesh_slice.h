@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One slice from pixels to a proved mesh: the stages in their order.
+// One slice from pixels to a verified mesh: the stages in their order.
 #pragma once
 
 #include <optional>
@@ -7,10 +7,10 @@
 
 #include "formats/base/result.h"
 #include "pipeline/contour/contour.h"
-#include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh/refinement.h"
 #include "pipeline/contour/segmentation.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/mesh/mesh_quality.h"
+#include "pipeline/mesh/refinement.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
@@ -35,7 +35,7 @@ struct StageTimes {
          refine_ms = 0, check_ms = 0;
 };
 
-/// Everything of one slice that the asset, the report and the pictures need.
+/// What the asset, the report and the pictures need of one slice.
 struct MeshedSlice {
   Pslg contours;  ///< full resolution, small rings dropped
   Pslg pslg;      ///< simplified
@@ -43,10 +43,10 @@ struct MeshedSlice {
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
-  /// Of the pixels at or above the threshold, before small regions are dropped; only where the
-  /// input has HU and they decide.
+  /// Of the pixels at or above the threshold, before small regions are dropped; only for input in
+  /// HU that is segmented by a threshold.
   std::optional<double> mean_hu;
-  std::set<int> labels;  ///< those of the wanted that the slice has
+  std::set<int> labels;  ///< the wanted labels that occur in the slice
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;
@@ -54,9 +54,9 @@ struct MeshedSlice {
   StageTimes times;
 };
 
-/// Every proof of DESIGN's lattice section has been run on what comes back. Errors: what the
-/// stack's read() says; (refused) pixels too fine for the lattice or the image too large for it;
-/// (bug) a proof failed.
+/// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
+/// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for
+/// the lattice or the image too large for it; (bug) one of these checks failed.
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 }  // namespace trocar::pipeline

@@ -49,7 +49,7 @@ json slice_measures(const MeshedSlice& slice) {
   return out;
 }
 
-json slice_report(int index, double z_mm, const MeshedSlice& slice, const MeshOptions&) {
+json slice_report(int index, double z_mm, const MeshedSlice& slice) {
   json out = slice_measures(slice);
   out["index"] = index;
   out["z_mm"] = z_mm;

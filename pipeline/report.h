@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The report of a run (R.json of the outer contract), the error figures kept in the asset, and
-// the stages of one slice for pictures.
+// The report of a run (--report), the measures of a slice that the asset stores, and the stages of
+// one slice for pictures (--dump-stages).
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -10,13 +10,12 @@
 namespace trocar::pipeline {
 
 /// One entry of `slices[]`.
-nlohmann::json slice_report(int index, double z_mm, const MeshedSlice& slice,
-                            const MeshOptions& options);
+nlohmann::json slice_report(int index, double z_mm, const MeshedSlice& slice);
 
-/// What of it the asset keeps: only what does not change from run to run (no times).
+/// The part of it that the asset stores: only what does not change from run to run (no times).
 nlohmann::json slice_measures(const MeshedSlice& slice);
 
-/// Contours, PSLG, carved triangulation and refined mesh of a slice, in mm.
+/// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm.
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
-// lock-step with its host. The work is in runtime/simulation/drive.h; here are options, socket and
-// clock.
+// lock-step with its host. Here are the command line, the socket and the clock; the drive itself is
+// runtime/simulation/drive.h.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
@@ -12,20 +13,23 @@
 #include <optional>
 #include <string>
 
-#include "formats/session/device_description.h"
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/session/device_description.h"
 #include "formats/session/scene.h"
-#include "runtime/simulation/drive.h"
-#include "runtime/simulation/drive_record.h"
+#include "runtime/library_versions.h"
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_socket.h"
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/session.h"
-#include "runtime/program.h"
+#include "runtime/simulation/drive.h"
+#include "runtime/simulation/drive_record.h"
 
 namespace trocar::runtime {
 namespace {
+
+constexpr const char* kName = "trocar-device-sim";
 
 struct Arguments {
   std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
@@ -36,31 +40,30 @@ struct Arguments {
 };
 
 int fail(const Error& error) {
-  return runtime::fail("trocar-device-sim", error);
+  return report_error(kName, error);
 }
 
 std::string version() {
-  return "trocar-device-sim " TROCAR_VERSION " (Eigen " + std::to_string(EIGEN_WORLD_VERSION) +
-         "." + std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION) +
-         ", nlohmann-json " + std::to_string(NLOHMANN_JSON_VERSION_MAJOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_MINOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_PATCH) + ", CLI11 " CLI11_VERSION ", libsodium)";
+  return "trocar-device-sim " TROCAR_VERSION " (" + library_versions() + ", libsodium)";
 }
 
-// An unsigned number would take "-1" for the largest there is.
+// CLI11 reads "-1" for an unsigned number as the largest one.
 std::string not_negative(const std::string& word) {
   return word.starts_with('-') ? word + " is less than 0" : "";
 }
 
 void declare(CLI::App& app, Arguments& a) {
-  app.add_option("SCENE", a.scene, "whose hand holds the tool (JSON); without it nobody does");
+  add_help_and_version(app, version());
+  app.add_option("SCENE", a.scene,
+                 "the scene (JSON) whose hand holds the tool; without it nothing holds the tool");
   app.add_option("--listen", a.listen,
-                 "ADDRESS:PORT; port 0: any free one (127.0.0.1:4840). Beyond this machine only\n"
-                 "with a key file that is there already");
-  app.add_option("--key-file", a.key_file, "the link's key, mode 0600; made if it is not there")
+                 "ADDRESS:PORT; port 0: any free one (127.0.0.1:4840). An address other than this\n"
+                 "machine's loopback needs a key file that exists already");
+  app.add_option("--key-file", a.key_file,
+                 "the link's key, mode 0600; created if it does not exist")
       ->required();
   app.add_option("--clock", a.clock,
-                 "real: wall clock; lock-step: one host's period a command, for\n"
+                 "real: wall clock; lock-step: one period of the host per command, for\n"
                  "trocar-run --clock virtual (real)");
   app.add_option("--rate", a.rate_Hz, "of the drive, in Hz, 100 to 10000 (4000)");
   app.add_option("--model", a.model,
@@ -72,19 +75,18 @@ void declare(CLI::App& app, Arguments& a) {
                  "duplicate:P reorder:P flip:P (command-loss:P, state-loss:P: one way only)\n"
                  "stuck:ENCODER jump:ENCODER:RAD dead:MOTOR stop kill");
   app.add_option("--seed", a.seed, "of faults and noise (1)")->check(not_negative);
-  app.add_option("--sessions", a.sessions, "end after so many; 0: run until stopped (0)")
+  app.add_option("--sessions", a.sessions, "end after this many sessions; 0: run until stopped (0)")
       ->check(not_negative);
   app.add_option("--device-description", a.description,
-                 "a device description (JSON) in the place of the scene's");
+                 "a device description (JSON) instead of the scene's");
   app.add_option("--record", a.record,
                  "write what the drive did in each of its steps: CSV, the first million steps");
   app.add_option("--summary", a.summary, "write what happened and what the hand felt: JSON");
   app.add_flag("--quiet", a.quiet, "print errors and the address only");
-  app.set_help_flag("-h,--help", "print this");
-  app.set_version_flag("--version", version(), "print the version");
   app.footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 could not be\n"
-      "written, or the address cannot be had; 1 a bug. The protocol: formats/session/device_link.md.");
+      "written, or the address is not available; 1 a bug.\n"
+      "The protocol: formats/session/device_link.md.");
 }
 
 Result<void> check_arguments(const Arguments& a) {
@@ -111,8 +113,8 @@ Result<LinkKey> load_key(const Arguments& arguments, const Endpoint& local) {
   if (!std::filesystem::exists(std::filesystem::symlink_status(arguments.key_file, ignored))) {
     if (local.is_loopback()) return make_link_key(arguments.key_file);
     return usage("--listen " + arguments.listen +
-                 ": beyond this machine only with a key file that is there already; " +
-                 arguments.key_file + " is not");
+                 ": an address other than loopback needs a key file that exists already; " +
+                 arguments.key_file + " does not");
   }
   return read_link_key(arguments.key_file);
 }
@@ -154,13 +156,13 @@ std::int64_t now_ns() noexcept {
   return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
 }
 
-constexpr std::size_t kMostRecorded = 1'000'000;
+constexpr std::size_t kMaxRecordedSteps = 1'000'000;
 
 Result<void> write_record(const std::string& file, const DriveReport& report) {
   return file.empty() ? Result<void>{} : write_file_atomically(file, to_csv(report.steps));
 }
 
-/// A drive behind a socket, with a faulty link in between.
+/// A drive and its socket, with a faulty link between the two.
 class Server {
  public:
   Server(const DriveOptions& options, SimulatedDevice model, UdpSocket socket,
@@ -176,17 +178,17 @@ class Server {
   RealtimeReport run_real() {
     RealtimeOptions realtime;
     realtime.rate_Hz = 1 / period_s_;
-    realtime.priority = 70;  // below the loop's own
+    realtime.priority = 70;  // below the haptic loop's
     realtime.stop = &stop_requested;
     return run_realtime(realtime, [this](const TickTiming& timing) {
-      owed_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
-      const double periods = std::clamp(std::round(owed_), 0.0, kMostCaughtUp);
-      owed_ = std::min(owed_ - periods, 1.0);
+      periods_behind_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
+      const double periods = std::clamp(std::round(periods_behind_), 0.0, kMaxCatchUpPeriods);
+      periods_behind_ = std::min(periods_behind_ - periods, 1.0);
       serve();
       Drive::Answer state;
       drive_.tick(now_ns(), static_cast<int>(periods), state);
       send(state, host_);
-      die_if_due();
+      kill_if_due();
       return !is_done();
     });
   }
@@ -201,9 +203,10 @@ class Server {
   const Drive& drive() const { return drive_; }
 
  private:
-  /// What a held-up process makes up for at most, in periods: beyond it the world stood still.
-  static constexpr double kMostCaughtUp = 200;
-  static constexpr int kMostDatagrams = 512;
+  /// The most periods that a delayed process makes up for; for the rest, simulated time stood
+  /// still.
+  static constexpr double kMaxCatchUpPeriods = 200;
+  static constexpr int kMaxDatagrams = 512;
 
   void serve() {
     const std::int64_t now = now_ns();
@@ -211,7 +214,7 @@ class Server {
       Drive::Answer answer;
       bool from_host = false;
       drive_.receive(datagram.view(), now, answer, from_host);
-      die_if_due();
+      kill_if_due();
       if (from_host) host_ = datagram.peer;
       send(answer, datagram.peer);
     };
@@ -219,11 +222,11 @@ class Server {
     out_.release_due(now,
                      [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
     FaultyLink::Datagram datagram;
-    for (int i = 0; i < kMostDatagrams; ++i) {
+    for (int i = 0; i < kMaxDatagrams; ++i) {
       const auto got = socket_.receive(datagram.bytes, datagram.size, datagram.peer);
       if (got == UdpSocket::Outcome::kNothing) break;
-      if (got == UdpSocket::Outcome::kGone) continue;  // a host is gone: its error, once
-      // A longer one is refused for its size, which cutting it does not change.
+      if (got == UdpSocket::Outcome::kGone) continue;  // an earlier host is gone: reported once
+      // A datagram that is too long is cut here, and refused for its size all the same.
       datagram.size = std::min(datagram.size, datagram.bytes.size());
       in_.pass(datagram, drive_.session_time_s(), now, handle);
     }
@@ -239,9 +242,9 @@ class Server {
               [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
   }
 
-  void die_if_due() const {
+  void kill_if_due() const {
     if (!drive_.must_die()) return;
-    // What it did is for those who look at it afterwards; a process that is killed says nothing.
+    // For later inspection: a killed process writes nothing more.
     (void)write_record(record_, drive_.report());
     ::raise(SIGKILL);
   }
@@ -256,7 +259,7 @@ class Server {
   std::uint64_t sessions_;
   std::string record_;
   double period_s_;
-  double owed_ = 0;  ///< periods that the world is behind the clock
+  double periods_behind_ = 0;  ///< how far simulated time is behind the clock
 };
 
 nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
@@ -307,7 +310,7 @@ int serve(const Arguments& arguments) {
   DriveOptions options;
   options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
   options.period_s = 1 / arguments.rate_Hz;
-  options.record_steps = arguments.record.empty() ? 0 : kMostRecorded;
+  options.record_steps = arguments.record.empty() ? 0 : kMaxRecordedSteps;
   Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
   if (!faults) return fail(faults.error());
   options.faults = std::move(*faults);
@@ -351,12 +354,11 @@ int serve(const Arguments& arguments) {
   return 0;
 }
 
-int main_without_exceptions(int count, char** words) {
+int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app("The simulated device behind the device link, a process of its own.",
-               "trocar-device-sim");
+  CLI::App app("The simulated device behind the device link, a process of its own.", kName);
   declare(app, arguments);
-  if (const auto done = parse_words(app, count, words, version())) return *done;
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
   stop_on_signals();
   return serve(arguments);
@@ -366,6 +368,6 @@ int main_without_exceptions(int count, char** words) {
 }  // namespace trocar::runtime
 
 int main(int argc, char** argv) {
-  return trocar::runtime::run_program("trocar-device-sim", argc, argv,
-                                      trocar::runtime::main_without_exceptions);
+  using namespace trocar::runtime;
+  return trocar::run_program(kName, [&] { return run_command_line(argc, argv); });
 }

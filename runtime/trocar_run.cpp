@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// trocar-run: a session of the haptic loop over a scene. The outer contract (options, exit
-// codes, files) is what users and scripts rely on; all the work is in runtime/loop.
+// trocar-run: runs a session of the haptic loop over a scene. Here are the command line and the
+// outputs; the session itself is runtime/session/session.h.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -17,12 +17,13 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/session/scene.h"
+#include "runtime/library_versions.h"
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_device.h"
-#include "runtime/program.h"
 #include "runtime/session/display.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/scene_needs.h"
@@ -40,6 +41,8 @@ void request_recovery(int) {
   recovery_requested.store(true);
 }
 
+constexpr const char* kName = "trocar-run";
+
 struct Arguments {
   std::string scene, asset, device = "inproc", key_file, description, clock = "real", force_law;
   std::optional<double> rate_Hz, duration_s;
@@ -51,28 +54,25 @@ struct Arguments {
 };
 
 int fail(const Error& error) {
-  return runtime::fail("trocar-run", error);
+  return report_error(kName, error);
 }
 
 std::string version() {
-  return "trocar-run " TROCAR_VERSION " (Eigen " + std::to_string(EIGEN_WORLD_VERSION) + "." +
-         std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION) +
-         ", nlohmann-json " + std::to_string(NLOHMANN_JSON_VERSION_MAJOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_MINOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_PATCH) +
-         ", CLI11 " CLI11_VERSION ", Draco and tinygltf for assets)";
+  return "trocar-run " TROCAR_VERSION " (" + library_versions() +
+         ", Draco and tinygltf for assets)";
 }
 
 void declare(CLI::App& app, Arguments& arguments) {
+  add_help_and_version(app, version());
   app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/session/scene.schema.json)")
       ->required();
   app.add_option("--device", arguments.device,
                  "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"
                  "trocar-device-sim (inproc)");
   app.add_option("--key-file", arguments.key_file,
-                 "of the link to a device process: the file it was started with");
+                 "the key of the link to a device process: the file that it was started with");
   app.add_option("--clock", arguments.clock,
-                 "real: wall clock; virtual: as fast as it goes, deterministic (real)");
+                 "real: wall clock; virtual: as fast as possible, deterministic (real)");
   app.add_option("--rate", arguments.rate_Hz,
                  "loop rate in Hz, 100 to 8000 (the scene's, or 1000)");
   app.add_option("--duration", arguments.duration_s, "in s (the scene's)");
@@ -84,27 +84,24 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "write the sheet around the tool 30 times a second: JSON lines");
   app.add_option("--replay", arguments.replay,
                  "run on a recording's inputs (virtual clock), compare the torques");
-  app.add_option("--asset", arguments.asset, "an asset (.glb) in the place of the scene's");
+  app.add_option("--asset", arguments.asset, "an asset (.glb) instead of the scene's");
   app.add_option("--device-description", arguments.description,
-                 "a device description (JSON) in the place of the scene's");
-  app.add_option("--force-law", arguments.force_law,
-                 "hooke or network, in the place of the scene's");
+                 "a device description (JSON) instead of the scene's");
+  app.add_option("--force-law", arguments.force_law, "hooke or network, instead of the scene's");
   app.add_option("--black-box", arguments.black_box,
                  "folder for the last 4 s before each fault (that of --record, or this one)");
   app.add_option("--recover", arguments.recover,
-                 "after a fault: never: end; auto; signal: on SIGUSR1 (never)");
+                 "after a fault: never: end the session; auto; signal: on SIGUSR1 (never)");
   app.add_option("--late-ticks", arguments.late_ticks,
                  "deadlines missed in a row that are a fault; 0: none (3; inproc: none)");
   app.add_option("--passivity", arguments.passivity, "the passivity controller: on or off (on)");
   app.add_option("--coupling", arguments.coupling_N_per_m,
-                 "virtual coupling, N/m (none: the tool itself meets the sheets)");
+                 "stiffness of a virtual coupling, N/m (none: the tool itself touches the sheets)");
   app.add_option("--compensate", arguments.compensate,
-                 "torques that hide the device's own: none, friction, weight or both (none)");
+                 "torques that cancel the device's own: none, friction, weight or both (none)");
   app.add_option("--cpu", arguments.cpu, "the processor that the loop stays on (any)");
-  app.add_flag("--check", arguments.check, "load the scene, say what it needs, run nothing");
+  app.add_flag("--check", arguments.check, "load the scene, print what it needs, run nothing");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
-  app.set_help_flag("-h,--help", "print this");
-  app.set_version_flag("--version", version(), "print the version");
   app.footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 could not be written; 5 stopped by\n"
       "a fault; 1 a bug. Ctrl-C ends a session with torques at zero and its files written.");
@@ -210,7 +207,7 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
       static_cast<unsigned long long>(report.realtime.missed_deadlines), report.max_force_N,
       report.torque_max_Nm);
   for (const PunctureEvent& event : report.punctures) {
-    std::printf("slice %d gave way at %.4f s: %.3f N felt, %.3f mm deep, tip at %.5f m\n",
+    std::printf("slice %d was punctured at %.4f s: %.3f N felt, %.3f mm deep, tip at %.5f m\n",
                 event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
   }
   if (!options.replay.empty() && report.replay_first_difference < 0) {
@@ -244,7 +241,7 @@ class Progress {
   std::thread thread_;
 };
 
-/// `run()` with progress on the terminal, if there is one and the session is one to be watched.
+/// Calls run(), with progress on the terminal if there is one and the session runs in real time.
 template <typename Run>
 Result<SessionReport> watched(const Arguments& arguments, SessionOptions& options, Run&& run) {
   TripleBuffer<RecordingRow> live;
@@ -258,7 +255,7 @@ Result<SessionReport> watched(const Arguments& arguments, SessionOptions& option
   return report;
 }
 
-/// The summary's "link": packets by what became of them.
+/// The summary's "link": how many packets were accepted, and how many refused for which reason.
 nlohmann::json describe(const UdpDevice& device) {
   nlohmann::json refused = nlohmann::json::object();
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
@@ -272,7 +269,7 @@ nlohmann::json describe(const UdpDevice& device) {
 
 Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loaded,
                                  Remesher& remesher, SessionOptions& options,
-                                 nlohmann::json& of_link) {
+                                 nlohmann::json& link_summary) {
   UdpDeviceOptions link;
   const Result<Endpoint> peer = parse_endpoint(arguments.device.substr(kRemote.size()), 1);
   if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
@@ -282,7 +279,8 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   link.key = *key;
   link.period_s = 1 / options.rate_Hz;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
-  // First what takes time: from the welcome on the drive waits for a first tick.
+  // Before connecting, since it takes time: after its welcome packet the drive expects a first
+  // tick.
   Result<SessionWorkers> workers = make_workers(loaded.scene, remesher, options);
   if (!workers) return workers.error();
   auto device = UdpDevice::connect(link);
@@ -296,9 +294,9 @@ Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loade
   });
   (*device)->close();
   if (const std::optional<Error>& error = (*device)->restore_error()) {
-    std::fprintf(stderr, "trocar-run: the link did not come back: %s\n", error->message.c_str());
+    std::fprintf(stderr, "trocar-run: the link was not restored: %s\n", error->message.c_str());
   }
-  of_link = describe(**device);
+  link_summary = describe(**device);
   return report;
 }
 
@@ -313,7 +311,7 @@ Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& 
   if (!device) {
     return Error{device.error().code, arguments.scene + ": " + device.error().message};
   }
-  // The simulated world stands still while the machine does something else: no gap is dangerous.
+  // Simulated time stands still while this process is suspended, so no gap is dangerous.
   options.limits.gap_max_s = 0;
   const auto advance = [&](double dt_s) { device->step(dt_s); };
   return watched(arguments, options, [&] {
@@ -321,7 +319,7 @@ Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& 
   });
 }
 
-/// What the options say of safety and of how the loop renders.
+/// The options of the safety layer and of the loop.
 void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   options.recovery = arguments.recover == "auto"     ? RecoveryPolicy::kAuto
                      : arguments.recover == "signal" ? RecoveryPolicy::kOnRequest
@@ -345,11 +343,11 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   }
 }
 
-/// A line for each fault that was recovered from and for each black box. False: a black box could
-/// not be written.
+/// Prints a line for each fault that was recovered from and for each black box. False: a black box
+/// could not be written.
 bool print_faults(const SessionReport& report) {
   for (const FaultEvent& event : report.faults) {
-    if (event.recovered_t_s < 0) continue;  // the one that ended the session is said at the end
+    if (event.recovered_t_s < 0) continue;  // conclude() reports the one that ended the session
     std::fprintf(stderr, "trocar-run: recovered at %.4f s from the fault %s at %.4f s\n",
                  event.recovered_t_s, to_word(event.fault), event.t_s);
   }
@@ -365,10 +363,10 @@ bool print_faults(const SessionReport& report) {
   return written;
 }
 
-/// Each output by itself, so that what can be written is; why others are not.
+/// Writes every output, also after another could not be written. Returns the errors.
 std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loaded,
                                  const SessionOptions& options, const SessionReport& report,
-                                 const Remesher& remesher, const nlohmann::json& of_link,
+                                 const Remesher& remesher, const nlohmann::json& link_summary,
                                  const FrameWriter& frames) {
   std::vector<Error> errors;
   const auto keep_error = [&](const Result<void>& done) {
@@ -388,7 +386,7 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
   return errors;
 }
 
-/// The first hole that could not be cut: those after it in its sheet fail on its account.
+/// The first hole that could not be cut; later ones in the same sheet fail because of it.
 std::optional<Error> failed_hole(const SessionReport& report, const Remesher& remesher) {
   const auto& records = remesher.records();
   const auto failed = std::find_if(records.begin(), records.end(), [](const CutRecord& record) {
@@ -407,19 +405,19 @@ std::optional<Error> failed_hole(const SessionReport& report, const Remesher& re
   return Error{failed->error->code, what + " could not be cut: " + failed->error->message};
 }
 
-/// What is left of a session: files, a line for all that is wrong, an exit code. A fault's comes
-/// first, since whoever drives the device must know of it.
+/// Prints a line for each problem of a session and returns the exit code. A fault's exit code takes
+/// precedence, since the operator of the device must know of it.
 int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
   if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
-  if (report.replay_first_difference >= 0) {  // not wrong: the scene may be another one
+  if (report.replay_first_difference >= 0) {  // not an error: the scene may differ
     std::fprintf(stderr, "trocar-run: the torques differ from the recording's from row %lld on\n",
                  static_cast<long long>(report.replay_first_difference) + 1);
   }
   const bool black_boxes_written = print_faults(report);
   int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
   for (const Error& error : errors) {
-    const int of_error = fail(error);
-    if (code == 0) code = of_error;
+    const int error_code = fail(error);
+    if (code == 0) code = error_code;
   }
   if (report.fault == Fault::kNone) return code;
   std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
@@ -469,10 +467,10 @@ int session(const Arguments& arguments) {
     };
   }
   Remesher remesher(loaded->sheets);
-  loaded->sheets.clear();  // it has replicas of its own
-  nlohmann::json of_link;
+  loaded->sheets.clear();  // the remesher keeps its own copies
+  nlohmann::json link_summary;
   const Result<SessionReport> report =
-      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, of_link)
+      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, link_summary)
                            : run(arguments, *loaded, remesher, options);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {
@@ -481,16 +479,16 @@ int session(const Arguments& arguments) {
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
     }
   }
-  return conclude(*report,
-                  write_outputs(arguments, *loaded, options, *report, remesher, of_link, frames),
-                  remesher);
+  return conclude(
+      *report, write_outputs(arguments, *loaded, options, *report, remesher, link_summary, frames),
+      remesher);
 }
 
-int main_without_exceptions(int count, char** words) {
+int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app("Runs a session of the haptic loop over a scene.", "trocar-run");
+  CLI::App app("Runs a session of the haptic loop over a scene.", kName);
   declare(app, arguments);
-  if (const auto done = parse_words(app, count, words, version())) return *done;
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
   stop_on_signals();
   struct sigaction action {};
@@ -503,6 +501,6 @@ int main_without_exceptions(int count, char** words) {
 }  // namespace trocar::runtime
 
 int main(int argc, char** argv) {
-  return trocar::runtime::run_program("trocar-run", argc, argv,
-                                      trocar::runtime::main_without_exceptions);
+  using namespace trocar::runtime;
+  return trocar::run_program(kName, [&] { return run_command_line(argc, argv); });
 }

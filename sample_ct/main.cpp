@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-sample-ct OUTDIR: writes the sample scan.
-#include "formats/base/standard_output.h"
 #include "sample_ct/program.h"
 
 int main(int argc, char** argv) {
-  return trocar::after_printing("trocar-sample-ct", trocar::sample::run_sample_ct(argc, argv));
+  return trocar::sample::run_sample_ct(argc, argv);
 }

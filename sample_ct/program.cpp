@@ -4,19 +4,13 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
-#include <atomic>
 #include <charconv>
-#include <csignal>
 #include <cstdint>
 #include <cstdio>
-#include <exception>
 #include <string>
 #include <system_error>
-#include <utility>
-#include <vector>
 
-#include "formats/base/nearest_name.h"
+#include "formats/base/command_line.h"
 #include "sample_ct/render.h"
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"
@@ -35,26 +29,14 @@ struct Arguments {
   bool quiet = false;
 };
 
+constexpr const char* kName = "trocar-sample-ct";
+
 int fail(const Error& error) {
-  std::fprintf(stderr, "trocar-sample-ct: %s\n", error.message.c_str());
-  return static_cast<int>(error.code);
-}
-
-std::atomic<bool> stop_requested = false;
-static_assert(std::atomic<bool>::is_always_lock_free);
-
-// A wish to stop is heard between two pieces of work, so that nothing is left behind; a write
-// beyond `ulimit -f` fails instead.
-void handle_signals() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { stop_requested = true; };
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    ::sigaction(signal, &action, nullptr);
-  std::signal(SIGXFSZ, SIG_IGN);
+  return report_error(kName, error);
 }
 
 int run(const Arguments& arguments) {
-  handle_signals();
+  stop_on_signals();
   const Result<ScanGeometry> geometry = sample_geometry(arguments.size, arguments.slices);
   if (!geometry) return fail(geometry.error());
 
@@ -77,71 +59,60 @@ int run(const Arguments& arguments) {
   return static_cast<int>(ExitCode::kDone);
 }
 
+// CLI11 2.1 reads -1 and 1e99 as 2^64 - 1, and accepts nan in every range.
+std::string check_whole(const std::string& text) {
+  std::uint64_t value = 0;
+  const char* end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && rest == end
+             ? std::string()
+             : "\"" + text + "\" is not a whole number of 0 .. 2^64 - 1";
+}
+std::string check_number(const std::string& text) {
+  return text.find_first_of("nN") == std::string::npos ? std::string()
+                                                       : "\"" + text + "\" is not a number";
+}
+
+void declare(CLI::App& app, Arguments& arguments) {
+  add_help_and_version(app, std::string(kName) + " " TROCAR_VERSION " (" + png_library_version() +
+                                ", " + dicom_library_version() + ", " + nifti_library_version() +
+                                ")");
+  app.add_option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
+      ->required();
+  app.add_option("--seed", arguments.seed, "of textures, noise and UIDs")
+      ->capture_default_str()
+      ->check(check_whole);
+  app.add_option("--slices", arguments.slices, "number of slices, 1 mm apart")
+      ->capture_default_str()
+      ->check(CLI::Range(kMinSlices, kMaxSlices));
+  app.add_option("--size", arguments.size, "pixels along each edge of the 160 mm field of view")
+      ->capture_default_str()
+      ->check(CLI::Range(kMinSize, kMaxSize));
+  app.add_option("--noise-hu", arguments.noise_hu, "standard deviation of the noise, HU")
+      ->capture_default_str()
+      ->check(check_number)
+      ->check(CLI::Range(0.0, kMaxNoise_hu));
+  app.add_option("--jobs", arguments.jobs, "threads, 0: all cores; does not change the output")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1024));
+  app.add_flag("--quiet", arguments.quiet, "print errors only");
+}
+
+int run_command_line(int argc, const char* const* argv) {
+  Arguments arguments;
+  CLI::App app{
+      "Writes a synthetic CT of a lumbar vertebra to OUTDIR: png/ (24-bit grey),\n"
+      "dicom/ (a CT series), sample.nii.gz (all three the same scan) and sample.json.",
+      kName};
+  declare(app, arguments);
+  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  return run(arguments);
+}
+
 }  // namespace
 
 int run_sample_ct(int argc, const char* const* argv) {
-  try {
-    Arguments arguments;
-    CLI::App app{
-        "Writes a synthetic CT of a lumbar vertebra to OUTDIR: png/ (24-bit grey),\n"
-        "dicom/ (a CT series), sample.nii.gz (all three the same scan) and sample.json.",
-        "trocar-sample-ct"};
-    app.add_option("OUTDIR", arguments.folder, "where to write; made if need be")->required();
-    // CLI11 2.1 takes -1 and 1e99 for 2^64 - 1, and nan for a number in every range.
-    const CLI::Validator whole(
-        [](std::string& text) {
-          std::uint64_t value = 0;
-          const char* end = text.data() + text.size();
-          const auto [rest, error] = std::from_chars(text.data(), end, value);
-          return error == std::errc() && rest == end
-                     ? std::string()
-                     : "\"" + text + "\" is not a whole number of 0 .. 2^64 - 1";
-        },
-        "");
-    const CLI::Validator a_number(
-        [](std::string& text) {
-          return text.find_first_of("nN") == std::string::npos ? std::string()
-                                                               : "\"" + text + "\" is not a number";
-        },
-        "");
-    app.add_option("--seed", arguments.seed, "of textures, noise and UIDs")
-        ->capture_default_str()
-        ->check(whole);
-    app.add_option("--slices", arguments.slices, "number of slices, 1 mm apart")
-        ->capture_default_str()
-        ->check(CLI::Range(kMinSlices, kMaxSlices));
-    app.add_option("--size", arguments.size, "pixels along each side of the 160 mm field of view")
-        ->capture_default_str()
-        ->check(CLI::Range(kMinSize, kMaxSize));
-    app.add_option("--noise-hu", arguments.noise_hu, "standard deviation of the noise, HU")
-        ->capture_default_str()
-        ->check(a_number)
-        ->check(CLI::Range(0.0, kMaxNoise_hu));
-    app.add_option("--jobs", arguments.jobs, "threads, 0: all cores; does not change the output")
-        ->capture_default_str()
-        ->check(CLI::Range(0, 1024));
-    app.add_flag("--quiet", arguments.quiet, "print nothing but errors");
-    app.set_version_flag("--version", "trocar-sample-ct " TROCAR_VERSION " (" +
-                                          png_library_version() + ", " + dicom_library_version() +
-                                          ", " + nifti_library_version() + ")");
-    try {
-      app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-      std::fputs(app.help().c_str(), stdout);
-      return static_cast<int>(ExitCode::kDone);
-    } catch (const CLI::CallForVersion& version) {
-      std::printf("%s\n", version.what());
-      return static_cast<int>(ExitCode::kDone);
-    } catch (const CLI::ExtrasError&) {
-      return fail(usage(unexpected_word(app)));
-    } catch (const CLI::ParseError& error) {
-      return fail(usage(std::string(error.what()) +
-                        "; usage: trocar-sample-ct OUTDIR [OPTIONS], --help lists them"));
-    }
-    return run(arguments);
-  } catch (const std::exception& error) {
-    return fail(bug(std::string("internal error: ") + error.what()));
-  }
+  return run_program(kName, [&] { return run_command_line(argc, argv); });
 }
 
 }  // namespace trocar::sample

@@ -4,8 +4,8 @@
 
 namespace trocar::sample {
 
-/// Writes the sample scan as the arguments say (argv as main() gets it) and returns
-/// the exit code; what went wrong is said in one line on stderr. Never throws.
+/// Writes the sample scan as the arguments of main() say and returns the exit code. Errors are
+/// reported in one line on stderr. Never throws.
 int run_sample_ct(int argc, const char* const* argv);
 
 }  // namespace trocar::sample

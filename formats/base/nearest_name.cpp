@@ -35,17 +35,6 @@ std::string nearest_name(std::string_view name, const std::vector<std::string>& 
   return found;
 }
 
-std::string empty_value(int count, const char* const* words) {
-  for (int i = 1; i < count; ++i) {
-    const std::string word = words[i], before = words[i - 1];
-    if (word.empty())
-      return (before.starts_with('-') ? before : "an argument") + ": its value is empty";
-    if (word.starts_with("--") && word.find('=') == word.size() - 1)
-      return word.substr(0, word.size() - 1) + ": its value is empty";
-  }
-  return {};
-}
-
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates) {
   const std::string near = nearest_name(name, candidates);
   return near.empty() ? "" : ", did you mean " + near + "?";

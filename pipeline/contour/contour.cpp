@@ -14,16 +14,15 @@ namespace trocar::pipeline {
 namespace {
 
 // Marching squares (Lorensen and Cline's idea in the plane), saddles by the asymptotic decider
-// (Nielson and Hamann). Why the rings are sound by construction:
+// (Nielson and Hamann). The rings are valid by construction:
 //  - A grid edge is crossed iff exactly one of its ends is inside (half-open test), so it has one
 //    crossing point; the cell on one side enters it and the cell on the other leaves it: with one
 //    successor an edge, loops close.
 //  - The image is padded by one pixel of outside, so no loop leaves it.
-//  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points, and
-//  all
+//  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points. All
 //    points of one grid line snap to one lattice line in order: snapped segments of a cell keep
 //    their order on the cell's border, so two of them cannot cross.
-// Where on its grid edge a crossing lies is contour_crossing.h's.
+// contour_crossing.h computes where on its grid edge a crossing lies.
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)
@@ -36,7 +35,8 @@ class MarchingSquares {
 
   Pslg run() {
     scan();
-    // The successor of each edge, in a table that is only ever read where it was just written.
+    // The segment that starts on each edge. The table is kept between calls and not cleared: only
+    // the entries written here are read.
     thread_local std::vector<std::uint32_t> segment_from;
     segment_from.resize(
         std::max(segment_from.size(), static_cast<std::size_t>(columns_) * rows_ * 2));
@@ -68,8 +68,8 @@ class MarchingSquares {
     bool done = false;
   };
 
-  // Finds the cells that the outline passes: rows of inside flags first, then only where two
-  // neighbouring rows are not all the same, eight columns at a time.
+  // Finds the cells that the outline passes through: compares the inside flags of two neighbouring
+  // rows eight columns at a time, and looks at single cells only where they are not all equal.
   void scan() {
     std::vector<std::uint8_t> below(static_cast<std::size_t>(columns_) + 8, 0), above = below;
     for (int y = 0; y + 1 < rows_; ++y) {
@@ -110,8 +110,8 @@ class MarchingSquares {
   }
   std::uint32_t vertical(int x, int y) const { return horizontal(x, y) + 1; }
 
-  // Corners a b c d counter-clockwise from (x, y). Going round, a segment starts on the edge that
-  // leaves the material and ends on the one that enters it: material on its left.
+  // Corners a b c d counter-clockwise from (x, y). In this order a segment starts on the edge that
+  // leaves the material and ends on the one that enters it: material is on its left.
   void cell(int x, int y, unsigned in) {
     const std::array<float, 4> f = {value(x, y), value(x + 1, y), value(x + 1, y + 1),
                                     value(x, y + 1)};
@@ -122,8 +122,8 @@ class MarchingSquares {
     for (unsigned k = 0; k < 4; ++k) {
       if (!inside(k) || inside(k + 1)) continue;
       if (saddle) {
-        // Joined through the middle: the segment turns about the outside corner k+1;
-        // apart: about the inside corner k.
+        // Material joined through the middle: the segment cuts off the outside corner k+1;
+        // separate: the inside corner k.
         segments_.push_back({edge[k], edge[(joined(f) ? k + 1 : k + 3) & 3]});
       } else {
         unsigned j = k + 1;
@@ -143,8 +143,8 @@ class MarchingSquares {
     return denominator > 0 ? numerator >= 0 : numerator <= 0;
   }
 
-  // At the image's border the material ends at the pixel's edge, whatever its value; in a mask half
-  // way between two pixels.
+  // At the image's border the material ends at the pixel's edge, whatever its value; in a mask,
+  // half way between two pixels.
   Crossing crossing_of(std::size_t edge) const {
     const int x = static_cast<int>(edge / 2 % columns_), y = static_cast<int>(edge / 2 / columns_);
     Crossing out{x, y, edge % 2 == 1, false, 0.5};
@@ -187,23 +187,24 @@ class MarchingSquares {
 
 using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
 
-// Is direction b met before c when turning clockwise from a? (All nonzero, from one point.)
+// Does direction b come before c when rotating clockwise from a? (All nonzero, from one point.)
 bool clockwise_before(LatticePoint a, LatticePoint b, LatticePoint c) {
   const LatticePoint o{0, 0};
-  const auto half =
-      [&](LatticePoint p) {  // 0: strictly right of a, or along a; 1: opposite or left
-        const std::int64_t s = orient2d(o, a, p);
-        if (s < 0) return 1;
-        if (s > 0) return 3;
-        return diametral_dot(a, p, o) > 0 ? 4 : 2;  // straight back comes last
-      };
-  if (half(b) != half(c)) return half(b) < half(c);
+  // Clockwise from a: right of it, opposite to it, left of it, and last along a itself.
+  const auto sector = [&](LatticePoint p) {
+    const std::int64_t s = orient2d(o, a, p);
+    if (s < 0) return 1;
+    if (s > 0) return 3;
+    return diametral_dot(a, p, o) > 0 ? 4 : 2;
+  };
+  if (sector(b) != sector(c)) return sector(b) < sector(c);
   return orient2d(o, b, c) < 0;
 }
 
-// A soup of directed boundary edges (as many in as out at every point) as simple rings that touch
-// at most in vertices. Opposite edges cancel: a wall of no thickness is no wall. At a point with
-// several ways out, the ring keeps to its own wedge of material.
+// Joins directed boundary edges (as many in as out at every point) into simple rings that touch at
+// most in vertices. Opposite edges cancel: material of no width is dropped. At a point with several
+// outgoing edges, the ring takes the first one clockwise from where it came: the one that bounds
+// the same wedge of material.
 std::vector<Ring> simple_rings(std::vector<DirectedEdge> edges) {
   std::map<LatticePoint, std::vector<LatticePoint>> out;
   std::sort(edges.begin(), edges.end());
@@ -217,13 +218,13 @@ std::vector<Ring> simple_rings(std::vector<DirectedEdge> edges) {
       out[e.first].push_back(e.second);
   }
   std::vector<Ring> rings;
-  for (auto& [start, ways] : out) {
-    while (!ways.empty()) {
-      // Walk until back at the start; a point met twice closes a ring of its own.
+  for (auto& [start, outgoing] : out) {
+    while (!outgoing.empty()) {
+      // Follow the edges back to the start; a point visited twice closes a ring.
       std::vector<LatticePoint> path{start};
       std::map<LatticePoint, std::size_t> seen{{start, 0}};
-      LatticePoint from = start, at = ways.back();
-      ways.pop_back();
+      LatticePoint from = start, at = outgoing.back();
+      outgoing.pop_back();
       while (true) {
         if (const auto it = seen.find(at); it != seen.end()) {
           const std::size_t first = it->second;
@@ -263,23 +264,23 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
   std::vector<std::vector<cv::Point>> chains;
   std::vector<cv::Vec4i> hierarchy;
   cv::findContours(mask, chains, hierarchy, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
-  std::vector<DirectedEdge> soup;
+  std::vector<DirectedEdge> edges;
   for (std::size_t c = 0; c < chains.size(); ++c) {
     Ring ring;
     for (const cv::Point& p : chains[c]) {
       ring.push_back({grid.lattice.snap_mm((p.x + grid.offset_x) * grid.spacing_u_mm),
                       grid.lattice.snap_mm((p.y + grid.offset_y) * grid.spacing_v_mm)});
     }
-    // OpenCV runs outer chains one way round and hole chains the other; make it ours.
+    // OpenCV orients outer and hole chains oppositely; here outer ones are counter-clockwise.
     const bool hole = hierarchy[c][3] >= 0;
     if ((doubled_area(ring) < 0) != hole) std::reverse(ring.begin(), ring.end());
     for (std::size_t i = 0; i < ring.size(); ++i) {
       const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-      if (a != b) soup.emplace_back(a, b);
+      if (a != b) edges.emplace_back(a, b);
     }
   }
   Pslg out;
-  out.rings = simple_rings(std::move(soup));
+  out.rings = simple_rings(std::move(edges));
   return out;
 }
 

@@ -23,12 +23,12 @@ struct PixelGrid {
 inline constexpr int kMinStepsPerPixel = 8;
 
 /// Material on the left: outer rings counter-clockwise in (u, v), holes clockwise. Rings are
-/// simple, touch at most in vertices and never cross: see contour.cpp for why. The image's
-/// border counts as outside. O(pixels + vertices log vertices).
+/// simple, touch at most in vertices and never cross (contour.cpp gives the reasons). Beyond the
+/// image's border is outside. O(pixels + vertices log vertices).
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
 /// Drops rings of less than `min_area_mm2`: smaller islands vanish and smaller holes are
-/// filled. (What lies inside a dropped ring is smaller still, so it goes with it.)
+/// filled. (Rings inside a dropped ring are smaller, so they are dropped too.)
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

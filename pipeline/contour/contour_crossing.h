@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where an iso-contour crosses the grid line between two pixels, better than linear interpolation
-// knows it; and how far to move the crossings so that chords enclose the area of the curve.
+// Where an iso-contour crosses the grid line between two pixels, more accurately than by linear
+// interpolation; and how far to move the crossings so that their chords enclose the curve's area.
 #pragma once
 
 #include <array>
@@ -8,20 +8,20 @@
 
 namespace trocar::pipeline {
 
-/// Samples along a grid line less the iso-value, of which [3] and [4] are the two pixels that the
-/// contour passes between: one is >= 0, the other is not. `known` are those that exist: outside
-/// first .. last the image has ended. 0 <= first <= 3, 4 <= last <= 7.
+/// Samples along a grid line minus the iso-value. The contour passes between [3] and [4]: one is >=
+/// 0, the other is not. Only the samples first .. last lie in the image: 0 <= first <= 3, 4 <= last
+/// <= 7.
 struct GridLine {
   std::array<double, 8> value{};
   int first = 0, last = 7;
 };
 
 /// The crossing as a fraction in [0, 1] of the way from [3] to [4]:
-///  - where the line rises from one flat to another about the middle of which the iso-value lies,
-///    the edge is where a jump would have to be to leave the same sum. Pixels being averages, that
-///    is exact for every straight edge, however sharp;
-///  - else the crossing of the monotone cubic interpolant (Steffen, Astronomy and Astrophysics
-///    239, 1990), of which there is one. It does not overshoot, and is linear where data are.
+///  - where the samples go monotonically from one constant value to another and the iso-value is
+///    about half way between these: the position of a jump that gives the same sum of samples. As
+///    pixels are averages over their area, this is exact for every sharp straight edge;
+///  - otherwise the one crossing of the monotone cubic interpolant (Steffen, Astronomy and
+///    Astrophysics 239, 1990). It does not overshoot, and is linear where the samples are.
 double crossing(const GridLine& line);
 
 /// A crossing in units of pixels: on the grid line from (x, y) to the next pixel in u or in v.
@@ -32,10 +32,10 @@ struct Crossing {
   double t = 0;
 };
 
-/// Chords of a curve with the curvature k enclose k c^3 / 12 less than it does. Moves the crossings
+/// A chord of length c cuts an area of k c^3 / 12 off a curve of curvature k. Moves the crossings
 /// of a closed ring (material on the left) along their grid lines, so that the polygon has the area
-/// of the curve they were on: outwards where it is convex, by some hundredths of a pixel, and
-/// never by more than a sixteenth. O(n).
+/// of the curve that they lay on: outwards where it is convex, by some hundredths of a pixel and at
+/// most a sixteenth. O(n).
 void restore_chord_areas(std::span<Crossing> ring);
 
 }  // namespace trocar::pipeline

@@ -10,13 +10,12 @@
 namespace trocar::pipeline {
 namespace {
 
-// cv::equalizeHist on 8 bits, as in the paper's time. The levels of an image file are used as they
-// are; a calibrated slice is first mapped from its own range.
-void equalize(Image& image, Calibration calibration) {
+// cv::equalizeHist on 8 bits. The levels of an image file are used as they are; a calibrated slice
+// is first mapped from its own range to 0..255.
+void equalize(Image& image, PixelUnit unit) {
   const auto [low, high] = std::minmax_element(image.values.begin(), image.values.end());
-  const float offset = calibration == Calibration::kGrey ? 0.0F : *low;
-  const float scale =
-      calibration == Calibration::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
+  const float offset = unit == PixelUnit::kGrey ? 0.0F : *low;
+  const float scale = unit == PixelUnit::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
   cv::Mat levels(image.height, image.width, CV_8U);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
@@ -31,7 +30,7 @@ void equalize(Image& image, Calibration calibration) {
 }  // namespace
 
 std::optional<double> mean_of_material(const Field& field) {
-  // Eight sums side by side: what vector units do at once, in an order that is always the same.
+  // Eight partial sums: vector units add them at once, and the order is always the same.
   constexpr std::size_t kLanes = 8;
   std::array<double, kLanes> sum{};
   std::array<std::int32_t, kLanes> count{};
@@ -54,12 +53,12 @@ std::optional<double> mean_of_material(const Field& field) {
   return std::accumulate(sum.begin(), sum.end(), 0.0) / static_cast<double>(pixels);
 }
 
-Field segment(Image image, Calibration calibration, const Segmentation& how) {
+Field segment(Image image, PixelUnit unit, const Segmentation& how) {
   Field field{std::move(image), 0};
   if (const auto* threshold = std::get_if<Threshold>(&how)) {
     field.iso = static_cast<float>(threshold->value);
   } else if (const auto* paper = std::get_if<Equalize>(&how)) {
-    equalize(field.image, calibration);
+    equalize(field.image, unit);
     field.iso = static_cast<float>(paper->level);
   } else {
     const auto& labels = std::get<Labels>(how).labels;

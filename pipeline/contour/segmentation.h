@@ -29,14 +29,14 @@ struct Field {
   Image image;
   float iso = 0;
   bool is_mask = false;       ///< 0 and 1 only: nothing to interpolate
-  std::set<int> labels = {};  ///< those of the wanted that the image has
+  std::set<int> labels = {};  ///< the wanted labels that occur in the image
 };
 
-/// Mean of the values that are material; none if there is no such pixel. The same sum, to the
-/// bit, everywhere.
+/// Mean of the values that are material; none if there is no such pixel. The order of summation is
+/// fixed, so the result has the same bits everywhere.
 std::optional<double> mean_of_material(const Field& field);
 
-/// Takes the image over. O(pixels).
-Field segment(Image image, Calibration calibration, const Segmentation& how);
+/// Takes ownership of the image. O(pixels).
+Field segment(Image image, PixelUnit unit, const Segmentation& how);
 
 }  // namespace trocar::pipeline

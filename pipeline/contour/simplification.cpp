@@ -71,9 +71,9 @@ void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t las
   }
 }
 
-// The vertices farthest from the mean of all; if it is one, also those farthest from that. All of
-// like ones are taken, and all is exact, so that it does not matter where the outline starts,
-// where it lies or how it is turned.
+// The vertices farthest from the mean of all; if it is only one, also those farthest from it.
+// Equally far vertices are all taken, and the arithmetic is exact, so that the choice does not
+// depend on where the outline starts, where it lies or how it is rotated.
 std::vector<std::uint32_t> extreme_vertices(const Ring& contour) {
   const auto n = static_cast<std::int64_t>(contour.size());
   const LatticePoint origin = contour[0];
@@ -161,18 +161,19 @@ struct Box {
       high = {std::max(high.x, p.x), std::max(high.y, p.y)};
     }
   }
-  bool meets(const Box& o) const {
+  bool overlaps(const Box& o) const {
     return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y;
   }
 };
 
 // Is the ring q inside the simple ring r, which it does not cross? The middle of an edge of q lies
-// on no edge of r and speaks for all of q, even if all vertices of q touch r.
+// on no edge of r, so it decides for all of q, even if all vertices of q touch r.
 bool is_inside(const Ring& q, const Ring& r) {
   return is_inside_ring(std::int64_t{q[0].x} + q[1].x, std::int64_t{q[0].y} + q[1].y, r);
 }
 
-// A simplified ring may not jump over another, though nothing crosses: marks both.
+// Marks both rings of each pair of which one is inside the other before simplification and not
+// after it, or the reverse. This can happen without a crossing.
 bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
   bool any = false;
   std::vector<Ring> now;
@@ -184,14 +185,14 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
   const auto jumps = [&](std::size_t q, std::size_t r) {
     return is_inside(*rings[q].contour, *rings[r].contour) != is_inside(now[q], now[r]);
   };
-  // By x, so that of ten thousand specks only those above one another meet.
+  // Sorted by x, so that of ten thousand small rings only those of a common x are compared.
   std::vector<std::size_t> order(rings.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
             [&boxes](std::size_t r, std::size_t q) { return boxes[r].low.x < boxes[q].low.x; });
   for (auto i = order.begin(); i != order.end(); ++i) {
     for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[*i].high.x; ++j) {
-      if (!boxes[*i].meets(boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
+      if (!boxes[*i].overlaps(boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
       std::fill(marks[*i].begin(), marks[*i].end(), char{1});
       std::fill(marks[*j].begin(), marks[*j].end(), char{1});
       any = true;
@@ -208,8 +209,8 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
   for (const Ring& contour : contours.rings)
     rings.push_back(simplify_ring(contour, tolerance * tolerance));
 
-  // Split every span that breaks something at its farthest vertex, until nothing does. At the
-  // latest this ends with the contours themselves, which are valid.
+  // Split every span that is part of a violation at its farthest vertex, until there is none. At
+  // the latest this ends with the contours themselves, which are valid.
   while (true) {
     std::vector<std::vector<char>> marks;
     marks.reserve(rings.size());
@@ -238,14 +239,14 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
         if (j - i < 2) continue;
         const std::uint32_t m = s.farthest(i, j).first;
         s.kept.push_back(m % s.size());
-        // The halves' chords are new ones: they owe the tolerance too.
+        // The halves' chords are new: the tolerance applies to them too.
         douglas_peucker(s, i, m, tolerance * tolerance, s.kept);
         douglas_peucker(s, m, j, tolerance * tolerance, s.kept);
         split = true;
       }
       std::sort(s.kept.begin(), s.kept.end());
     }
-    if (!split) break;  // the contours themselves were at fault; the caller's check says so
+    if (!split) break;  // the contours themselves are invalid; the caller's check reports it
   }
 
   Pslg out;
@@ -255,9 +256,9 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
 }
 
 double hausdorff_mm(const Pslg& contours, const Pslg& simplified, const Lattice& lattice) {
-  // Each chord stands for the contour span between its ends. The span is a path from end to end,
-  // so it passes every foot of a perpendicular: the chord is as near to the span as the span's
-  // farthest vertex is to the chord.
+  // Each chord replaces the contour span between its ends. The span is a path from one end to the
+  // other, so it crosses every perpendicular of the chord: no point of the chord is farther from
+  // the span than the span's farthest vertex is from the chord.
   double worst2 = 0;
   for (std::size_t r = 0; r < contours.rings.size(); ++r) {
     const Ring& contour = contours.rings[r];

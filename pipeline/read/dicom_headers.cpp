@@ -15,8 +15,8 @@ namespace {
 
 using GivenSpacing = std::optional<std::array<double, 3>>;
 
-// Where an attribute of a frame may stand, first match wins: the frame's own functional group,
-// the shared one, the dataset itself (single-frame objects).
+// Where an attribute of a frame may be found, in this order: the frame's own functional group, the
+// shared one, the dataset itself (single-frame objects).
 struct Places {
   DcmItem *per_frame, *shared, *dataset;
 
@@ -32,7 +32,8 @@ struct Places {
   }
 };
 
-// What is not there is 1 and 0; what is there must be a number: else HU would be off by a thousand.
+// A missing slope is 1, a missing intercept 0. One that is present must be a number: with 1 and 0
+// instead, HU would be wrong by about a thousand. Returns what is wrong, or nothing.
 std::optional<std::string> read_rescale(const Places& at, DicomFrame& h) {
   DcmItem* item = at.find(DCM_PixelValueTransformationSequence, DCM_RescaleSlope);
   const bool has_slope = item->tagExists(DCM_RescaleSlope);
@@ -43,15 +44,16 @@ std::optional<std::string> read_rescale(const Places& at, DicomFrame& h) {
   if (has_intercept && !dicom_numbers(item, DCM_RescaleIntercept, &h.intercept, 1))
     return "its RescaleIntercept is not a number";
   if (h.slope == 0) return "a rescale slope of zero";
-  if (!(std::abs(h.slope) * 65536 + std::abs(h.intercept) < 1e9)) return "its rescale is absurd";
+  if (!(std::abs(h.slope) * 65536 + std::abs(h.intercept) < 1e9))
+    return "its rescale is out of range";
   if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence)) {
     return "a modality look-up table instead of a rescale slope";
   }
   return {};
 }
 
-// The pixel spacing, or where the frame has none what was given for such. Nothing, or what is
-// wrong.
+// Reads the pixel spacing; a frame without one gets the given spacing. Returns what is wrong, or
+// nothing.
 std::optional<std::string> read_spacing(const Places& at, const GivenSpacing& given,
                                         DicomFrame& h) {
   DcmItem* item = at.find(DCM_PixelMeasuresSequence, DCM_PixelSpacing);
@@ -71,7 +73,7 @@ std::optional<std::string> read_spacing(const Places& at, const GivenSpacing& gi
   return {};
 }
 
-// Plane and rescale of one frame. Nothing, or what is missing.
+// Reads plane and rescale of one frame. Returns what is wrong, or nothing.
 std::optional<std::string> read_geometry(const Places& at, const GivenSpacing& given,
                                          DicomFrame& h) {
   double position[3], orientation[6];
@@ -87,7 +89,7 @@ std::optional<std::string> read_geometry(const Places& at, const GivenSpacing& g
   h.position = Eigen::Vector3d(position[0], position[1], position[2]);
   h.u = Eigen::Vector3d(orientation[0], orientation[1], orientation[2]);
   h.v = Eigen::Vector3d(orientation[3], orientation[4], orientation[5]);
-  if (!(h.position.cwiseAbs().maxCoeff() < 1e7)) return "its image position is absurd";
+  if (!(h.position.cwiseAbs().maxCoeff() < 1e7)) return "its image position is out of range";
   if (!(std::abs(h.u.norm() - 1) <= 1e-3) || !(std::abs(h.v.norm() - 1) <= 1e-3) ||
       !(std::abs(h.u.dot(h.v)) <= 1e-3)) {
     return "its orientation is not two unit vectors at right angles";
@@ -97,14 +99,15 @@ std::optional<std::string> read_geometry(const Places& at, const GivenSpacing& g
   return read_rescale(at, h);
 }
 
-// Size and sample format, the same for all frames of a file. Nothing, or what is wrong.
+// Reads size and sample format, the same for all frames of a file. Returns what is wrong, or
+// nothing.
 std::optional<std::string> read_format(DcmItem& data, DicomFrame& h) {
   h.rows = dicom_integer(&data, DCM_Rows, 0);
   h.columns = dicom_integer(&data, DCM_Columns, 0);
   if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1) {
     return std::to_string(samples) + " samples a pixel: colour, not CT";
   }
-  // Which of the two only says how to display: HU come from the rescale either way.
+  // The two differ in how to display them only: HU come from the rescale.
   const std::string photometric = dicom_text(&data, DCM_PhotometricInterpretation);
   if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2") {
     return "photometric interpretation '" + photometric + "'";
@@ -125,10 +128,10 @@ std::optional<std::string> read_format(DcmItem& data, DicomFrame& h) {
   return {};
 }
 
-// Uncompressed pixels must all be there. (Compressed ones are found short when they are decoded.)
+// Uncompressed pixels must be complete. (Truncated compressed pixels are found on decoding.)
 std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame& h) {
   DcmPixelData* pixels = dicom_pixel_data(format);
-  if (pixels == nullptr) return "its pixel data is not pixel data";
+  if (pixels == nullptr) return "its PixelData element is of another kind";
   const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
   if (DcmXfer(syntax).isEncapsulated()) return {};
   const int bytes_each = h.bits_allocated / 8;
@@ -136,12 +139,12 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   const double have = pixels->getLength(syntax);
   if (have < want) {
     return "truncated: " + std::to_string(static_cast<long>(have)) +
-           " bytes of pixels, its header promises " + std::to_string(static_cast<long>(want));
+           " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
   }
   return {};
 }
 
-// All frames of a file that has pixels. Nothing, or what is wrong.
+// Reads all frames of a file that has pixels. Returns what is wrong, or nothing.
 std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
                                        DicomFile& out) {
   DcmDataset& data = *format.getDataset();
@@ -159,7 +162,7 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
   DcmSequenceOfItems* groups = nullptr;
   data.findAndGetSequence(DCM_PerFrameFunctionalGroupsSequence, groups);
   if (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames)) {
-    return std::to_string(frames) + " frames, but functional groups that place " +
+    return std::to_string(frames) + " frames, but per-frame functional groups for " +
            std::to_string(groups == nullptr ? 0 : groups->card());
   }
   if (auto wrong = check_length(format, common)) return wrong;
@@ -189,7 +192,7 @@ std::string DicomFrame::name() const {
 
 bool has_dicom_preamble(const std::filesystem::path& file) {
   std::error_code error;
-  if (!std::filesystem::is_regular_file(file, error)) return false;  // a pipe would be waited for
+  if (!std::filesystem::is_regular_file(file, error)) return false;  // opening a pipe would block
   char head[132] = {};
   std::ifstream in(file, std::ios::binary);
   return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
@@ -209,7 +212,7 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
     out.frames.clear();
   };
   if (loaded.bad()) {
-    // Text and the like beside the slices is passed over; what is DICOM but broken is not.
+    // Other files beside the slices (text, for example) are skipped; damaged DICOM files are not.
     if (has_dicom_preamble(file) || !out.series_uid.empty()) {
       unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
     }

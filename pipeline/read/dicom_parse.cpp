@@ -14,10 +14,11 @@
 namespace trocar::pipeline {
 namespace {
 
-// DCMTK parses nested sequences by recursion. The only part of ours inside that recursion is the
-// stream, so the stream watches the stack: real files nest a dozen levels, a kilobyte each.
+// DCMTK parses nested sequences by recursion. The stream is our only code inside that recursion, so
+// it checks the depth of the stack. Real files nest a dozen levels, a kilobyte each.
 constexpr std::ptrdiff_t kMaxParserStack = 512 << 10;
-// Values are left in the file, but those of a deflated one go to memory, a thousand times its size.
+// Values stay in the file, except those of a deflated file: these are held in memory and may be a
+// thousand times as large as the file.
 constexpr offile_off_t kMaxParsedBytes = offile_off_t{1} << 29;
 
 class GuardedStream final : public DcmInputFileStream {
@@ -44,7 +45,7 @@ class GuardedStream final : public DcmInputFileStream {
   }
 
  private:
-  // Once over a limit, always: the parser must not go on from a place it lost.
+  // Stays true once a limit is exceeded: the parser must not continue from a wrong position.
   bool is_over() const {
     if (std::abs(base_ - static_cast<char*>(__builtin_frame_address(0))) > kMaxParserStack)
       over_ = "sequences nested too deep";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// DICOM files into DCMTK's objects, with the limits that hostile files need.
+// Parses DICOM files into DCMTK's objects, with limits against hostile files.
 #pragma once
 
 #include <dcmtk/config/osconfig.h>
@@ -11,13 +11,14 @@
 
 namespace trocar::pipeline {
 
-/// Registers DCMTK's codecs (RLE, JPEG, JPEG-LS) and silences its log. Once, from any thread.
+/// Registers DCMTK's codecs (RLE, JPEG, JPEG-LS) and silences its log. Thread-safe; only the first
+/// call has an effect.
 void set_up_dcmtk();
 
-/// Loads `file`; values longer than some kilobytes stay in the file until asked for (but in a
-/// deflated file). What could be read is in `format` even if the result is bad. Bad before
-/// sequences nested in sequences use up the stack, or a deflated file's values (more than 512 MiB)
-/// the memory, for which DCMTK itself has no limit.
+/// Loads `file`; values longer than some kilobytes stay in the file until they are needed (except
+/// in a deflated file). What could be read is in `format` even if the result is bad. Also bad:
+/// nested sequences that need more than 512 KiB of stack, and more than 512 MiB of values (as a
+/// small deflated file may have). DCMTK itself has no such limits.
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
 
 /// The element's text, empty if there is none. `item` may be null in all three.

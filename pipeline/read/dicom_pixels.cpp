@@ -14,8 +14,8 @@
 namespace trocar::pipeline {
 namespace {
 
-// Fragments that were read stay in DCMTK's memory; forget them.
-void forget_fragments(DcmPixelSequence& sequence) {
+// DCMTK keeps the fragments that it has read in memory; this releases them.
+void release_fragments(DcmPixelSequence& sequence) {
   DcmObject* item = nullptr;
   while ((item = sequence.nextInContainer(item)) != nullptr) {
     if (auto* element = dynamic_cast<DcmElement*>(item)) element->compact();
@@ -30,7 +30,7 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
       (h.frame + 1 < h.frames &&
        DcmCodec::determineStartFragment(frame + 1, h.frames, &sequence, end).bad()) ||
       end <= first) {
-    return refused(h.name() + ": its fragments cannot be told apart");
+    return refused(h.name() + ": its fragments cannot be assigned to frames");
   }
   std::vector<std::uint8_t> out;
   for (Uint32 i = first; i < end; ++i) {
@@ -45,8 +45,8 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
   return out;
 }
 
-// The sample precision that a JPEG's frame header tells, 0 if there is none where it must be.
-// (ISO 10918-1, B.1: before it stand only segments that tell their length.)
+// The sample precision in a JPEG's frame header, 0 if the header is not where it must be.
+// (ISO 10918-1, B.1: all segments before it give their length.)
 int jpeg_precision(std::span<const std::uint8_t> jpeg) {
   if (jpeg.size() < 4 || jpeg[0] != 0xff || jpeg[1] != 0xd8) return 0;
   for (std::size_t at = 2; at + 5 < jpeg.size();) {
@@ -60,7 +60,7 @@ int jpeg_precision(std::span<const std::uint8_t> jpeg) {
   return 0;
 }
 
-// DCMTK's decoder never ends where a frame's first fragment has no frame header.
+// DCMTK's decoder does not terminate if a frame's first fragment has no frame header.
 Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
   Uint32 first = 0;
   DcmPixelItem* item = nullptr;
@@ -80,7 +80,8 @@ Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
   return {};
 }
 
-// As stored words. Lossy coding overshoots: clamped, where a mask would turn white into black.
+// The samples as stored words. Lossy coding may exceed the range of the stored bits: such values
+// are clamped, since masking them would turn white into black.
 Result<std::vector<std::uint16_t>> decode_jpeg2000_words(
     const DicomFrame& h, const std::vector<std::uint8_t>& codestream) {
   const auto decoded = decode_jpeg2000(codestream, h.columns, h.rows, h.name());
@@ -97,8 +98,8 @@ Result<std::vector<std::uint16_t>> decode_jpeg2000_words(
   return words;
 }
 
-// One segment a byte of the word, the high one first (DICOM PS3.5, annex G). DCMTK's own codec
-// fills up what is missing from a damaged segment in silence; here it is an error.
+// One segment for each byte of a word, the high byte first (DICOM PS3.5, annex G). DCMTK's own
+// codec silently fills in what is missing from a damaged segment; here it is an error.
 Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
                                               const std::vector<std::uint8_t>& bytes) {
   const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
@@ -116,7 +117,7 @@ Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
     const std::size_t from = u32(4 + 4 * s), to = s + 1 < segments ? u32(8 + 4 * s) : bytes.size();
     if (from < 64 || from >= to || to > bytes.size()) return damaged();
     DcmRLEDecoder decoder(count);
-    // A byte that pads the segment may follow, so "more than fits" alone is no error.
+    // A padding byte may follow, so a surplus alone is not an error.
     decoder.decompress(const_cast<std::uint8_t*>(bytes.data() + from), to - from);  // only read
     if (decoder.size() != count) return damaged();
     const auto* plane = static_cast<const std::uint8_t*>(decoder.getOutputBuffer());
@@ -129,7 +130,7 @@ Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
 Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileFormat& format) {
   DcmDataset& data = *format.getDataset();
   DcmPixelData* pixels = dicom_pixel_data(format);
-  if (pixels == nullptr) return refused(h.name() + ": its pixel data is not pixel data");
+  if (pixels == nullptr) return refused(h.name() + ": its PixelData element is of another kind");
   const E_TransferSyntax syntax = data.getOriginalXfer();
   DcmPixelSequence* sequence = nullptr;
   if (DcmXfer(syntax).isEncapsulated() &&
@@ -172,7 +173,7 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
                           : ": no decoder for its transfer syntax (") +
                    DcmXfer(syntax).getXferName() + ": " + done.text() + ")");
   }
-  if (h.bits_allocated == 8) {  // spread the bytes, from the last one down
+  if (h.bits_allocated == 8) {  // bytes to words in place, from the last one down
     const auto* packed = reinterpret_cast<const std::uint8_t*>(words.data());
     for (std::size_t i = count; i-- > 0;)
       words[i] = packed[i];
@@ -191,7 +192,7 @@ Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
     if (DcmXfer(syntax).isEncapsulated() &&
         pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).good() &&
         sequence != nullptr) {
-      forget_fragments(*sequence);
+      release_fragments(*sequence);
     }
   }
   if (!words) return words.error();

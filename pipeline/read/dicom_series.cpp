@@ -16,7 +16,7 @@ struct Series {
   std::size_t unusable = 0;
   std::size_t broken = 0;  // of those: what should have been slices
   std::string first_file;  // any, for messages
-  // A damaged scan is still the folder's scan, not the small one beside it.
+  // Broken slices count: a damaged scan is still chosen over a smaller series beside it.
   std::size_t images() const { return slices.size() + broken; }
 };
 
@@ -26,7 +26,7 @@ std::string format_mm(double mm) {
   return out;
 }
 
-// Stands in for a missing series UID: images that could be one scan.
+// Used in place of a missing series UID; equal for images that may belong to one scan.
 std::string substitute_uid(const DicomFile& file) {
   if (file.frames.empty()) return "(no UID)";
   const DicomFrame& h = file.frames[0];
@@ -79,9 +79,9 @@ std::map<std::string, Series> group(const std::vector<DicomFile>& files,
   return out;
 }
 
-// A gap that is not like the others; a shift across the normal (a tilted gantry).
-void describe_gaps(const std::vector<DicomFrame>& slices, const Eigen::Vector3d& normal,
-                   std::vector<Warning>& warnings) {
+// Warns of gaps unlike the median and of shifts within the planes (a tilted gantry).
+void warn_of_gaps(const std::vector<DicomFrame>& slices, const Eigen::Vector3d& normal,
+                  std::vector<Warning>& warnings) {
   std::vector<double> gaps;
   double shift = 0;
   for (std::size_t i = 1; i < slices.size(); ++i) {
@@ -92,7 +92,7 @@ void describe_gaps(const std::vector<DicomFrame>& slices, const Eigen::Vector3d&
   if (shift > 0.01) {
     warnings.push_back({"gantry_tilt", slices[0].name(),
                         "slices are shifted within their planes by up to " + format_mm(shift) +
-                            " mm from one to the next; each keeps its own place"});
+                            " mm from one to the next; each keeps its position"});
   }
   if (gaps.size() < 2) return;
   std::vector<double> sorted = gaps;
@@ -104,12 +104,14 @@ void describe_gaps(const std::vector<DicomFrame>& slices, const Eigen::Vector3d&
       warnings.push_back({gaps[i] > 1.5 * median ? "missing_slice" : "uneven_spacing",
                           slices[i].name() + ", " + slices[i + 1].name(),
                           "a gap of " + format_mm(gaps[i]) + " mm between them, where " +
-                              format_mm(median) + " mm is usual; positions are kept as they are"});
+                              format_mm(median) +
+                              " mm is the median; positions are kept as they are"});
     }
   }
 }
 
-// Without a rescale what is stored may be HU; beside slices that have one it hardly is.
+// Without a rescale the stored values may be HU; if other slices of the series have one, they
+// probably are not.
 Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
   const auto lacks = [](const DicomFrame& h) { return !h.has_rescale; };
   const auto first = std::find_if(slices.begin(), slices.end(), lacks);
@@ -123,7 +125,7 @@ Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Wa
   warnings.push_back({"no_rescale", first->name(),
                       std::to_string(without) +
                           " slices lack a rescale slope or intercept (this is the first); 1 and 0 "
-                          "are taken, so that what is stored is HU"});
+                          "are used, so that the stored values are HU"});
   return {};
 }
 
@@ -136,10 +138,10 @@ Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& file
   if (series.empty()) {
     return refused(files.size() == 1
                        ? files[0].file.string() +
-                             ": not a DICOM image, nor by its name a NIfTI (.nii, .nii.gz) or an "
-                             "image (.png, .tif, .bmp, .jpg)"
-                       : where + ": no DICOM images in it (" + files[0].file.filename().string() +
-                             " is none)");
+                             ": not a DICOM image, and its name is not that of a NIfTI (.nii, "
+                             ".nii.gz) or an image (.png, .tif, .bmp, .jpg)"
+                       : where + ": contains no DICOM images (" +
+                             files[0].file.filename().string() + " is not one)");
   }
   auto chosen = series.begin();
   if (!wanted.empty()) {
@@ -207,7 +209,7 @@ Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning
                      (same ? ", and the same SOP instance" : ""));
     }
   }
-  describe_gaps(slices, normal, warnings);
+  warn_of_gaps(slices, normal, warnings);
   return {};
 }
 

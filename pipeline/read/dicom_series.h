@@ -13,8 +13,8 @@ namespace trocar::pipeline {
 
 /// The slices of one series: the one with `wanted` as its UID, or, if that is empty, the one with
 /// most images, naming the others in `warnings`. Images without a series UID are grouped by frame
-/// of reference, orientation and size. Localisers and what is not an image are left out, with a
-/// warning. Errors: (refused) a file of the chosen series cannot be used, or lacks the rescale that
+/// of reference, orientation and size. Localisers and files that are not images are left out, with
+/// a warning. Errors: (refused) a file of the chosen series cannot be used, or lacks a rescale that
 /// others have; no images; (usage) no such series.
 Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& files,
                                               const std::string& wanted, const std::string& where,

@@ -14,8 +14,8 @@
 namespace trocar::pipeline {
 namespace {
 
-// Parsed multi-frame files that no thread is using, so that not every frame parses them anew. A
-// file that is taken out belongs to its thread: there are never more of them than threads.
+// Parsed multi-frame files that no thread is using, so that a file is not parsed again for each of
+// its frames. take() hands a file to the calling thread: there are never more of them than threads.
 class ParsedFiles {
  public:
   Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {
@@ -49,7 +49,7 @@ class DicomStack final : public SliceStack {
   int size() const override { return static_cast<int>(slices_.size()); }
   int width() const override { return slices_[0].columns; }
   int height() const override { return slices_[0].rows; }
-  Calibration calibration() const override { return Calibration::kHounsfield; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return slices_[slice].name(); }
 
@@ -67,7 +67,7 @@ class DicomStack final : public SliceStack {
   mutable ParsedFiles parsed_;
 };
 
-// What became of --spacing.
+// Tells whether --spacing was used.
 Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string& where) {
   const auto without = std::count_if(slices.begin(), slices.end(),
                                      [](const DicomFrame& h) { return !h.has_spacing; });
@@ -77,7 +77,7 @@ Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string&
   }
   return {"no_pixel_spacing", where,
           std::to_string(without) +
-              " slices have no pixel spacing; X and Y of --spacing are taken, and the files' own "
+              " slices have no pixel spacing; X and Y of --spacing are used, and the files' own "
               "positions"};
 }
 

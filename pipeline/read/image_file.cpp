@@ -27,12 +27,12 @@ Result<void> check_size(std::int64_t width, std::int64_t height, const std::stri
   return {};
 }
 
-// A decoder's output, kept from file to file unless large: fresh memory costs more than what is
-// done in it.
+// The buffer for a decoder's output, reused from file to file unless large: allocating it takes
+// longer than what is done in it.
 cv::Mat decode_buffer(int height, int width, int type) {
-  constexpr std::size_t kMostKept = std::size_t{1} << 24;
+  constexpr std::size_t kMaxReusedBytes = std::size_t{1} << 24;
   thread_local cv::Mat kept;
-  if (static_cast<std::size_t>(height) * width * CV_ELEM_SIZE(type) > kMostKept)
+  if (static_cast<std::size_t>(height) * width * CV_ELEM_SIZE(type) > kMaxReusedBytes)
     return cv::Mat(height, width, type);
   kept.create(height, width, type);
   return kept;
@@ -48,7 +48,8 @@ bool has_colours(const cv::Mat& pixels) {
   return false;
 }
 
-// One sample a byte of those packed from the high bits on, each row from a byte's start.
+// Unpacks samples of less than 8 bits to one a byte. In a packed row, which starts at a byte, the
+// first sample has the highest bits.
 cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
   cv::Mat samples(packed.rows, width, CV_8UC1);
   for (int y = 0; y < packed.rows; ++y) {
@@ -61,11 +62,11 @@ cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
   return samples;
 }
 
-// Grey levels of 1, 3 or 4 channels, the latter in the order of `to_grey`. Some rows at a time,
-// which stay in the cache.
+// Converts pixels of 1, 3 or 4 channels to grey levels; `to_grey` (of cv::cvtColor) tells the order
+// of the channels. Works on some rows at a time, so that they stay in the cache.
 Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const std::string& name) {
   if (wanted == Levels::kStored && pixels.channels() > 1 && has_colours(pixels))
-    return refused(name + ": colours hold no labels; a palette's indices or grey levels would");
+    return refused(name + ": colours cannot be labels; use grey levels or a palette's indices");
   constexpr int kRows = 32;
   thread_local cv::Mat grey, levels;
   const bool deep = pixels.depth() == CV_16U && wanted == Levels::kTo255;
@@ -96,8 +97,8 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
   if (int e = spng_set_png_buffer(png.get(), bytes.data(), bytes.size()); e != 0) return broken(e);
   if (int e = spng_get_ihdr(png.get(), &header); e != 0) return broken(e);
   if (auto ok = check_size(header.width, header.height, name); !ok) return ok.error();
-  // Where one of OpenCV's types has the file's own, it is taken as it is (in the host's byte
-  // order); what is transparent makes no difference.
+  // If OpenCV has a type for the file's own format, it is decoded as stored (in the host's byte
+  // order). Transparency is ignored.
   const int width = static_cast<int>(header.width), height = static_cast<int>(header.height);
   int format = SPNG_FMT_PNG, type = CV_8UC3, columns = width;
   const bool one_sample = header.color_type == SPNG_COLOR_TYPE_INDEXED ||
@@ -122,9 +123,9 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
   std::size_t size = 0;
   if (int e = spng_decoded_image_size(png.get(), format, &size); e != 0) return broken(e);
   cv::Mat pixels = decode_buffer(height, columns, type);
-  if (packed) pixels.setTo(0);  // libspng adds the samples of an interlaced file to what is there
+  if (packed) pixels.setTo(0);  // libspng adds an interlaced file's samples to the buffer
   if (size != pixels.total() * pixels.elemSize())
-    return bug(name + ": a PNG of another size than its header's");
+    return bug(name + ": the decoded PNG's size differs from its header's");
   if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);
   return to_image(packed ? unpacked(pixels, width, header.bit_depth) : pixels,
                   pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
@@ -149,7 +150,8 @@ Result<Image> read_jpeg(const Bytes& bytes, const std::string& name) {
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
   const bool grey = colours == TJCS_GRAY;
   const cv::Mat pixels = decode_buffer(height, width, grey ? CV_8UC1 : CV_8UC3);
-  // A warning (what is missing was made up) is as bad as an error; scans are bounded in number.
+  // A warning means that missing pixels were substituted: treated as an error. The number of scans
+  // (passes of a progressive JPEG) is limited.
   if (tjDecompress2(jpeg.get(), bytes.data(), bytes.size(), pixels.data, width,
                     static_cast<int>(pixels.step[0]), height, grey ? TJPF_GRAY : TJPF_BGR,
                     TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
@@ -162,8 +164,8 @@ struct TiffClose {
   void operator()(TIFF* tiff) const { TIFFClose(tiff); }
 };
 
-// Row by row what is stored: 16 bits a channel, of which libtiff's own conversion would make 8, or
-// labels of 1 or 8 bits.
+// Reads the stored samples row by row: 16 bits a channel, which libtiff's own conversion would
+// reduce to 8, or labels of 1 or 8 bits.
 Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int channels,
                              const std::string& name, Levels wanted) {
   std::uint16_t planar = PLANARCONFIG_CONTIG;
@@ -201,8 +203,8 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   }
   if (TIFFLastDirectory(tiff.get()) == 0) {
     return refused(name +
-                   ": a TIFF of several pages; one image a file is read (tiffsplit or the "
-                   "like takes it apart)");
+                   ": a TIFF of several pages; only files of one image are read (tiffsplit "
+                   "splits it)");
   }
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
   std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
@@ -229,7 +231,7 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
 }
 
-// Width and height stand at fixed places behind the size of the header that tells their width.
+// Width and height are at fixed offsets; the header's size tells whether they have 16 or 32 bits.
 Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
                        const std::string& name, Levels wanted) {
   if (bytes.size() < 30) return refused(name + ": broken BMP");
@@ -267,7 +269,7 @@ Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) 
     if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name, wanted);
     if (starts("\xff\xd8\xff"sv)) {
       if (wanted == Levels::kStored)
-        return refused(name + ": a JPEG holds no labels, its levels are not exact");
+        return refused(name + ": a JPEG cannot hold labels: its levels are not exact");
       return read_jpeg(bytes, name);
     }
     if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name, wanted);

@@ -15,7 +15,7 @@ class ImageStack final : public SliceStack {
   int size() const override { return static_cast<int>(files_.size()); }
   int width() const override { return width_; }
   int height() const override { return height_; }
-  Calibration calibration() const override { return Calibration::kGrey; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kGrey; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return files_[slice].string(); }
   Result<Image> read(int slice) const override {
@@ -36,7 +36,7 @@ class ImageStack final : public SliceStack {
   Image first_;  ///< read on opening
 };
 
-// By how much the number grows in which two names differ; none if that is not all the difference.
+// The difference of the numbers in which two names differ; none if they differ in anything else.
 std::optional<long> step_between(const std::string& a, const std::string& b) {
   const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
   std::size_t first = 0, last_a = a.size(), last_b = b.size();
@@ -60,13 +60,14 @@ std::optional<long> step_between(const std::string& a, const std::string& b) {
   return *to - *from;
 }
 
-// A number that is left out in a row of names: most likely a lost slice, and those behind it move.
+// Warns of numbers missing from a sequence of names: most likely a slice is lost, and all later
+// ones are displaced.
 void warn_of_missing(const std::vector<std::filesystem::path>& files, double step_mm,
                      std::vector<Warning>& warnings) {
   std::vector<long> steps;
   for (std::size_t i = 1; i < files.size(); ++i) {
     const auto step = step_between(files[i - 1].filename().string(), files[i].filename().string());
-    if (!step) return;  // not one row
+    if (!step) return;  // not one sequence
     steps.push_back(*step);
   }
   if (steps.size() < 2) return;
@@ -80,8 +81,8 @@ void warn_of_missing(const std::vector<std::filesystem::path>& files, double ste
     char gap[32];
     std::snprintf(gap, sizeof gap, "%.4g", step_mm);
     warnings.push_back({"missing_slice", files[i].string() + ", " + files[i + 1].string(),
-                        "numbers are left out between them; they are placed " + std::string(gap) +
-                            " mm apart like all others"});
+                        "file numbers are missing between them; they are placed " +
+                            std::string(gap) + " mm apart like all others"});
   }
 }
 

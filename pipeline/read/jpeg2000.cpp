@@ -46,9 +46,9 @@ struct StreamDeleter {
   void operator()(opj_stream_t* stream) const { opj_stream_destroy(stream); }
 };
 
-// Tiles are allocated from the header alone: bounded before OpenJPEG sees it. SIZ is always the
-// first marker segment, its fields at fixed places (ISO 15444-1, A.5.1).
-bool has_sane_size(std::span<const std::uint8_t> c, int width, int height) {
+// OpenJPEG allocates tiles from the header alone, so their number is checked before. SIZ is always
+// the first marker segment, its fields at fixed offsets (ISO 15444-1, A.5.1).
+bool has_expected_size(std::span<const std::uint8_t> c, int width, int height) {
   const auto u32 = [&c](std::size_t at) {
     return static_cast<std::uint32_t>(c[at]) << 24 | static_cast<std::uint32_t>(c[at + 1]) << 16 |
            static_cast<std::uint32_t>(c[at + 2]) << 8 | c[at + 3];
@@ -68,7 +68,7 @@ bool has_sane_size(std::span<const std::uint8_t> c, int width, int height) {
 
 Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
                                  const std::string& name) {
-  if (!has_sane_size(codestream, width, height)) {
+  if (!has_expected_size(codestream, width, height)) {
     return refused(name + ": not a JPEG 2000 codestream of one component of " +
                    std::to_string(width) + " x " + std::to_string(height));
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// JPEG 2000 by OpenJPEG: DCMTK has no decoder of its own for it.
+// JPEG 2000 by OpenJPEG: DCMTK has no decoder for it.
 #pragma once
 
 #include <cstdint>

@@ -17,7 +17,8 @@ struct ImageDeleter {
 };
 using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
 
-// 128-bit floats are not among them: quadruple to the standard, 80-bit to most who wrote them.
+// 0: not supported. That includes 128-bit floats: quadruple precision in the standard, 80-bit in
+// most files.
 int bytes_of(int datatype) {
   switch (datatype) {
     case NIFTI_TYPE_UINT8:
@@ -39,8 +40,8 @@ int bytes_of(int datatype) {
   }
 }
 
-// An sform has the voxel's size in it; else the voxel sizes say it. libnifti2 puts 1 for those that
-// are not there, and in a qform for negative ones. (dim[0] has been checked.)
+// The sform's matrix contains the voxel size; without an sform, pixdim gives it. libnifti2 replaces
+// missing sizes by 1, and with a qform negative ones too. (dim[0] has been checked.)
 template <typename Header>
 bool has_voxel_size(const Header& h) {
   if (h.sform_code > 0) return true;
@@ -50,8 +51,8 @@ bool has_voxel_size(const Header& h) {
                      });
 }
 
-// The header in this machine's byte order, and what libnifti2 makes of it. Sizes are checked
-// here, on the header itself: the library multiplies them unchecked.
+// Converts the header to this machine's byte order and lets libnifti2 interpret it. Sizes are
+// checked here, on the header itself: the library multiplies them unchecked.
 template <typename Header>
 Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
                            const std::string& file, bool& is_sized) {
@@ -113,7 +114,7 @@ Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
   return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
 }
 
-// What the file's unit of length is in mm; files that name none mean mm. 0: no such unit.
+// The file's unit of length in mm; files that name none are in mm. 0: unknown.
 double unit_mm(int xyz_units) {
   switch (xyz_units) {
     case NIFTI_UNITS_UNKNOWN:
@@ -164,7 +165,7 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   out.T_lps_voxel = voxel_to_lps(m, file, warnings);
   out.T_lps_voxel.topRows<3>() *= mm;
   if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
-    return refused(file + ": its affine is not finite, or absurd");
+    return refused(file + ": its affine is not finite or out of range");
   if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {
     out.slope = m.scl_slope;
     out.intercept = m.scl_inter;

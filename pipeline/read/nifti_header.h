@@ -21,7 +21,7 @@ struct NiftiHeader {
   bool swapped = false;         ///< the voxels' bytes are in the other order
   std::int64_t data_start = 0;  ///< byte offset in the (unpacked) file
   double slope = 1, intercept = 0;
-  bool has_voxel_size = true;  ///< else lengths of 1 stand in for it in T_lps_voxel
+  bool has_voxel_size = true;  ///< else T_lps_voxel has lengths of 1 instead
   Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< mm
 
   std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }

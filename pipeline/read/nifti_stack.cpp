@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // NIfTI-1 and -2, plain or gzipped, any axis order. Slices run along the array axis that is
-// nearest to the chosen anatomical axis; rows and columns are turned to the view's usual
-// directions by reading in another order, never by resampling. Voxels stay on disk.
+// nearest to the chosen anatomical axis; rows and columns get the view's usual directions by the
+// order of reading, never by resampling. Voxels stay on disk.
 #include <nifti1.h>
 
 #include <Eigen/Geometry>
@@ -16,7 +16,7 @@
 namespace trocar::pipeline {
 namespace {
 
-// Where u, v and the slices should run, in LPS: as in DICOM's images of each kind.
+// The directions of u, v and the slices in LPS, as in DICOM's images of each kind.
 std::array<Eigen::Vector3d, 3> view_directions(SliceAxis axis) {
   const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(),
                         z = Eigen::Vector3d::UnitZ();
@@ -36,7 +36,7 @@ class NiftiStack final : public SliceStack {
   int size() const override { return static_cast<int>(planes_.size()); }
   int width() const override { return static_cast<int>(n_[0]); }
   int height() const override { return static_cast<int>(n_[1]); }
-  Calibration calibration() const override { return Calibration::kHounsfield; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return file_ + " slice " + std::to_string(slice); }
 
@@ -44,7 +44,7 @@ class NiftiStack final : public SliceStack {
     Image out{width(), height(), {}};
     out.values.resize(static_cast<std::size_t>(n_[0] * n_[1]));
     const std::int64_t fixed = flipped_[2] ? n_[2] - 1 - slice : slice;
-    // Along the array's slowest axis a slice is one block; else a row or a column of each plane.
+    // Across the array's slowest axis a slice is one block; else a row or a column of each plane.
     const int slowest_used = axis_[2] == 2 ? 1 : 2;
     const std::int64_t runs = axis_[2] == 2 ? 1 : header_.n[2];
     const std::int64_t block =
@@ -63,8 +63,8 @@ class NiftiStack final : public SliceStack {
     return out;
   }
 
-  // Converts what was read (one plane, or one row of it, of the array) and puts it where it
-  // belongs in the image. `plane` is the place along the slowest axis, -1 if that is the slices'.
+  // Converts what was read (one plane of the array, or one row of it) and writes it to its pixels.
+  // `plane` is the index along the slowest axis, -1 if slices run along that axis.
   void place(const std::vector<char>& bytes, std::int64_t fixed, std::int64_t plane,
              Image& out) const {
     const std::int64_t columns = header_.n[0];
@@ -91,7 +91,7 @@ class NiftiStack final : public SliceStack {
           if (header_.swapped) std::reverse(raw, raw + sizeof(T));
           std::memcpy(&value, raw, sizeof(T));
           const double number = static_cast<double>(value) * header_.slope + header_.intercept;
-          // A cast out of float's range is undefined; let it be found as not finite.
+          // A cast out of float's range is undefined: infinite instead, which read() refuses.
           out.values[static_cast<std::size_t>(first + i * step[0] + j * step[1])] =
               std::abs(number) <= 3e38 ? static_cast<float>(number) : INFINITY;
         }
@@ -99,7 +99,7 @@ class NiftiStack final : public SliceStack {
     });
   }
 
-  // Calls f with a zero of the voxel type; parse_nifti_header() lets no other through.
+  // Calls f with a zero of the voxel type; parse_nifti_header() accepts no others.
   template <typename F>
   void dispatch(F f) const {
     switch (header_.datatype) {
@@ -130,8 +130,8 @@ class NiftiStack final : public SliceStack {
   NiftiHeader header_;
   VolumeFile voxels_;
   std::array<std::int64_t, 3> n_{};  // of u, v and the slices
-  std::array<int, 3> axis_{};        // the array's axis of each
-  std::array<bool, 3> flipped_{};    // that one is read backwards
+  std::array<int, 3> axis_{};        // the array's axis for each
+  std::array<bool, 3> flipped_{};    // whether it is read backwards
   std::vector<SlicePlane> planes_;
 };
 

@@ -107,8 +107,8 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
       if (inputs.size() > 1) return usage(input.string() + ": give one folder, or a list of files");
       fs::directory_iterator entry(input, error);
       for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-        std::error_code nowhere;  // a link that leads nowhere is passed over, like a folder
-        if (entry->is_regular_file(nowhere) && entry->path().filename().string().front() != '.')
+        std::error_code ignored;  // broken links are skipped, as folders are
+        if (entry->is_regular_file(ignored) && entry->path().filename().string().front() != '.')
           files.push_back(entry->path());
       }
       if (error) return refused(input.string() + ": " + error.message());
@@ -126,26 +126,27 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   const bool volume = files.size() == 1 && is_nifti(files[0]);
   if (options.axis != SliceAxis::kTransverse && !volume) {
     return usage(inputs[0].string() +
-                 ": another axis can be chosen for a NIfTI volume only; images and DICOM slices "
-                 "are what they are");
+                 ": --axis applies to a NIfTI volume only; images and DICOM slices keep their "
+                 "planes");
   }
   const bool images = std::any_of(files.begin(), files.end(), is_image);
   if (!options.series_uid.empty() && (volume || images))
-    return usage(inputs[0].string() + ": --series chooses among DICOM files; this has none");
+    return usage(inputs[0].string() + ": --series chooses among DICOM files; there are none");
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
   if (volume) {
     stack = open_nifti(files[0], options);
   } else if (std::any_of(files.begin(), files.end(), is_nifti)) {
     return usage(inputs[0].string() + ": give one NIfTI file, not a folder or list with one in it");
   } else if (images) {
-    // A folder may hold a README or the like beside the images; a list may not.
+    // In a folder, files other than images (a README, for example) are ignored; in a list they are
+    // an error.
     if (inputs.size() == 1) {
       const auto others = std::stable_partition(files.begin(), files.end(), is_image);
       const auto dicom = std::find_if(others, files.end(), has_dicom_preamble);
       if (dicom != files.end()) {
         return usage(inputs[0].string() + ": holds images (" + files[0].filename().string() +
                      ") as well as DICOM files (" + dicom->filename().string() +
-                     "); give those of one kind as a list");
+                     "); give files of one kind as a list");
       }
       files.erase(others, files.end());
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A scan as a stack of slices, whatever it was stored as. Slices are ordered along
-// the slice normal and each keeps its own plane: nothing is resampled.
+// A scan as a stack of slices, whatever its file format. Slices are ordered along
+// the slice normal. Each keeps its own plane: nothing is resampled.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -22,14 +22,15 @@ struct Image {
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
-/// Something the user should know, that did not stop the work.
+/// Something that the user should know but that did not stop the work.
 struct Warning {
   std::string code;   ///< stable, for scripts
   std::string where;  ///< files or slices
   std::string sentence;
 };
 
-enum class Calibration {
+/// What the values of an image are.
+enum class PixelUnit {
   kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
   kGrey,        ///< image files: 0..255 whatever their depth, or labels
 };
@@ -49,7 +50,7 @@ class SliceStack {
   virtual int size() const = 0;
   virtual int width() const = 0;
   virtual int height() const = 0;
-  virtual Calibration calibration() const = 0;
+  virtual PixelUnit pixel_unit() const = 0;
   virtual const SlicePlane& plane(int slice) const = 0;
   virtual std::string name(int slice) const = 0;  ///< for messages: file or volume and index
   /// Errors (refused) name file, slice and reason.
@@ -68,18 +69,19 @@ enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
   std::string series_uid;                           ///< of a DICOM folder; empty: the largest
-  SliceAxis axis = SliceAxis::kTransverse;          ///< of a volume; others keep their slices
-  bool as_labels = false;                           ///< levels of 16-bit images as they are stored
+  SliceAxis axis = SliceAxis::kTransverse;  ///< of a NIfTI volume; other input keeps its slices
+  bool as_labels = false;                   ///< image levels are labels: as stored, not 0..255
 };
 
 /// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
 /// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
-/// missing, an axis asked of what is not a volume, a series of what is not DICOM, images and DICOM
-/// files in one folder. Warnings: those of the readers.
+/// missing, an axis other than transverse for input that is not a NIfTI volume, a series UID for
+/// input that is not DICOM, images and DICOM files in one folder. Warnings: those of the readers.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
-/// By its name an image or a NIfTI, or by what is in it a DICOM file: nothing to write over.
+/// Whether the file may be part of a scan and must not be overwritten: an image or a NIfTI by its
+/// name, or a DICOM file by its first bytes.
 bool is_scan_file(const std::filesystem::path& file);
 
 // The readers behind open_stack().
@@ -91,14 +93,14 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
                                                const OpenOptions& options);
 
 inline constexpr int kMaxImageSide = 1 << 15;
-/// Slices of more pixels (8192 x 8192) are refused: what a few hostile bytes can claim.
+/// Slices of more pixels (8192 x 8192) are refused: a header of a few bytes can claim any size.
 inline constexpr long kMaxSlicePixels = 1L << 26;
 
 /// BLAKE2b-256 of a file's bytes, hex.
 Result<std::string> digest_file(const std::filesystem::path& file);
 /// An input's digest: that of its file, or of several the BLAKE2b-256 of their digests one after
 /// the other (b2sum -l 256 FILES | cut -c-64 | tr -d '\n' | b2sum -l 256), so that files can be
-/// read side by side. Empty if there are none.
+/// digested in parallel. Empty if there are none.
 std::string digest_input(const std::vector<std::string>& file_digests);
 
 }  // namespace trocar::pipeline

@@ -42,7 +42,7 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
   int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-  if (descriptor < 0) {  // not every file system can
+  if (descriptor < 0) {  // not every file system supports O_TMPFILE
     std::string name = (folder / "trocar-XXXXXX").string();
     descriptor = ::mkostemp(name.data(), O_CLOEXEC);
     if (descriptor >= 0) ::unlink(name.c_str());
@@ -75,7 +75,7 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
   packed.start_ = start;
   const std::int64_t on_disk = ::lseek(packed.descriptor_, 0, SEEK_END);
   const auto truncated = [&](std::int64_t have) {
-    return refused(name + ": truncated: its header promises voxels up to byte " +
+    return refused(name + ": truncated: its header declares voxels up to byte " +
                    std::to_string(start + size) + ", there are " + std::to_string(have));
   };
   if (!is_gzip(packed.descriptor_)) {
@@ -83,7 +83,7 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
     return packed;
   }
   if ((start + size) / kDeflateLimit > on_disk) {
-    return refused(name + ": truncated: its header promises " + std::to_string(start + size) +
+    return refused(name + ": truncated: its header declares " + std::to_string(start + size) +
                    " bytes, more than " + std::to_string(on_disk) + " bytes of gzip can hold");
   }
   const GzFile in(gzopen(file.c_str(), "rbe"));
@@ -102,12 +102,12 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
     if (n == 0) return truncated(done);
     if (done >= start &&
         !write_all(unpacked.descriptor_, block.data(), static_cast<std::size_t>(n))) {
-      return refused(name + ": no room for temporary files to unpack it (" +
+      return refused(name + ": no space for a temporary file to unpack it (" +
                      std::generic_category().message(errno) + "); set TMPDIR");
     }
     done += n;
   }
-  // The checksum stands behind the data; it is only looked at on the way to the end.
+  // The checksum follows the data and is only verified when the end is read.
   if (char rest; gzread(in.get(), &rest, 1) < 0) return refused(name + ": damaged gzip");
   return unpacked;
 }

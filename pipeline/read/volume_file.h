@@ -20,12 +20,14 @@ class VolumeFile {
                                                 std::size_t bytes);
 
   /// Bytes start .. start + size of the (unpacked) file, which must all be there. Errors
-  /// (refused): truncated, damaged gzip, no room in the folder for temporary files (TMPDIR).
-  /// Never unpacks more than asked for, and refuses at once what gzip cannot hold in the file.
+  /// (refused): truncated, damaged gzip, no space in the folder for temporary files (TMPDIR).
+  /// Never unpacks more than asked for, and refuses at once a size that a gzip file of this length
+  /// cannot unpack to.
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
                                  std::int64_t size);
 
-  /// Bytes at `at` of the piece into `to`; false if the file has shrunk meanwhile. Thread-safe.
+  /// Reads to.size() bytes from offset `at` after `start`; false if the file has shrunk meanwhile.
+  /// Thread-safe.
   bool read(std::int64_t at, std::span<char> to) const;
 
   VolumeFile() = default;

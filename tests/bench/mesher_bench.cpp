@@ -20,11 +20,11 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
 #include "pipeline/mesh/mesh_quality.h"
 #include "pipeline/mesh/refinement.h"
-#include "pipeline/contour/simplification.h"
-#include "pipeline/read/slice_stack.h"
 #include "pipeline/mesh/triangulation.h"
+#include "pipeline/read/slice_stack.h"
 #include "tests/bench/cgal_mesher.h"
 
 namespace trocar::bench {
@@ -86,8 +86,7 @@ std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack&
     }
     const PixelGrid grid{plane.spacing_u_mm / factor, plane.spacing_v_mm / factor, 0, 0, kLattice};
     out->pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
-    const Field field =
-        segment(upsampled(*image, factor), stack.calibration(), Threshold{kBone_HU});
+    const Field field = segment(upsampled(*image, factor), stack.pixel_unit(), Threshold{kBone_HU});
     out->full.push_back(
         drop_small_rings(contours(field, grid, ContourKind::kSubpixel), kMinRegion_mm2, kLattice));
     out->simple.push_back(simplify(out->full.back(), kLattice, {tolerance_mm}));

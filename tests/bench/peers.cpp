@@ -210,8 +210,7 @@ json simplifier_rows(const SweepScan& scan, const std::vector<double>& tolerance
     std::vector<std::vector<std::vector<cv::Point>>> chains;
     for (int k = 0; k < scan.stack.size(); ++k) {
       const SlicePlane& plane = scan.stack.plane(k);
-      const Field field =
-          segment(scan.stack.images[k], Calibration::kHounsfield, Threshold{kIso_HU});
+      const Field field = segment(scan.stack.images[k], PixelUnit::kHounsfield, Threshold{kIso_HU});
       full.push_back(drop_small_rings(
           contours(field, {plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, lattice}, kind),
           scan.min_region_mm2, lattice));

@@ -117,7 +117,7 @@ Result<SweepScan> file_scan(const std::filesystem::path& path, int first, int st
     out.stack.planes.push_back(plane);
     out.stack.names.push_back((*stack)->name(k));
     const Field field =
-        segment(out.stack.images.back(), Calibration::kHounsfield, Threshold{kIso_HU});
+        segment(out.stack.images.back(), PixelUnit::kHounsfield, Threshold{kIso_HU});
     const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kFinest};
     sections.push_back(as_section(contours(field, grid, ContourKind::kSubpixel), kFinest));
   }

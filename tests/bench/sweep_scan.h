@@ -17,7 +17,7 @@ class MemoryStack final : public SliceStack {
   int size() const override { return static_cast<int>(images.size()); }
   int width() const override { return images.front().width; }
   int height() const override { return images.front().height; }
-  Calibration calibration() const override { return Calibration::kHounsfield; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
   const SlicePlane& plane(int slice) const override { return planes[slice]; }
   std::string name(int slice) const override { return names[slice]; }
   Result<Image> read(int slice) const override { return images[slice]; }

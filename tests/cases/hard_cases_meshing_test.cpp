@@ -15,13 +15,13 @@
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh_slice.h"
 #include "pipeline/mesh/quarter_turn.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
-#include "tests/support/motions.h"
+#include "pipeline/mesh_slice.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/support/motions.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -75,7 +75,7 @@ class PictureStack final : public SliceStack {
   int size() const override { return static_cast<int>(planes_.size()); }
   int width() const override { return picture_.width; }
   int height() const override { return picture_.height; }
-  Calibration calibration() const override { return Calibration::kHounsfield; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
   const SlicePlane& plane(int slice) const override {
     return planes_[static_cast<std::size_t>(slice)];
   }

@@ -276,7 +276,7 @@ def contract(source, programs, asset, work):
     one_line(run(simulator, scene, "--key-file", key, "--model", "x", expect=2), "--model")
     one_line(run(simulator, scene, "--key-file", key, "--no-such", expect=2), "--no-such")
     one_line(run(simulator, work / "absent.json", "--key-file", key, expect=3), "absent.json")
-    one_line(run(simulator, scene, "--key-file", key, "--listen", "0.0.0.0:0", expect=2), "beyond this machine")
+    one_line(run(simulator, scene, "--key-file", key, "--listen", "0.0.0.0:0", expect=2), "other than loopback")
     check(not key.exists(), "a key was made for nothing")
     key.write_text("0" * 64 + "\n")
     key.chmod(0o644)

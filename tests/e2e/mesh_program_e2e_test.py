@@ -38,7 +38,7 @@ def wait_until_caught(process, signal_number):
 
 
 def one_clear_line(programs, scan, work):
-    """What is wrong, and where: empty values, options that would be passed over, numbers out of range."""
+    """Wrong usage is reported in one line: empty values, options that would be ignored, numbers out of range."""
     mesh, volume, png, out = programs / "trocar-mesh", scan / "sample.nii.gz", scan / "png", ("-o", work / "never.glb")
     grey = ("--spacing", "0.3125,0.3125,1", "--threshold", "95.2")
     for option in ("--labels", "--slices", "--crop", "--series", "--report", "--equalize", "--spacing"):

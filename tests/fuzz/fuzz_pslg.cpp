@@ -10,12 +10,12 @@
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
 #include "pipeline/mesh/mesh_quality.h"
 #include "pipeline/mesh/refinement.h"
-#include "pipeline/contour/simplification.h"
 #include "pipeline/mesh/triangulation.h"
-#include "tests/fuzz/harness.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/fuzz/harness.h"
 
 namespace {
 
@@ -147,8 +147,8 @@ void check_picture(const test::Picture& picture, const test::PslgCase& options) 
       extent_mm / options.lattice.step_mm() > 0xffffff)
     return;
   const Image image{picture.width, picture.height, picture.values};
-  Field field = segment(image, Calibration::kHounsfield, Threshold{50});
-  if (picture.is_mask) field = segment(image, Calibration::kHounsfield, Labels{{100}});
+  Field field = segment(image, PixelUnit::kHounsfield, Threshold{50});
+  if (picture.is_mask) field = segment(image, PixelUnit::kHounsfield, Labels{{100}});
   const PixelGrid grid{picture.pixel_mm[0], picture.pixel_mm[1], 0, 0, options.lattice};
   const Pslg all =
       contours(field, grid, picture.as_chains ? ContourKind::kPixel : ContourKind::kSubpixel);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The pipeline's outlines against the phantom's exact cross-sections: the only place where the
-// truth is known.
+// The pipeline's outlines compared with the phantom's exact cross-sections, the only scan whose
+// true outlines are known.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -39,8 +39,8 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
     ContourKind kind;
     double mean_mm, max_mm, area;  // of the unsimplified contour
   };
-  // A pixel is 0.3125 mm: the iso-contour is good to a hundredth of one on average and a tenth at
-  // worst, the pixel chain lies up to a pixel inside.
+  // A pixel is 0.3125 mm: the iso-contour is accurate to a hundredth of a pixel on average and a
+  // tenth at worst; the pixel chain lies up to a pixel inside.
   for (const Expected& e : {Expected{ContourKind::kSubpixel, 0.004, 0.032, 0.0005},
                             Expected{ContourKind::kPixel, 0.25, 0.45, 0.15}}) {
     const Pslg full = drop_small_rings(contours(field, grid, e.kind), 1.0, kLattice);

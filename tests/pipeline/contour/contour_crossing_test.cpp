@@ -31,7 +31,7 @@ TEST(Crossing, IsExactOnLines) {
   }
 }
 
-// Steffen's interpolant in Hermite's form, its root by bisection.
+// The root of Steffen's interpolant in Hermite form, by bisection.
 double by_bisection(const GridLine& line) {
   const auto& f = line.value;
   const auto sign = [](double s) { return s > 0 ? 1.0 : (s < 0 ? -1.0 : 0.0); };
@@ -63,14 +63,14 @@ TEST(Crossing, IsTheRootOfTheMonotoneCubic) {
     const double t = crossing(line);
     ASSERT_GE(t, 0);
     ASSERT_LE(t, 1);
-    // Where the slope vanishes at the root, places differ and values do not.
+    // Where the slope vanishes at the root, positions may differ although values do not.
     if (std::abs(t - by_bisection(line)) > 1e-4) {
       EXPECT_LT(std::min(std::abs(line.value[3]), std::abs(line.value[4])), 1e-9) << k;
     }
   }
 }
 
-// A pixel's value is its share on the material's side of the edge u = at + slope * v.
+// A pixel's value is the share of its area on the material's side of the edge u = at + slope * v.
 TEST(Crossing, IsExactOnSharpStraightEdges) {
   std::mt19937_64 rng(3);
   for (int k = 0; k < 2000; ++k) {
@@ -128,7 +128,7 @@ std::vector<Crossing> circle(double cx, double cy, double radius) {
   return ring;
 }
 
-TEST(Crossing, ChordsGetBackTheAreaOfTheCircleEitherWayRound) {
+TEST(Crossing, RestoresTheAreaOfACircleInBothOrientations) {
   std::mt19937_64 rng(4);
   for (const double radius : {4.0, 5.3, 12.0, 20.3}) {
     const double exact = std::numbers::pi * radius * radius;
@@ -144,7 +144,7 @@ TEST(Crossing, ChordsGetBackTheAreaOfTheCircleEitherWayRound) {
   }
 }
 
-TEST(Crossing, ShortRingsAndBordersStay) {
+TEST(Crossing, LeavesShortRingsAndBordersUnchanged) {
   std::vector<Crossing> border = circle(32.3, 31.6, 5.3);
   for (Crossing& c : border)
     c.fixed = true;

@@ -22,8 +22,8 @@ Field field_of(int width, int height, const std::string& pixels) {  // '#' is ma
   return field;
 }
 
-// Wherever the disc lies against the pixel grid: 64 places, symmetric ones among them, where all
-// four sides meet the grid alike.
+// At 64 positions of the disc on the pixel grid, among them symmetric ones, where the errors of all
+// four quadrants are equal.
 TEST(SubpixelContour, AreaOfDiscs) {
   struct Case {
     double radius, worst;
@@ -39,7 +39,7 @@ TEST(SubpixelContour, AreaOfDiscs) {
         const Pslg rings = contours(field, kUnit, ContourKind::kSubpixel);
         ASSERT_EQ(rings.rings.size(), 1U);
         EXPECT_NEAR(area_px(rings) / exact, 1, c.worst)
-            << "radius " << c.radius << " blur " << blur_px << " place " << k;
+            << "radius " << c.radius << " blur " << blur_px << " position " << k;
       }
     }
   }
@@ -65,7 +65,7 @@ TEST(PixelContour, RunsThroughPixelCentres) {
   EXPECT_DOUBLE_EQ(area_px(rings), 2.0);  // (0,1) (3,1) (2,2) (1,2)
 }
 
-TEST(PixelContour, WallsWithoutThicknessVanishAndPinchesBecomeTouchingRings) {
+TEST(PixelContour, DropsMaterialWithoutAreaAndSplitsAtSharedPixels) {
   // A one-pixel line and a lone pixel have no area between pixel centres.
   EXPECT_TRUE(
       contours(field_of(5, 3, "......####....."), kUnit, ContourKind::kPixel).rings.empty());
@@ -83,16 +83,16 @@ TEST(PixelContour, WallsWithoutThicknessVanishAndPinchesBecomeTouchingRings) {
                                  kUnit, ContourKind::kPixel);
   EXPECT_EQ(touching.rings.size(), 2U);
   EXPECT_TRUE(check_pslg(touching));
-  // Of a ring one pixel wide its corners remain: the hole's chain cuts them.
+  // Of a ring one pixel wide only the corners remain, cut off by the hole's chain.
   const Pslg frame = contours(field_of(4, 4, "#####..##..#####"), kUnit, ContourKind::kPixel);
   EXPECT_TRUE(check_pslg(frame));
   EXPECT_DOUBLE_EQ(area_px(frame), 4 * 0.5);
 }
 
-TEST(SubpixelContour, TheImageBorderEndsAtThePixelsEdge) {
+TEST(SubpixelContour, MaterialEndsAtTheEdgeOfTheImagesOutermostPixels) {
   const Pslg full = contours(field_of(3, 2, "######"), kUnit, ContourKind::kSubpixel);
   ASSERT_EQ(full.rings.size(), 1U);
-  // 3 x 2 pixels less the four corners, cut at half a pixel.
+  // 3 x 2 pixels minus the four corners, each cut off at half a pixel.
   EXPECT_DOUBLE_EQ(area_px(full), 6.0 - 4 * 0.125);
 }
 
@@ -118,7 +118,7 @@ TEST(SubpixelContour, CropsKeepThePlanesCoordinates) {
             contours(part, grid, ContourKind::kSubpixel).rings);
 }
 
-TEST(Contours, DropSmallRingsOfEitherKind) {
+TEST(Contours, DropSmallRingsDropsHolesAndIslands) {
   Pslg rings = contours(field_of(9, 9,
                                  "#########"
                                  "#########"
@@ -135,8 +135,8 @@ TEST(Contours, DropSmallRingsOfEitherKind) {
   EXPECT_EQ(drop_small_rings(rings, 1000.0, Lattice{8}).rings.size(), 0U);
 }
 
-// Property: whatever the field, the outline is valid, and the count of pixels on its material side
-// is right: every pixel centre is inside iff it is material.
+// Property: for any field the outline is valid, and a pixel's centre is inside it if and only if
+// the pixel is material.
 class AnyField : public testing::TestWithParam<std::tuple<int, bool, ContourKind>> {};
 
 TEST_P(AnyField, GivesAValidOutline) {

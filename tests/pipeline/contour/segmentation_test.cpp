@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// pipeline/contour/segmentation.h: what counts as material, and its mean.
 #include "pipeline/contour/segmentation.h"
 
 #include <gtest/gtest.h>
@@ -13,15 +12,14 @@ Image image_of(int width, int height, std::vector<float> values) {
   return {width, height, std::move(values)};
 }
 
-TEST(Segmentation, TheMeanIsOfWhatIsAtOrAboveTheThreshold) {
+TEST(Segmentation, MeanOfMaterialIsOverValuesAtOrAboveTheThreshold) {
   std::mt19937_64 random(1);
   for (const int width : {1, 3, 8, 17, 64}) {
     std::vector<float> values(static_cast<std::size_t>(width) * 5);
     for (float& value : values)
       value = static_cast<float>(static_cast<int>(random() % 2000) - 1000) + 0.25F;
     values[0] = 100;  // the threshold itself is material
-    const Field field =
-        segment(image_of(width, 5, values), Calibration::kHounsfield, Threshold{100});
+    const Field field = segment(image_of(width, 5, values), PixelUnit::kHounsfield, Threshold{100});
     long double sum = 0;
     int count = 0;
     for (const float value : values) {
@@ -34,15 +32,14 @@ TEST(Segmentation, TheMeanIsOfWhatIsAtOrAboveTheThreshold) {
   }
 }
 
-TEST(Segmentation, WithoutMaterialThereIsNoMean) {
-  const Field field =
-      segment(image_of(2, 2, {1, 2, 3, 4}), Calibration::kHounsfield, Threshold{100});
+TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
+  const Field field = segment(image_of(2, 2, {1, 2, 3, 4}), PixelUnit::kHounsfield, Threshold{100});
   EXPECT_FALSE(mean_of_material(field));
 }
 
-TEST(Segmentation, LabelsAreExactNumbersOfTheList) {
+TEST(Segmentation, LabelsMatchExactIntegersOnly) {
   const Field field =
-      segment(image_of(4, 1, {22, 21.5F, 23, 1e20F}), Calibration::kHounsfield, Labels{{21, 22}});
+      segment(image_of(4, 1, {22, 21.5F, 23, 1e20F}), PixelUnit::kHounsfield, Labels{{21, 22}});
   EXPECT_EQ(field.image.values, (std::vector<float>{1, 0, 0, 0}));
   EXPECT_EQ(field.iso, 0.5F);
 }

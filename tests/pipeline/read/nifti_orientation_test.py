@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""nifti_orientation_test.py BIN WORK: a shape without symmetry, stored in all 48 orders and
-directions of array axes by nibabel, must come out at the same place in the patient."""
+"""nifti_orientation_test.py BIN WORK: a shape without symmetry, stored by nibabel in all 48
+orders and directions of array axes, must be at the same position in the patient."""
 import itertools
 import json
 import pathlib
@@ -44,8 +44,8 @@ def main():
                 points.append(sorted(map(tuple, np.array(rows, float).round(3).tolist())))
             seen = ([round(s["area_mm2"], 3) for s in info["slices"]], points)
             if expected is None:
-                # The first is the identity: its vertices must lie half a voxel around the boxes, in LPS (but for the
-                # few hundredths by which contours bulge beside a corner, to give back what its chord cuts off).
+                # The first is the identity: its vertices must lie half a voxel around the boxes, in LPS (except for
+                # the few hundredths by which contours move out beside a corner, to restore the area that its chord cuts off).
                 low, high = np.array(points[0]).min(0), np.array(points[0]).max(0)
                 right, left = origin[0] + 2.5, origin[0] + 10.5
                 front, back = origin[1] + 1.5 * 9.5, origin[1] + 1.5 * 3.5

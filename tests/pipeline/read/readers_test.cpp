@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The three readers against what the sample's writers put in, and against broken input.
+// The three readers: they give the voxels that the sample's writers wrote, and refuse broken input.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A small scan of noise, so that every pixel tells where it came from.
+// A small scan of varied values, so that misplaced pixels are detected.
 sample::Scan make_scan() {
   sample::Scan scan;
   scan.geometry = *sample::sample_geometry(32, 4);
@@ -63,7 +63,7 @@ TEST_F(Readers, DicomAndNiftiGiveEveryVoxelAndItsPlace) {
     const auto stack = open_stack({input}, {});
     ASSERT_TRUE(stack) << stack.error().message;
     EXPECT_TRUE((*stack)->warnings.empty());
-    EXPECT_EQ((*stack)->calibration(), Calibration::kHounsfield);
+    EXPECT_EQ((*stack)->pixel_unit(), PixelUnit::kHounsfield);
     ASSERT_EQ((*stack)->size(), 4);
     ASSERT_EQ((*stack)->width(), 32);
     ASSERT_EQ((*stack)->height(), 24);
@@ -90,7 +90,7 @@ TEST_F(Readers, ImagesGiveGreyLevelsAndNeedASpacing) {
   options.spacing_mm = {0.5, 0.25, 2.0};
   const auto stack = open_stack({folder_ / "scan" / "png"}, options);
   ASSERT_TRUE(stack) << stack.error().message;
-  EXPECT_EQ((*stack)->calibration(), Calibration::kGrey);
+  EXPECT_EQ((*stack)->pixel_unit(), PixelUnit::kGrey);
   EXPECT_EQ((*stack)->plane(3).z_mm, 6.0);
   const sample::Scan scan = make_scan();
   const auto image = (*stack)->read(2);
@@ -130,7 +130,7 @@ TEST_F(Readers, BrokenInputIsRefusedByName) {
                "a.txt: not a DICOM image");
   write("texts/b.txt", "no scan");
   expect_error(open_stack({folder_ / "texts"}, options), ExitCode::kRefused,
-               "texts/: no DICOM images in it (a.txt is none)");
+               "texts/: contains no DICOM images (a.txt is not one)");
 
   const std::vector<std::uint8_t> whole = *read_file(folder_ / "scan" / "sample.nii.gz");
   expect_error(
@@ -151,7 +151,7 @@ TEST_F(Readers, BrokenInputIsRefusedByName) {
   EXPECT_NE(read.error().message.find("slice_00"), std::string::npos);
 }
 
-// Beside a folder's slices may lie what is none: a link that leads nowhere, a text, our own output.
+// A folder may contain other files: a broken link, a text, an asset.
 TEST_F(Readers, OnlyTheSlicesOfAFolderAreTheInput) {
   const fs::path folder = folder_ / "beside";
   fs::copy(folder_ / "scan" / "dicom", folder);
@@ -165,7 +165,7 @@ TEST_F(Readers, OnlyTheSlicesOfAFolderAreTheInput) {
   for (const fs::path& file : (*stack)->files)
     files += file.filename().string() + " ";
   EXPECT_EQ(files, "CT_001.dcm CT_002.dcm CT_003.dcm CT_004.dcm ");
-  // A picture among them would decide how the folder is read.
+  // A folder with images and DICOM files is ambiguous.
   fs::copy(folder_ / "scan" / "png" / "slice_001.png", folder / "preview.png");
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
@@ -196,8 +196,8 @@ TEST_F(Readers, VolumesInOtherUnitsAreInMm) {
   expect_error(with(5), ExitCode::kRefused, "unit of length 5");
 }
 
-// Without voxel sizes a volume is asked for them, not taken for one of 1 mm; X, Y and Z are the
-// array's axes, in the file's orientation.
+// A volume without voxel sizes needs --spacing: 1 mm is not assumed. X, Y and Z are the array's
+// axes, in the file's orientation.
 TEST_F(Readers, AVolumeWithoutVoxelSizesNeedsASpacing) {
   const auto whole = *read_file(fs::path(TROCAR_CORPUS) / "nifti" / "one_i2.nii");
   constexpr std::size_t kPixdim = 76, kQformCode = 252, kSformCode = 254;
@@ -230,7 +230,7 @@ TEST_F(Readers, AVolumeWithoutVoxelSizesNeedsASpacing) {
   expect_error(with({-0.5F, 0.25F, 3.0F}, 1, {}), ExitCode::kUsage, "carries no voxel size");
 }
 
-TEST_F(Readers, ANumberLeftOutAmongImagesIsWarnedOf) {
+TEST_F(Readers, MissingImageNumbersGiveAWarning) {
   const std::vector<std::uint8_t> png = *read_file(folder_ / "scan" / "png" / "slice_001.png");
   OpenOptions options;
   options.spacing_mm = {1, 1, 2.5};
@@ -256,7 +256,7 @@ TEST_F(Readers, ANumberLeftOutAmongImagesIsWarnedOf) {
   EXPECT_TRUE(warned("rows", {"a1.png", "a2.png", "b7.png", "b8.png"}).empty());
 }
 
-TEST_F(Readers, ASeriesIsChosenAmongDicomFilesOnly) {
+TEST_F(Readers, SeriesIsForDicomInputOnly) {
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
   options.series_uid = "1.2.3";
@@ -265,7 +265,7 @@ TEST_F(Readers, ASeriesIsChosenAmongDicomFilesOnly) {
   expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage, "no series");
 }
 
-TEST_F(Readers, LabelsOf16BitsAreReadAsTheyAre) {
+TEST_F(Readers, LabelsOf16BitsAreReadUnscaled) {
   cv::Mat labels(2, 3, CV_16UC1);
   for (int i = 0; i < 6; ++i)
     labels.at<std::uint16_t>(i / 3, i % 3) =
@@ -284,8 +284,8 @@ TEST_F(Readers, LabelsOf16BitsAreReadAsTheyAre) {
   }
 }
 
-// The palette's indices stand in the BMP as bytes, from the lowest row on, rows of whole words.
-TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadAsTheyAre) {
+// The expected indices are taken from the BMP's bytes: the lowest row first, rows padded to words.
+TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadUnscaled) {
   const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";
   const auto bmp = *read_file(corpus / "palette.bmp");
   constexpr int kWidth = 19, kHeight = 14, kRow = 20, kPixels = 1078;
@@ -316,7 +316,7 @@ TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadAsTheyAre) {
     for (const char* name : {"colour", "alpha"})
       expect_error(as_labels(corpus / (std::string(name) + kind)), ExitCode::kRefused, "colours");
   }
-  // Nothing of what was decoded before, in as many bytes, shines through.
+  // The reused buffer has no effect: an image of as many bytes was decoded before.
   const fs::path white = folder_ / "white.png";
   ASSERT_TRUE(cv::imwrite(white.string(), cv::Mat(kHeight, (kWidth + 1) / 2, CV_8UC1, 255.0)));
   ASSERT_TRUE(as_labels(white));
@@ -351,12 +351,12 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused,
                "at the same position as");
   fs::remove(folder_ / "shuffled" / "again");
-  // A missing slice is said, not filled.
+  // A missing slice is not filled in.
   fs::remove(folder_ / "shuffled" / "3");
   const auto gap = open_stack({folder_ / "shuffled"}, {});
   ASSERT_TRUE(gap);
   EXPECT_EQ((*gap)->size(), 3);
-  // Another, smaller series beside it: left out with a warning, or chosen, or asked for in vain.
+  // Another, smaller series beside it is left out with a warning; an unknown series is refused.
   sample::Scan other = make_scan();
   other.seed = 2;
   other.geometry.slices = 2;
@@ -377,8 +377,8 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   expect_error(open_stack({folder_ / "shuffled"}, options), ExitCode::kUsage, "there are:");
 }
 
-// Every kind of image in the corpus (written by Pillow), against OpenCV's own decoders.
-TEST_F(Readers, ImagesAreWhatOpenCvReads) {
+// Every kind of image in the corpus (written by Pillow), compared with OpenCV's decoders.
+TEST_F(Readers, ImagesEqualWhatOpenCvReads) {
   int compared = 0;
   for (const fs::directory_entry& entry :
        fs::directory_iterator(fs::path(TROCAR_CORPUS) / "image")) {
@@ -408,8 +408,8 @@ TEST_F(Readers, ImagesAreWhatOpenCvReads) {
   EXPECT_GT(compared, 25);
 }
 
-// A few bytes that promise much: refused by the size, before anything is allocated or decoded.
-TEST_F(Readers, HugePromisesAreRefused) {
+// Small files that declare huge sizes are refused before anything is allocated or decoded.
+TEST_F(Readers, HugeDeclaredSizesAreRefused) {
   const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";
   const auto patched = [&](const char* seed, std::size_t at, const std::string& bytes,
                            const char* name) {
@@ -457,7 +457,7 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
       EXPECT_NEAR(plane.T_lps_plane.linear().determinant(), 1, 1e-9);
       for (int v = 0; v < 4; ++v) {
         for (int u = 0; u < image->width; ++u) {
-          // Where the value is says which voxel it must be.
+          // The position determines the voxel, and so the value.
           const Eigen::Vector3d at = plane.T_lps_plane * Eigen::Vector3d(u * plane.spacing_u_mm,
                                                                          v * plane.spacing_v_mm, 0);
           const int x = coronal ? u : 31 - k, y = coronal ? k : u, z = 3 - v;

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/base/command_line.h"
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <vector>
+
+#include "formats/base/nearest_name.h"
+#include "formats/base/standard_output.h"
+
+namespace trocar {
+namespace {
+
+/// What is wrong with the first empty value, or nothing.
+std::string empty_value(int argc, const char* const* argv) {
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i], before = argv[i - 1];
+    if (word.empty())
+      return (before.starts_with('-') ? before : "an argument") + ": its value is empty";
+    if (word.starts_with("--") && word.find('=') == word.size() - 1)
+      return word.substr(0, word.size() - 1) + ": its value is empty";
+  }
+  return {};
+}
+
+/// Names the first argument that no option took, and the option that may have been meant.
+std::string unexpected_argument(const CLI::App& app) {
+  const std::vector<std::string> rest = app.remaining(true);
+  const std::string word = rest.empty() ? "" : rest.front();
+  const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options()) {
+    for (const std::string& name : option->get_lnames())
+      names.push_back("--" + name);
+  }
+  return "not expected: " + word + did_you_mean(word.substr(0, word.find('=')), names);
+}
+
+}  // namespace
+
+std::atomic<bool> stop_requested{false};
+
+void stop_on_signals() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { stop_requested.store(true); };
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    ::sigaction(signal, &action, nullptr);
+}
+
+int report_error(const std::string& program, const Error& error) {
+  std::fprintf(stderr, "%s: %s\n", program.c_str(), error.message.c_str());
+  return static_cast<int>(error.code);
+}
+
+void add_help_and_version(CLI::App& app, const std::string& version) {
+  app.set_help_flag("-h,--help", "print this help");
+  app.set_version_flag("--version", version, "print the versions of the program and its libraries");
+}
+
+std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv) {
+  const std::string program = app.get_name();
+  if (const std::string wrong = empty_value(argc, argv); !wrong.empty())
+    return report_error(program, usage(wrong));
+  const std::string see_help = " (see " + program + " --help)";
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp&) {
+    std::fputs(app.help().c_str(), stdout);
+    return 0;
+  } catch (const CLI::CallForVersion& version) {
+    std::puts(version.what());
+    return 0;
+  } catch (const CLI::ExtrasError&) {
+    return report_error(program, usage(unexpected_argument(app) + see_help));
+  } catch (const CLI::ParseError& error) {
+    return report_error(program, usage(error.what() + see_help));
+  }
+  return std::nullopt;
+}
+
+int run_program(const std::string& program, const std::function<int()>& body) {
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+  try {
+    return after_printing(program.c_str(), body());
+  } catch (const std::exception& failure) {
+    return report_error(program, bug(std::string("internal error: ") + failure.what()));
+  }
+}
+
+}  // namespace trocar
