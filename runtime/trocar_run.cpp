@@ -375,7 +375,7 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
   if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments.summary.empty()) {
     const std::string text = summarize(loaded.scene, options, report, remesher,
-                                       is_remote(arguments) ? json_text(of_link) : "");
+                                       is_remote(arguments) ? json_text(link_summary) : "");
     keep_error(write_file_atomically(arguments.summary, text + "\n"));
   }
   if (!arguments.meshes.empty()) {
