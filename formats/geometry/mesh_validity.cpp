@@ -8,7 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/edge_table.h"
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/triangle_edge.h"
 
 namespace trocar {
 namespace {
@@ -16,16 +19,6 @@ namespace {
 std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
 }
-
-// Beyond, the predicates would overflow.
-bool is_on_lattice(LatticePoint p) {
-  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
-         p.y <= kMaxCoordinate;
-}
-
-struct Box {
-  LatticePoint low, high;
-};
 
 struct Segment {
   LatticePoint a, b;
@@ -57,7 +50,7 @@ Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) 
 
 // How often the other rings wind around the middle of each one's first edge, which lies on none of
 // them since nothing crosses. A sweep over x: each meets the rings above and below it only.
-std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vector<Box>& boxes,
+std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vector<LatticeBox>& boxes,
                                  const std::vector<int>& orientations) {
   const auto middle_x = [&rings](std::size_t r) {
     return std::int64_t{rings[r][0].x} + rings[r][1].x;
@@ -89,15 +82,10 @@ std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vect
 }
 
 Result<void> check_nesting(const std::vector<Ring>& rings) {
-  std::vector<Box> boxes;
+  std::vector<LatticeBox> boxes;
   std::vector<int> orientations;
   for (const Ring& ring : rings) {
-    Box box{ring[0], ring[0]};
-    for (LatticePoint p : ring) {
-      box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
-      box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
-    }
-    boxes.push_back(box);
+    boxes.push_back(box_around(ring));
     const std::int64_t area = doubled_area(ring);
     if (area == 0) return refused("a ring without area " + place(ring[0]));
     orientations.push_back(area > 0 ? 1 : -1);
@@ -182,8 +170,7 @@ Result<void> check_mesh(const SliceMesh& mesh) {
       return i;
     };
     auto corner = [&mesh](std::uint32_t t, std::uint32_t v) {
-      const Triangle& tri = mesh.triangles[t];
-      return t * 3 + (tri[0] == v ? 0U : tri[1] == v ? 1U : 2U);
+      return t * 3 + corner_of(mesh.triangles[t], v);
     };
     std::vector<std::uint32_t> fans = degree;
     for (std::size_t i = 0; i + 1 < edges.size(); ++i) {

@@ -13,8 +13,6 @@ namespace trocar::pipeline {
 class RefinementOutline {
  public:
   static constexpr std::uint32_t kNoCorner = 0xffffffff;
-  /// Distances from a corner that differ by no more than this many steps are one shell.
-  static constexpr double kSameShell = 2;
 
   /// Starts anew and keeps the memory: segments are numbered as they are added.
   void clear(std::size_t vertices);

@@ -3,6 +3,9 @@
 
 #include <algorithm>
 
+#include "formats/geometry/edge_predicates.h"
+#include "formats/geometry/triangle_edge.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -12,8 +15,8 @@ namespace {
 Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
                         LatticePoint d) {
   bool overlaps = true;
-  for (std::size_t i = 0; i < 3; ++i) {
-    const LatticePoint a = triangle[i], b = triangle[i == 2 ? 0 : i + 1];
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    const LatticePoint a = triangle[i], b = triangle[next_corner(i)];
     const std::int64_t innermost = std::max(orient2d(a, b, c), orient2d(a, b, d));
     if (innermost < 0) return Contact::kApart;
     overlaps = overlaps && innermost > 0;
@@ -75,7 +78,7 @@ Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexc
 
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept {
   for (const auto& [a, b, box] : tool) {
-    if (orient2d(a, b, p) == 0 && diametral_dot(a, b, p) <= 0) return false;
+    if (is_on_segment(a, b, p)) return false;
   }
   return !inside(p.x, p.y, 1, tool);
 }
@@ -152,12 +155,11 @@ void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
   for (const std::uint32_t t : cavity.triangles) {
     const Triangle& v = mesh.triangles[t];
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t to = v[i == 2 ? 0 : i + 1], beyond = mesh.across[t][i];
+      const std::uint32_t to = v[next_corner(i)], beyond = mesh.across[t][i];
       std::uint32_t kept_side = 0;
       if (beyond != kNone) {
         if (cavity.contains(beyond)) continue;
-        const Triangle& u = mesh.triangles[beyond];
-        kept_side = u[0] == to ? 0 : u[1] == to ? 1 : 2;
+        kept_side = corner_of(mesh.triangles[beyond], to);
       }
       const std::uint32_t from = on_rim(v[i]);
       cavity.rim.push_back({from, on_rim(to), beyond, kept_side});

@@ -4,19 +4,16 @@
 #include <string>
 #include <utility>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
 namespace {
-
-bool on_lattice(LatticePoint p) {
-  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
-         p.y <= kMaxCoordinate;
-}
 
 bool is_tool(Outline tool) {
   const std::size_t n = tool.size();
   if (n < 3 || n > kMaxToolCorners) return false;
   for (std::size_t i = 0; i < n; ++i) {
-    if (!on_lattice(tool[i])) return false;
+    if (!is_on_lattice(tool[i])) return false;
     for (std::size_t j = 0; j < i; ++j) {
       if (tool[i] == tool[j]) return false;
     }
@@ -78,14 +75,14 @@ std::string_view to_word(CutOutcome outcome) noexcept {
   return "bug";
 }
 
-std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
+std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
   std::uint32_t count = 0;
   for (const SheetEdit::OldTriangle& written : edit.triangles()) {
     if (!mesh.in_use(written.slot)) continue;
     const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
-    for (std::size_t i = 0; i < 3; ++i) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
       if (mesh.across[written.slot][i] == kNone &&
-          diametral_dot(p[i], p[(i + 1) % 3], p[(i + 2) % 3]) < 0)
+          encroaches(p[i], p[next_corner(i)], p[previous_corner(i)]))
         ++count;
     }
   }
@@ -116,7 +113,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
   if (stage == Stage::kDone)
-    stage = restore_delaunay(mesh, work.stitch.rim_sides, work.flips, edit, report.flips);
+    stage = restore_delaunay(mesh, work.stitch.rim_edges, work.flips, edit, report.flips);
   if (stage != Stage::kDone) {
     edit.undo(mesh);
     return failure(stage, nullptr);
@@ -125,7 +122,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   report.doubled_area_removed = proof.doubled_area_removed;
   report.triangles_removed = static_cast<std::uint32_t>(work.cavity.triangles.size());
   report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
-  report.obtuse_boundary_sides = count_obtuse_boundary_sides(mesh, edit);
+  report.obtuse_boundary_edges = count_obtuse_boundary_edges(mesh, edit);
   return report;
 }
 

@@ -37,7 +37,7 @@ struct CutReport {
   std::uint32_t flips = 0;  ///< of sides, to make all of them Delaunay again
   /// Sides on the sheet's boundary, of triangles written, with an angle beyond 90 degrees opposite:
   /// their stiffness in the spring network is negative.
-  std::uint32_t obtuse_boundary_sides = 0;
+  std::uint32_t obtuse_boundary_edges = 0;
 };
 
 /// Cuts the polygon `tool` out of `mesh`, in place. `mesh` is valid (check_sheet_mesh), `grid`
@@ -65,7 +65,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
                        SheetEdit& edit) noexcept;
 
 /// Of the triangles that `edit` lists, see CutReport.
-std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
+std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
 
 struct CutResult : CutReport {
   SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -32,8 +34,7 @@ bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
   hole.stops.clear();
   hole.stops.push_back(from);
   for (std::uint32_t p = 0; p < points.size(); ++p) {
-    if (orient2d(a, b, points[p]) == 0 && diametral_dot(a, b, points[p]) < 0)
-      hole.stops.push_back(p);
+    if (is_inside_segment(a, b, points[p])) hole.stops.push_back(p);
   }
   hole.stops.push_back(to);
   std::sort(hole.stops.begin(), hole.stops.end(), [&](std::uint32_t p, std::uint32_t q) {
@@ -58,9 +59,9 @@ bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& pa
     fits = fits && (whole ? add(hole, from, to) : add_in_pieces(overlay, from, to, hole));
   }
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
-    for (std::size_t i = 0; i < 3; ++i) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
       if (patch.across[t][i] == kNone)
-        fits = fits && add(hole, patch.triangles[t][(i + 1) % 3], patch.triangles[t][i]);
+        fits = fits && add(hole, patch.triangles[t][next_corner(i)], patch.triangles[t][i]);
     }
   }
   return fits;

@@ -5,12 +5,10 @@
 #include <optional>
 #include <utility>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
 namespace {
-
-bool strictly_between(LatticePoint a, LatticePoint b, LatticePoint p) {
-  return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) < 0;
-}
 
 bool boxes_apart(const Strand& s, const Strand& t) {
   if (s.second.x < t.first.x || t.second.x < s.first.x) return true;
@@ -48,8 +46,8 @@ bool recedes(const Strand& s, LatticePoint p) {
 }
 
 // Of all corners of rim and tool (law 5).
-OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
-  return OwnTurn([&](auto&& visit) {
+CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexcept {
+  return rotation_by_moments([&](auto&& visit) {
     for (const std::uint32_t v : cavity.rim_vertices)
       visit(mesh.vertices[v]);
     for (const OutlineEdge& e : cavity.tool)
@@ -58,7 +56,7 @@ OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
 }
 
 // The bend of law 1 for two segments that cross properly.
-LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
+LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotation& rotate) {
   const LatticePoint a = s.first, b = s.second, c = t.first, d = t.second;
   const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
   const std::int64_t dx = std::int64_t{d.x} - c.x, dy = std::int64_t{d.y} - c.y;
@@ -79,7 +77,7 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
     const LatticePoint p{static_cast<std::int32_t>(a.x + px), static_cast<std::int32_t>(a.y + py)};
     const auto closer = [&](const std::optional<LatticePoint>& than, Int128 its_distance) {
       if (!than || distance != its_distance) return !than || distance < its_distance;
-      return turn(p) < turn(*than);
+      return rotate(p) < rotate(*than);
     };
     if (closer(nearest, best)) nearest = p, best = distance;
     if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding)) {
@@ -102,7 +100,7 @@ class Settling {
     out.pending.clear();
     out.rim_point.clear();
     out.rim_strand.clear();
-    out.turn = own_turn(mesh, cavity);
+    out.rotation = rotation_of(mesh, cavity);
   }
 
   bool full() const { return full_; }
@@ -174,7 +172,7 @@ class Settling {
         LatticePoint p;
         const Meeting meeting = meet(one, other, p);
         if (meeting == Meeting::kApart) continue;
-        if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.turn);
+        if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.rotation);
         if (is_held(one, other, meeting, p)) continue;
         if (first != kNone && !comes_before(other, out_.strands[first])) continue;
         first = t, how = meeting, where = p;
@@ -191,7 +189,7 @@ class Settling {
   // In the plane after its own turn.
   bool comes_before(const Strand& s, const Strand& t) const {
     const auto ends = [this](const Strand& strand) {
-      const LatticePoint a = out_.turn(strand.first), b = out_.turn(strand.second);
+      const LatticePoint a = out_.rotation(strand.first), b = out_.rotation(strand.second);
       return a < b ? std::pair(a, b) : std::pair(b, a);
     };
     return ends(s) < ends(t);
@@ -226,7 +224,7 @@ class Settling {
     const std::uint32_t middle = point(p);
     if (full_) return;
     // The piece with the end that comes first.
-    const bool as_it_is = out_.turn(s.first) < out_.turn(s.second);
+    const bool as_it_is = out_.rotation(s.first) < out_.rotation(s.second);
     for (const bool piece : {as_it_is, !as_it_is}) {
       wait(piece ? add(s.a, middle, s) : add(middle, s.b, s));
       if (full_) return;
@@ -244,9 +242,9 @@ class Settling {
     grid_.for_each(box_around(swept), [&](std::uint32_t k) {
       if (cavity_.contains(k)) return;
       const std::array<LatticePoint, 3> c = corners(mesh_, k);
-      for (std::size_t i = 0; i < 3; ++i) {
+      for (std::uint32_t i = 0; i < 3; ++i) {
         if (mesh_.across[k][i] != kNone) continue;
-        const LatticePoint a = c[i], b = c[(i + 1) % 3];
+        const LatticePoint a = c[i], b = c[next_corner(i)];
         if (inside(a) || inside(b) || segments_cross(a, b, s.first, p) ||
             segments_cross(a, b, p, s.second)) {
           absorb(k);
@@ -307,7 +305,7 @@ Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavi
     const LatticePoint p = mesh.vertices[v];
     if (!strictly_outside(p, cavity.tool)) continue;
     const bool on_edge = std::any_of(out.strands.begin(), out.strands.end(), [p](const Strand& s) {
-      return !s.gone && strictly_between(s.first, s.second, p);
+      return !s.gone && is_inside_segment(s.first, s.second, p);
     });
     if (!on_edge) settling.point(p);
   }

@@ -26,8 +26,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "formats/geometry/canonical_rotation.h"
 #include "runtime/cut/cavity.h"
-#include "runtime/cut/own_turn.h"
 
 namespace trocar::runtime {
 
@@ -47,7 +47,7 @@ struct Overlay {
   std::vector<LatticePoint>
       points;                   ///< distinct; those of the rim and inner vertices worth keeping
   std::vector<Strand> strands;  ///< of those not gone no two cross, no point lies inside one
-  OwnTurn turn;                 ///< law 5
+  CanonicalRotation rotation;   ///< law 5
   std::vector<std::uint32_t> absorb;   ///< kAgain: the triangles that have to go as well (law 3)
   FlatTable point_at;                  ///< a point's index, by its coordinates
   FlatTable strand_at;                 ///< the latest strand between two points, the smaller first

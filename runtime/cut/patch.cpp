@@ -7,12 +7,12 @@ namespace {
 using Status = LocalTriangulation::Status;
 
 Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
-  Status status = triangulation.triangulate(overlay.points, overlay.turn.lower_left());
+  Status status = triangulation.triangulate(overlay.points, overlay.rotation.lower_left());
   for (std::uint32_t s = 0; s < overlay.strands.size() && status == Status::kDone; ++s) {
     const Strand& strand = overlay.strands[s];
     if (strand.gone) continue;
-    // From the same end after the overlay's own turn.
-    const bool as_it_is = overlay.turn(strand.first) < overlay.turn(strand.second);
+    // From the end that comes first after the overlay's rotation.
+    const bool as_it_is = overlay.rotation(strand.first) < overlay.rotation(strand.second);
     status = as_it_is ? triangulation.constrain(strand.a, strand.b, s)
                       : triangulation.constrain(strand.b, strand.a, s);
   }

@@ -7,12 +7,12 @@ namespace {
 using Segment = ProofSpace::Segment;
 
 // Law 2, towards another new triangle; the corner of that one beyond the side.
-bool mutual(const Patch& patch, std::uint32_t t, std::size_t i, std::uint32_t& apex) {
+bool mutual(const Patch& patch, std::uint32_t t, std::uint32_t i, std::uint32_t& apex) {
   const std::uint32_t u = patch.across[t][i];
-  const std::uint32_t from = patch.triangles[t][i], to = patch.triangles[t][(i + 1) % 3];
-  for (std::size_t j = 0; j < 3; ++j) {
-    if (patch.triangles[u][j] != to || patch.triangles[u][(j + 1) % 3] != from) continue;
-    apex = patch.triangles[u][(j + 2) % 3];
+  const std::uint32_t from = patch.triangles[t][i], to = patch.triangles[t][next_corner(i)];
+  for (std::uint32_t j = 0; j < 3; ++j) {
+    if (patch.triangles[u][j] != to || patch.triangles[u][next_corner(j)] != from) continue;
+    apex = patch.triangles[u][previous_corner(j)];
     return patch.across[u][j] == t;
   }
   return false;
@@ -23,7 +23,7 @@ bool takes_rim_edge(const SheetMesh& mesh, std::uint32_t kept, LatticePoint from
                     ProofSpace& space) {
   for (std::uint32_t j = 0; j < 3; ++j) {
     if (mesh.vertices[mesh.triangles[kept][j]] != to ||
-        mesh.vertices[mesh.triangles[kept][(j + 1) % 3]] != from)
+        mesh.vertices[mesh.triangles[kept][next_corner(j)]] != from)
       continue;
     if (!space.rim_at.contains(pair_key(kept, j))) return false;
     std::uint32_t& used = *space.rim_at.insert(pair_key(kept, j), 0);
@@ -58,12 +58,12 @@ bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const C
   }
   LatticeBox box{space.fresh.front().a, space.fresh.front().a};
   for (const Segment& s : space.fresh)
-    box = box_around(std::array<LatticePoint, 4>{box.lowest, box.highest, s.a, s.b});
+    box = box_around(std::array<LatticePoint, 4>{box.low, box.high, s.a, s.b});
   const auto list_boundary = [&](std::uint32_t t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
       if (mesh.across[t][i] != kNone || cavity.contains(t)) continue;
       const Triangle& v = mesh.triangles[t];
-      fits = fits && push_within(space.old, {mesh.vertices[v[i]], mesh.vertices[v[(i + 1) % 3]]});
+      fits = fits && push_within(space.old, {mesh.vertices[v[i]], mesh.vertices[v[next_corner(i)]]});
     }
   };
   if (contains(cavity.tool_box, box)) {
@@ -113,7 +113,7 @@ const char* disprove_patch(const SheetMesh& mesh, const Overlay& overlay, const 
                                            overlay.points[patch.triangles[t][2]]};
     if (orient2d(p[0], p[1], p[2]) <= 0) return "a new triangle is not counter-clockwise";
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t j = i == 2 ? 0 : i + 1;
+      const std::uint32_t j = next_corner(i);
       if (patch.across[t][i] != kNone) {
         std::uint32_t apex = 0;
         if (!mutual(patch, t, i, apex)) return "a side of two new triangles is not mutual";

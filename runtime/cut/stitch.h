@@ -33,7 +33,7 @@ struct StitchSpace {
   FlatTable taken;                    ///< vertices of the rim that keep their slot
   std::vector<NewVertex> fresh;
   std::vector<std::uint32_t> created;   ///< result: the patch's triangles, as slots of the sheet
-  std::vector<TriangleSide> rim_sides;  ///< result: theirs towards triangles that stayed
+  std::vector<TriangleEdge> rim_edges;  ///< result: theirs towards triangles that stayed
 
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };

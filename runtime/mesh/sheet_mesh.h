@@ -17,6 +17,7 @@
 
 #include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
+#include "formats/geometry/triangle_edge.h"
 
 namespace trocar::runtime {
 
@@ -68,10 +69,6 @@ struct SheetMesh {
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
-};
-
-struct TriangleSide {
-  std::uint32_t triangle, side;
 };
 
 inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t t) noexcept {

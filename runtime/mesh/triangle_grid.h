@@ -14,7 +14,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "runtime/mesh/lattice_box.h"
+#include "formats/geometry/lattice_box.h"
 #include "runtime/mesh/sheet_edit.h"
 #include "runtime/mesh/sheet_mesh.h"
 
@@ -45,10 +45,10 @@ class TriangleGrid {
   void for_each(const LatticeBox& box, Visit&& visit) const {
     for (const Level& level : levels_) {
       if (level.triangles == 0) continue;
-      const std::int64_t left = std::max<std::int64_t>(level.column(*this, box.lowest.x) - 1, 0);
-      const std::int64_t bottom = std::max<std::int64_t>(level.row(*this, box.lowest.y) - 1, 0);
-      const std::int64_t right = level.column(*this, box.highest.x);
-      const std::int64_t top = level.row(*this, box.highest.y);
+      const std::int64_t left = std::max<std::int64_t>(level.column(*this, box.low.x) - 1, 0);
+      const std::int64_t bottom = std::max<std::int64_t>(level.row(*this, box.low.y) - 1, 0);
+      const std::int64_t right = level.column(*this, box.high.x);
+      const std::int64_t top = level.row(*this, box.high.y);
       for (std::int64_t r = bottom; r <= top; ++r) {
         for (std::int64_t c = left; c <= right; ++c) {
           for (std::uint32_t t = head_[level.cell(r, c)]; t != kNone; t = link_[t].next) {

@@ -82,9 +82,9 @@ void expect_as_cgal(const Pslg& pslg, const std::string& what) {
     const Corners c = {mesh->vertices[v[0]], mesh->vertices[v[1]], mesh->vertices[v[2]]};
     if (theirs.contains(rotated(c))) continue;
     bool cocircular = false;
-    for (const Side s : beyond[t]) {
-      if (s == kNoSide) continue;
-      for (const std::uint32_t w : mesh->triangles[triangle_of(s)]) {
+    for (const EdgeId e : beyond[t]) {
+      if (e == kNoEdge) continue;
+      for (const std::uint32_t w : mesh->triangles[triangle_of(e)]) {
         if (std::find(v.begin(), v.end(), w) == v.end() &&
             in_circle(c[0], c[1], c[2], mesh->vertices[w]) == 0)
           cocircular = true;

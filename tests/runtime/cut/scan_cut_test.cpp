@@ -342,7 +342,7 @@ class Knife {
       refine_locally(subject.mesh, subject.edit, work.stitch.created, {}, refinement);
       ++count.refined;
     }
-    count.obtuse += count_obtuse_boundary_sides(subject.mesh, subject.edit);
+    count.obtuse += count_obtuse_boundary_edges(subject.mesh, subject.edit);
     subject.grid.update(subject.edit, subject.mesh);
     subject.edit.copy_to(subject.mesh, subject.replica);
     subject.replica_grid.update(subject.edit, subject.replica);

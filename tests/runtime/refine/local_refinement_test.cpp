@@ -124,12 +124,12 @@ TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarOff) {
     const auto keep = [&](std::uint32_t from, std::uint32_t to) {
       return is_far(mesh.vertices[from]) && is_far(mesh.vertices[to]);
     };
-    options.keep_side = keep;
+    options.keep_edge = keep;
     const std::vector<BoundarySide> before = boundary(mesh);
-    const RefinementResult result =
+    const LocalRefinementResult result =
         refine_and_check(mesh, all_triangles(mesh), options, "round " + std::to_string(round));
 
-    EXPECT_EQ(result.outcome, RefinementOutcome::kDone);
+    EXPECT_EQ(result.outcome, LocalRefinementOutcome::kDone);
     EXPECT_EQ(result.too_large, 0U);
     int near = 0;
     std::vector<bool> seen(mesh.vertices.size(), false);
@@ -242,8 +242,8 @@ TEST(LocalRefinement, KeptSidesAreKept) {
     options.split_outline = true;
     options.min_angle_deg = 25;
     options.size = size;
-    options.keep_side = keep;
-    const RefinementResult result =
+    options.keep_edge = keep;
+    const LocalRefinementResult result =
         refine_and_check(mesh, all_triangles(mesh), options, "seed " + std::to_string(seed));
     std::size_t there = 0, obtuse = 0;
     for (const std::uint32_t t : all_triangles(mesh)) {
@@ -258,7 +258,7 @@ TEST(LocalRefinement, KeptSidesAreKept) {
       }
     }
     EXPECT_EQ(there, kept.size()) << "seed " << seed;
-    EXPECT_EQ(obtuse, result.obtuse_sides) << "seed " << seed;
+    EXPECT_EQ(obtuse, result.obtuse_edges) << "seed " << seed;
   }
 }
 
@@ -301,17 +301,17 @@ TEST(LocalRefinement, WithoutBudgetOrRoomNothingHappens) {
     options.min_angle_deg = 30;
     options.split_outline = true;
     options.max_new_vertices = 0;
-    RefinementResult result = refine_and_check(mesh, all_triangles(mesh), options, "no budget");
+    LocalRefinementResult result = refine_and_check(mesh, all_triangles(mesh), options, "no budget");
     EXPECT_TRUE(same(mesh, before));
-    EXPECT_TRUE(result.outcome == RefinementOutcome::kBudget ||
-                result.outcome == RefinementOutcome::kDone);
+    EXPECT_TRUE(result.outcome == LocalRefinementOutcome::kBudget ||
+                result.outcome == LocalRefinementOutcome::kDone);
 
     // Small rooms, all of them.
     for (std::size_t room = 0; room < 12; ++room) {
       SheetMesh small = *make_sheet_mesh(to_slice_mesh(before), room / 2, room);
       options.max_new_vertices = 100;
       result = refine_and_check(small, all_triangles(small), options, "little room");
-      stopped += result.outcome == RefinementOutcome::kNoRoom ? 1 : 0;
+      stopped += result.outcome == LocalRefinementOutcome::kCapacity ? 1 : 0;
     }
 
     SheetEdit edit(mesh);
@@ -320,7 +320,7 @@ TEST(LocalRefinement, WithoutBudgetOrRoomNothingHappens) {
     for (const auto& [v, t] : {std::array{vertices - 1, triangles}, {vertices, triangles - 1}}) {
       LocalRefinementWorkspace too_small(v, t);
       result = refine_locally(mesh, edit, all_triangles(mesh), options, too_small);
-      EXPECT_EQ(result.outcome, RefinementOutcome::kNoRoom);
+      EXPECT_EQ(result.outcome, LocalRefinementOutcome::kCapacity);
       EXPECT_TRUE(same(mesh, before));
     }
   }
@@ -351,7 +351,7 @@ TEST(LocalRefinement, StrangeSeedsAndOptions) {
     }
   }
   SheetMesh empty = *make_sheet_mesh({}, 4, 4);
-  EXPECT_EQ(refine_and_check(empty, {}, {}, "empty").outcome, RefinementOutcome::kDone);
+  EXPECT_EQ(refine_and_check(empty, {}, {}, "empty").outcome, LocalRefinementOutcome::kDone);
 }
 
 TEST(LocalRefinement, ASheetThatIsNotDelaunayStaysValid) {
@@ -435,7 +435,7 @@ TEST(LocalRefinement, LawsHoldAfterCutsInRealSlices) {
         before += smallest_angle_deg(corners(mesh, t)) < 20 ? 1 : 0;
       LocalRefinementOptions options;
       options.split_outline = random.between(0, 3) == 0;
-      const RefinementResult result =
+      const LocalRefinementResult result =
           refine_and_check(mesh, seeds, options, name + (", cut " + std::to_string(i)));
       EXPECT_EQ(result.sharp, result.sharp_at_outline + result.sharp_at_lattice);
       ++cuts;

@@ -96,7 +96,7 @@ TEST(PointInsertion, WithoutRoomNothingChanges) {
     edit.begin(mesh);
     PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
     ASSERT_TRUE(insertion.find(mesh, 0, {60, 20}));
-    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), Insertion::kNoRoom);
+    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), Insertion::kCapacity);
     EXPECT_TRUE(same(mesh, before));
   }
 }
@@ -109,9 +109,9 @@ TEST(PointInsertion, BeyondTheOutlineIsNotInSight) {
   PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
   EXPECT_FALSE(insertion.find(mesh, 0, {50, 40})) << "not in the circumcircle";
   ASSERT_TRUE(insertion.find(mesh, 0, {50, -10}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), Insertion::kNotInSight);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), Insertion::kNotVisible);
   ASSERT_TRUE(insertion.find(mesh, 0, {50, 0}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), Insertion::kNotInSight);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), Insertion::kNotVisible);
   EXPECT_TRUE(same(mesh, before));
   // But the side can be split there.
   ASSERT_EQ(insertion.rim()[0].from, 0U);

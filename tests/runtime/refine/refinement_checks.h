@@ -110,7 +110,7 @@ inline bool is_outline_near(const std::array<LatticePoint, 3>& v, double min_ang
 
 // ---- the laws, whatever the sheet and the options ----
 
-inline RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std::uint32_t>& seeds,
+inline LocalRefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std::uint32_t>& seeds,
                                          const LocalRefinementOptions& options,
                                          const std::string& where) {
   SCOPED_TRACE(where);
@@ -119,7 +119,7 @@ inline RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std:
   SheetEdit edit(mesh);
   edit.begin(mesh);
   LocalRefinementWorkspace workspace(mesh);
-  const RefinementResult result = refine_locally(mesh, edit, seeds, options, workspace);
+  const LocalRefinementResult result = refine_locally(mesh, edit, seeds, options, workspace);
 
   // 1
   const Result<void> valid = check_sheet_mesh(mesh);
@@ -157,16 +157,16 @@ inline RefinementResult refine_and_check(SheetMesh& mesh, const std::vector<std:
 // And if all triangles are looked at: the counts.
 inline void refine_all_and_check(SheetMesh& mesh, const LocalRefinementOptions& options,
                                  const std::string& where) {
-  const RefinementResult result = refine_and_check(mesh, all_triangles(mesh), options, where);
+  const LocalRefinementResult result = refine_and_check(mesh, all_triangles(mesh), options, where);
   const Counts now = counts(mesh, options.min_angle_deg);
   EXPECT_EQ(result.looked_at, now.triangles) << where;
   EXPECT_LE(result.sharp, now.sharp) << where;
   EXPECT_GE(result.sharp, now.surely_sharp) << where;
-  EXPECT_EQ(result.obtuse_sides, now.obtuse) << where;
-  EXPECT_TRUE(result.outcome != RefinementOutcome::kDone || result.sharp + result.obtuse_sides == 0)
+  EXPECT_EQ(result.obtuse_edges, now.obtuse) << where;
+  EXPECT_TRUE(result.outcome != LocalRefinementOutcome::kDone || result.sharp + result.obtuse_edges == 0)
       << where;
-  if (result.outcome != RefinementOutcome::kDone &&
-      result.outcome != RefinementOutcome::kOutlineInTheWay)
+  if (result.outcome != LocalRefinementOutcome::kDone &&
+      result.outcome != LocalRefinementOutcome::kLimitedByOutline)
     return;
   // Each sharp triangle that is left has a reason.
   EXPECT_EQ(result.sharp, result.sharp_at_outline + result.sharp_at_lattice) << where;
