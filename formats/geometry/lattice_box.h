@@ -35,8 +35,8 @@ inline LatticeBox box_around(LatticePoint a, LatticePoint b) noexcept {
 }
 
 inline bool contains(const LatticeBox& outer, const LatticeBox& inner) noexcept {
-  return outer.low.x <= inner.low.x && outer.low.y <= inner.low.y &&
-         outer.high.x >= inner.high.x && outer.high.y >= inner.high.y;
+  return outer.low.x <= inner.low.x && outer.low.y <= inner.low.y && outer.high.x >= inner.high.x &&
+         outer.high.y >= inner.high.y;
 }
 
 /// Have the boxes no point in common?

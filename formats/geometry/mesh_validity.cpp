@@ -26,8 +26,8 @@ struct Segment {
   std::int32_t max_x() const { return std::max(a.x, b.x); }
 };
 
-// Sweep over x with a plain active list. O(n (log n + k)), k = segments that
-// overlap in x with one; enough for outlines of some thousand edges.
+// Sweeps over x with a simple active list. O(n (log n + k)), where k segments overlap one in x:
+// fast enough for outlines of some thousand edges.
 Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) {
   std::sort(segments.begin(), segments.end(), [](const Segment& s, const Segment& t) {
     return std::tuple{s.min_x(), s.a, s.b} < std::tuple{t.min_x(), t.a, t.b};
@@ -48,9 +48,11 @@ Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) 
   return {};
 }
 
-// How often the other rings wind around the middle of each one's first edge, which lies on none of
-// them since nothing crosses. A sweep over x: each meets the rings above and below it only.
-std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vector<LatticeBox>& boxes,
+// For each ring, how often the others wind around the middle of its first edge, which lies on none
+// of them since nothing crosses. Sweeps over x, so that each point is compared only with the rings
+// above and below it.
+std::vector<int> windings_around(const std::vector<Ring>& rings,
+                                 const std::vector<LatticeBox>& boxes,
                                  const std::vector<int>& orientations) {
   const auto middle_x = [&rings](std::size_t r) {
     return std::int64_t{rings[r][0].x} + rings[r][1].x;
@@ -156,11 +158,10 @@ Result<void> check_mesh(const SliceMesh& mesh) {
     }
     i = j;
   }
-  // One fan a vertex: triangles around v minus interior edges at v is 1 for an
-  // open fan, 0 for a closed one, and grows with every further fan. A closed fan
-  // beside another fan escapes this count, so walk: fans = connected groups.
+  // One fan at each vertex: the corners at it are connected across interior edges. (Comparing the
+  // numbers of triangles and edges at a vertex would miss a closed fan beside another fan.)
   {
-    // Union of triangle corners across interior edges, per vertex.
+    // Union-find of triangle corners.
     std::vector<std::uint32_t> parent(mesh.triangles.size() * 3);
     for (std::uint32_t i = 0; i < parent.size(); ++i)
       parent[i] = i;

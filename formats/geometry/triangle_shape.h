@@ -63,8 +63,8 @@ struct TriangleShape {
   // The smallest angle lies between the two longer edges, l and m: its sine is doubled_area / l m.
   const double product = std::max(std::max(ab2 * ac2, ac2 * bc2), bc2 * ab2);
   const auto area = static_cast<double>(doubled_area);
-  return {doubled_area, ac2, std::min(std::min(ab2, ac2), bc2), area * area < limits.sine2 * product,
-          area > limits.doubled_area};
+  return {doubled_area, ac2, std::min(std::min(ab2, ac2), bc2),
+          area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 
 /// Is the smallest angle below the one whose squared cosine is given (infinity: never)? The same

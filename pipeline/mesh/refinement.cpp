@@ -19,10 +19,10 @@
 namespace trocar::pipeline {
 namespace {
 
-// An edge is not split into halves of fewer lattice steps than this, nor a triangle with a shorter
-// edge improved: rounding to the lattice would decide the angles.
+// In lattice steps. No edge is split into shorter halves, and no triangle with a shorter edge is
+// improved: rounding to the lattice would decide the angles.
 constexpr std::int64_t kShortestEdge = 4;
-// No vertex on the outline is this many lattice steps from the input segment that it splits.
+// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it splits.
 constexpr double kFarthestFromOutline = 3;
 
 // Places for a split of an edge of the outline, as fractions of it, the preferred one first.
@@ -35,8 +35,8 @@ constexpr std::array kAside_deg = {30.0, -30.0, 60.0, -60.0};
 
 // Edges have ids below 2^31.
 constexpr std::uint32_t kMostVertices = 100'000'000;
-// For angles that are not safe: this many times the vertices of the mesh of the safe one, and how
-// close to the steepest that ends the one taken is.
+// For angles above kSafeAngle_deg: the vertex budget as a multiple of the vertices of the mesh
+// refined to that angle, and how close the search comes to the largest angle that can be reached.
 constexpr std::size_t kSteepBudget = 4;
 constexpr double kAngleStep_deg = 0.25;
 
@@ -45,7 +45,7 @@ struct Prospect {
   LatticePoint p;
   InsertionCavity cavity;
   int growth = 0;  // of the number of bad triangles and encroached edges, or kImpossible
-  int flaws = 0;   // how many there would be
+  int flaws = 0;   // the number of these around the new point
 };
 constexpr int kImpossible = std::numeric_limits<int>::max();
 
@@ -54,7 +54,7 @@ struct EncroachedTicket {
   std::uint32_t generation;
 };
 
-// Memory that is kept from slice to slice: taking fresh pages cost a fifth of the time.
+// Memory that is kept from slice to slice: fresh pages took a fifth of the time.
 struct Workspace {
   RefinementMesh mesh;
   RefinementOutline outline;
@@ -122,16 +122,14 @@ class Refiner {
 
  private:
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
-  double distance(std::uint32_t a, std::uint32_t b) const {
-    return edge_length(at(a), at(b));
-  }
+  double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
 
   // ---- what is wrong with a triangle ----
 
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // Across a small input angle, the vertex on the same shell encroaches by rounding alone.
+    // Across a small input angle, a vertex on the same shell encroaches only by rounding.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
@@ -187,9 +185,9 @@ class Refiner {
     return r.is_outline() && blocks(at(r.a), at(r.b), p);
   }
 
-  // How many bad triangles, and `more` for each edge of the rim, there would be if p had this
-  // cavity; `limit` for more and where it cannot have it. Places close to each other have nearly
-  // the same, so that looking for the best one by the first one's cavity will do.
+  // How many bad triangles there would be, and `more` for each edge of the rim, if p had this
+  // cavity; `limit` if there are more, or if p cannot have it. Places close to each other have
+  // nearly the same cavity, so the first one's serves to look for the best place.
   template <typename More>
   int flaws_of(LatticePoint p, const InsertionCavity& cavity, int limit, More more) const {
     int flaws = 0;
@@ -201,17 +199,18 @@ class Refiner {
     return flaws;
   }
 
-  // A quick look at what a neighbouring place saw: does it speak against this one?
-  bool is_unwelcome_at(const InsertionCavity& seen, LatticePoint p, double min_distance2) const {
+  // A quick test with the cavity of a neighbouring place: is p too near to a vertex, or does it
+  // encroach?
+  bool is_excluded_by(const InsertionCavity& seen, LatticePoint p, double min_distance2) const {
     return std::any_of(seen.rim.begin(), seen.rim.end(), [&](const InsertionCavity::Rim& r) {
       return static_cast<double>(distance2(at(r.a), p)) < min_distance2 ||
              (r.is_outline() && encroaches(at(r.a), at(r.b), p));
     });
   }
 
-  // Would a point within the circumcircle of t lie in the material, encroach upon no edge and keep
-  // a distance from other vertices?
-  bool is_welcome(std::uint32_t t, LatticePoint p, double min_distance2, Prospect& out) {
+  // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
+  // its distance from other vertices?
+  bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Prospect& out) {
     if (!mesh_.circumcircle_holds(t, p)) return false;
     out.p = p;
     out.flaws = 0;
@@ -252,7 +251,7 @@ class Refiner {
     }
   }
 
-  // What splitting the side in p would do.
+  // The mesh with the edge split at p.
   bool look_at_split(EdgeId s, LatticePoint p, Prospect& out) {
     out.p = p;
     out.flaws = 0;
@@ -265,7 +264,7 @@ class Refiner {
     return true;
   }
 
-  // How many edges of the outline the triangle on an edge of the rim would have encroached.
+  // How many edges of the outline would be encroached upon in the triangle on an edge of the rim.
   int encroachments(EdgeId s, LatticePoint p, const InsertionCavity::Rim& r) const {
     const auto [a, b] = mesh_.ends(s);
     const LatticePoint from = at(r.a), to = at(r.b);
@@ -274,7 +273,7 @@ class Refiner {
            (r.a == b && encroaches(p, from, to) ? 1 : 0);
   }
 
-  // Splits of splits, each rounded inwards, move away from what they split.
+  // Each split is rounded inwards, so repeated splits move away from the input segment.
   bool is_far_from_segment(LatticePoint p, std::uint32_t segment) const {
     const Refined::Segment& input = outline_.segments()[segment];
     const LatticePoint a = at(input.from), b = at(input.to);
@@ -300,9 +299,9 @@ class Refiner {
       if (!is_found) {
         is_found = look_at_split(s, *p, best_);
         fewest = best_.flaws;
-      } else if (const int flaws =
-                     flaws_of(*p, best_.cavity, fewest,
-                              [&](const InsertionCavity::Rim& r) { return encroachments(s, *p, r); });
+      } else if (const int flaws = flaws_of(
+                     *p, best_.cavity, fewest,
+                     [&](const InsertionCavity::Rim& r) { return encroachments(s, *p, r); });
                  flaws < fewest) {
         fewest = flaws, better = p;
       }
@@ -335,8 +334,8 @@ class Refiner {
       if (shape.shortest2 < kShortestEdge * kShortestEdge) return leave(t);
       if (const std::uint32_t corner = across_small_angle(v, shortest);
           corner != RefinementOutline::kNoCorner) {
-        // Miller, Pav and Walkington: shortening this edge would go on for ever. Where the input
-        // angle allows the wanted one, closer shells reach it.
+        // Miller, Pav and Walkington: shortening this edge would not end. Where the input angle
+        // allows the wanted one, closer shells reach it.
         if (outline_.angle_deg(corner) < min_angle_deg_ + kLatticeAllowance_deg) {
           mesh_.triangles[t].is_bad = 0;
           return;
@@ -344,12 +343,11 @@ class Refiner {
         if (split_shells(t, corner)) return;
       }
     }
-    const double most_away = shape.is_sharp
-                                 ? circle_.off_centre() * rounding_allowance(std::sqrt(shape.shortest2))
-                                 : std::numeric_limits<double>::infinity();
-    const LatticePoint centre =
-        centre_over(at(v[shortest]), at(v[next_corner(shortest)]), at(v[previous_corner(shortest)]),
-                    most_away);
+    const double most_away =
+        shape.is_sharp ? circle_.off_centre() * rounding_allowance(std::sqrt(shape.shortest2))
+                       : std::numeric_limits<double>::infinity();
+    const LatticePoint centre = centre_over(at(v[shortest]), at(v[next_corner(shortest)]),
+                                            at(v[previous_corner(shortest)]), most_away);
     if (!mesh_.circumcircle_holds(t, centre)) return leave(t);
     const EdgeId in_the_way = find_in_the_way(t, centre, best_);
     const bool is_found = find_better(t, v, shortest, shape, in_the_way);
@@ -360,19 +358,19 @@ class Refiner {
       // A point that would encroach, or lies beyond the outline, splits an edge in its way instead.
       leave(t);
     } else if (mesh_.triangles[t].generation == generation) {
-      queue(t, true, shape.shortest2);  // it is still there, and may come into reach
+      queue(t, true, shape.shortest2);  // it still exists: try it again later
     }
   }
 
-  // Leaves a bad triangle as it is: the lattice has no point to better it.
+  // Leaves a bad triangle as it is: no lattice point improves it.
   void leave(std::uint32_t t) {
     mesh_.triangles[t].is_bad = 0;
     ++out_.bad_at_lattice_step;
   }
 
-  // Other places may rid us of more bad triangles at once, or spare the outline. Puts the first
-  // that leaves two fewer than there were, or the best of them, into best_; gives false if there is
-  // none better than what is there.
+  // Tries other places, which may remove more bad triangles at once, or leave the outline as it is.
+  // Puts the first that leaves two fewer bad triangles, or else the best, into best_; false if none
+  // is better than best_.
   bool find_better(std::uint32_t t, const std::array<std::uint32_t, 3>& v, std::uint32_t shortest,
                    const TriangleShape& shape, EdgeId in_the_way) {
     if (shape.is_large) return in_the_way == kNoEdge && find_more_even(t, v);
@@ -383,10 +381,10 @@ class Refiner {
     for (const Place& place : aside_) {
       if (growth < -1) break;
       const LatticePoint p = over(a, b, {place.along * allowance, place.away * allowance});
-      // They keep the distance from other vertices that the off-centre has by nature, the shortest
-      // edge's length, so that refinement ends as it does without them.
-      if (is_unwelcome_at(best_.cavity, p, shape.shortest2) ||
-          !is_welcome(t, p, shape.shortest2, trial_) || trial_.growth >= growth)
+      // Like the off-centre, they keep the shortest edge's length as a distance from other
+      // vertices, so that refinement ends as it does without them.
+      if (is_excluded_by(best_.cavity, p, shape.shortest2) ||
+          !is_allowed(t, p, shape.shortest2, trial_) || trial_.growth >= growth)
         continue;
       growth = trial_.growth;
       is_found = true;
@@ -395,8 +393,8 @@ class Refiner {
     return is_found;
   }
 
-  // The same for a triangle that is too large: over each side the apex of an even triangle, and the
-  // sides' middles.
+  // The same for a triangle that is too large: the apexes of equilateral triangles over its edges,
+  // and the edges' midpoints.
   bool find_more_even(std::uint32_t t, const std::array<std::uint32_t, 3>& v) {
     const double even2 = even_edge_ * even_edge_, min_distance2 = 0.25 * even2;
     std::optional<LatticePoint> better;
@@ -408,12 +406,13 @@ class Refiner {
       const bool is_inside = (mesh_.triangles[t].beyond[i] & kOutline) == 0;
       for (const double away : {std::sqrt(leg2 / edge2 - 0.25), 0.0}) {
         const LatticePoint p = over(a, b, {0, away});
-        if ((away == 0 && !is_inside) || is_unwelcome_at(best_.cavity, p, min_distance2)) continue;
-        const int flaws = flaws_of(p, best_.cavity, fewest, [](const InsertionCavity::Rim&) { return 0; });
+        if ((away == 0 && !is_inside) || is_excluded_by(best_.cavity, p, min_distance2)) continue;
+        const int flaws =
+            flaws_of(p, best_.cavity, fewest, [](const InsertionCavity::Rim&) { return 0; });
         if (flaws < fewest) fewest = flaws, better = p;
       }
     }
-    if (!better || !is_welcome(t, *better, min_distance2, trial_) || trial_.growth >= best_.growth)
+    if (!better || !is_allowed(t, *better, min_distance2, trial_) || trial_.growth >= best_.growth)
       return false;
     std::swap(best_, trial_);
     return true;
@@ -431,8 +430,8 @@ class Refiner {
     return corner;
   }
 
-  // Splits the sides of a triangle that lie on segments from the corner and reach from one shell
-  // to the next but one, so that shells follow in the ratio sqrt(2).
+  // Splits an edge of the triangle that lies on a segment from the corner and spans more than one
+  // shell, so that shells follow in the ratio sqrt(2).
   bool split_shells(std::uint32_t t, std::uint32_t corner) {
     for (std::uint32_t i = 0; i < 3; ++i) {
       const EdgeId s = edge_id(t, i);
@@ -476,7 +475,7 @@ class Refiner {
   Refined out_;
 };
 
-// Far more vertices than refinement to a safe angle was ever seen to need.
+// Far more vertices than refinement to a safe angle has needed on any input.
 std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
                            const RefinementOptions& options) {
   const double step2 = lattice.step_mm() * lattice.step_mm();
@@ -494,7 +493,7 @@ double affordable_area_mm2(const Triangulation& from, const Lattice& lattice, do
 }
 
 Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
-                          const RefinementOptions& wanted) {
+                         const RefinementOptions& wanted) {
   RefinementOptions options = wanted;
   options.max_area_mm2 = affordable_area_mm2(from, lattice, wanted.max_area_mm2);
   thread_local Workspace memory;
@@ -510,7 +509,7 @@ Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
   if (safe_deg == options.min_angle_deg || best.outcome == RefinementOutcome::kVertexBudget)
     return best;
 
-  // Above, whether it ends depends on the outline. Halves the gap until it is small.
+  // Above kSafeAngle_deg it depends on the outline whether refinement ends: bisection.
   const auto budget = options.max_vertices != 0
                           ? options.max_vertices
                           : static_cast<std::uint32_t>(kSteepBudget * best.mesh.vertices.size());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The mesh while it is refined: one flat array, and insertion of a point by its cavity (Bowyer;
-// Watson, 1981).
+// The mesh during refinement: flat arrays, and insertion of a point by its cavity (Bowyer; Watson,
+// 1981).
 #pragma once
 
 #include <array>
@@ -13,7 +13,8 @@
 
 namespace trocar::pipeline {
 
-/// Beyond an edge on the outline lies, instead of an edge, this flag and the input segment's number.
+/// Beyond an edge on the outline lies, instead of an edge, this flag and the input segment's
+/// number.
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
 /// A triangle's circumcircle, for many points: the determinant of in_circle(), expanded by the
@@ -32,7 +33,7 @@ class Circumcircle {
   }
 
   enum class Answer { kNo, kYes, kTooFar };
-  /// Does p lie strictly inside?
+  /// Does p lie strictly inside? kTooFar: 64 bits do not suffice.
   Answer holds(LatticePoint p) const {
     const std::int64_t dx = std::int64_t{p.x} - origin_.x, dy = std::int64_t{p.y} - origin_.y;
     if (area2_ == 0 || !is_in_reach(dx, dy)) return Answer::kTooFar;

@@ -14,10 +14,10 @@ namespace {
 
 constexpr double kSmallInputAngle_deg = 60;
 
-// The shells around a corner, the same for every segment: the powers of two, between them their
-// ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between
-// segments that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in
-// this order that lies well inside (near, far).
+// The radii of the shells around a corner, the same for every segment: the powers of two; between
+// two of them their geometric mean; then repeated halves of the intervals. (Shells in the ratio
+// sqrt(2) leave no angle below 32 degrees between segments that meet under 30 or more; the ratio 2
+// leaves 26.) Gives the first in this order that lies well inside (near, far).
 double shell_between(double near, double far) {
   const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
   double power = 1;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A plane sweep triangulates the material (Hertel and Mehlhorn, 1983), then flips make it
-// constrained Delaunay (Lawson, 1977). The outside is never triangulated, constraints never have to
-// be recovered, and both steps decide in exact integers only.
+// constrained Delaunay (Lawson, 1977). The outside is not triangulated, no constraints have to be
+// recovered, and both steps decide in exact integers only.
 #include "pipeline/mesh/triangulation.h"
 
 #include <algorithm>
@@ -26,11 +26,11 @@ struct Swept {
 };
 
 // Sweeps over the points in lexicographic order (left to right, on a vertical from below). The
-// status holds the outline's edges that the sweep line cuts, from below, and with each edge that
-// has material above it the chain: the right border of what is triangulated of that material, as
-// far as it can be without points to the right. It runs from the left end of the edge below to that
-// of the edge above, and bulges to the right: no corner of it can be cut off. A new point right of
-// it therefore sees it where it turns towards the point, and nothing else has to be checked.
+// status lists the outline's edges that the sweep line cuts, from below. With each edge that has
+// material above it the status keeps a chain: the right border of the part of that material that
+// can be triangulated without points to the right. The chain runs from the left end of the edge
+// below to that of the edge above and is convex to the right. A new point to the right of it
+// therefore sees exactly the part of the chain that faces it, and nothing else has to be checked.
 class Sweep {
  public:
   /// In the rotated plane.
@@ -148,8 +148,8 @@ class Sweep {
     nodes_[next].previous = node;
   }
 
-  // Triangle (p, b, a), of the point p, the chain's node a and the next one b: its edges are pb, ba,
-  // ap. `edge_ap` and `edge_pb`, where known, lie beyond.
+  // Triangle (p, b, a), of the point p, the chain's node a and the next one b: its edges are pb,
+  // ba, ap. `edge_ap` and `edge_pb`, where known, lie beyond.
   std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, EdgeId edge_ap,
                      EdgeId edge_pb) {
     const auto t = static_cast<std::uint32_t>(mesh_.triangles.size());
@@ -174,8 +174,8 @@ class Sweep {
     return orient2d(points_[nodes_[a].point], points_[p], points_[nodes_[b].point]) > 0;
   }
 
-  // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end
-  // itself.
+  // Joins p to the chain's upper end: makes the triangles with the edges that it sees from there,
+  // and p becomes the upper end.
   void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, EdgeId edge = kNone) {
     while (back != front && sees(nodes_[back].previous, back, p)) {
       const std::uint32_t a = nodes_[back].previous;
@@ -187,7 +187,8 @@ class Sweep {
     back = node;
   }
   // The same from the lower end.
-  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, EdgeId edge = kNone) {
+  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
+                   EdgeId edge = kNone) {
     while (front != back && sees(front, nodes_[front].next, p)) {
       const std::uint32_t b = nodes_[front].next;
       edge = edge_id(emit(front, p, b, edge, kNone), 0);
@@ -197,7 +198,7 @@ class Sweep {
     join(node, front, edge);
     front = node;
   }
-  // p is joined to both ends: what is left of this material ends here.
+  // Joins p to both ends: this material ends at p.
   bool close(std::uint32_t front, std::uint32_t back, std::uint32_t p) {
     EdgeId edge = kNone;
     for (; front != back; front = nodes_[front].next) {

@@ -9,9 +9,9 @@
 namespace trocar::runtime {
 namespace {
 
-// How the segment cd and the triangle meet. Two convex sets are apart if and only if the line along
-// a side of one of them has them strictly on its two sides; their insides are apart if it has them
-// on its two sides, or on itself.
+// How the segment cd and the triangle meet. Two convex polygons are apart if and only if the line
+// through an edge of one of them separates them strictly; their interiors are apart if and only if
+// such a line separates them, not necessarily strictly.
 Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
                         LatticePoint d) {
   bool overlaps = true;
@@ -27,8 +27,8 @@ Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoin
   return overlaps && low < 0 && high > 0 ? Contact::kOverlaps : Contact::kTouches;
 }
 
-// Is the point (x, y) / scale inside the polygon? It is not on it. Even-odd
-// rule with a ray to the right.
+// Is the point (x, y) / scale inside the polygon? It must not lie on it. Even-odd rule with a ray
+// to the right.
 bool inside(std::int64_t x, std::int64_t y, std::int64_t scale,
             std::span<const OutlineEdge> polygon) {
   bool in = false;
@@ -102,7 +102,7 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
     if (!push_within(cavity.tool, edge_of(tool, i))) return Stage::kCapacity;
   }
-  // In a large sheet none of this is in the cache: ask for all of it before the first is needed.
+  // In a large sheet none of this is in the cache: prefetch all of it before the first use.
   cavity.near_tool.clear();
   bool overlaps = false, fits = true;
   cavity.tool_box = box_around(tool);
@@ -156,13 +156,13 @@ void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
     const Triangle& v = mesh.triangles[t];
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t to = v[next_corner(i)], beyond = mesh.across[t][i];
-      std::uint32_t kept_side = 0;
+      std::uint32_t kept_edge = 0;
       if (beyond != kNone) {
         if (cavity.contains(beyond)) continue;
-        kept_side = corner_of(mesh.triangles[beyond], to);
+        kept_edge = corner_of(mesh.triangles[beyond], to);
       }
       const std::uint32_t from = on_rim(v[i]);
-      cavity.rim.push_back({from, on_rim(to), beyond, kept_side});
+      cavity.rim.push_back({from, on_rim(to), beyond, kept_edge});
     }
   }
   for (const std::uint32_t t : cavity.triangles) {

@@ -29,8 +29,8 @@ bool is_tool(Outline tool) {
   return area > 0;
 }
 
-// Cavity, overlay and patch; again with a larger cavity where rounding ran into a triangle that was
-// to stay. Each round adds triangles, so this ends.
+// Cavity, overlay and patch; repeated with a larger cavity where rounding reached a triangle that
+// was to stay. Each round adds triangles, so this ends.
 Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                  CutWorkspace& work) noexcept {
   Stage stage = find_cavity(mesh, grid, tool, work.cavity);
@@ -49,7 +49,7 @@ Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
   return stage;
 }
 
-// `bug`: what a stage that ends in kBug has run into.
+// `bug`: the reason, for a stage that ends in kBug.
 CutReport failure(Stage stage, const char* bug) noexcept {
   CutReport report;
   report.outcome = stage == Stage::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;

@@ -14,14 +14,14 @@ std::uint32_t edge_beyond(const SheetMesh& mesh, std::uint32_t t, std::uint32_t 
 
 bool is_delaunay(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
   const Triangle &v = mesh.triangles[t], &u = mesh.triangles[mesh.across[t][i]];
-  return is_locally_delaunay(
-      mesh.vertices[v[previous_corner(i)]], mesh.vertices[v[i]], mesh.vertices[v[next_corner(i)]],
-      mesh.vertices[u[previous_corner(edge_beyond(mesh, t, i))]]);
+  return is_locally_delaunay(mesh.vertices[v[previous_corner(i)]], mesh.vertices[v[i]],
+                             mesh.vertices[v[next_corner(i)]],
+                             mesh.vertices[u[previous_corner(edge_beyond(mesh, t, i))]]);
 }
 
 // The neighbour, which had `before` beyond an edge, has `now` there.
 void relink(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::uint32_t now,
-          SheetEdit& edit) {
+            SheetEdit& edit) {
   if (neighbour == kNone) return;
   edit.touch_triangle(mesh, neighbour);
   for (std::uint32_t& beyond : mesh.across[neighbour]) {

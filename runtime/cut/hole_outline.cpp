@@ -26,7 +26,7 @@ bool add(HoleOutline& hole, std::uint32_t from, std::uint32_t to) noexcept {
   return true;
 }
 
-// A rim edge in pieces, where points of the overlay lie on it: it was bent there, or beside there.
+// A rim edge in pieces, split at the points of the overlay on it: it was bent there or beside them.
 bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
                    HoleOutline& hole) noexcept {
   const std::vector<LatticePoint>& points = overlay.points;
@@ -46,7 +46,7 @@ bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
   return fits;
 }
 
-// Rim, less the patch's own boundary.
+// The rim less the patch's boundary.
 bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
                    HoleOutline& hole) noexcept {
   hole.edges.clear();
@@ -67,7 +67,7 @@ bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& pa
   return fits;
 }
 
-// The edges that are left, by the point they leave; those points in ascending order.
+// The edges that are left, by the point where they start; those points in ascending order.
 bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
   hole.out.clear();
   hole.starts.clear();
@@ -99,8 +99,8 @@ std::uint32_t take_next(const std::vector<LatticePoint>& points, std::uint32_t u
   return taken.to;
 }
 
-// Walks along the edges, always round the same piece of area, and takes off a ring wherever
-// the walk comes back to a point.
+// Walks along the edges, always around the same piece of area, and cuts off a ring wherever the
+// walk returns to a point.
 bool walk(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
   hole.unsorted.clear();
   hole.unsorted_rings.clear();

@@ -30,8 +30,7 @@ LocalTriangulation::Status LocalTriangulation::triangulate(std::span<const Latti
   return Status::kDone;
 }
 
-// Two cells over the box of the points, a step wider than they are. That is
-// still within what the predicates take.
+// Two cells over the box of the points, enlarged by one step. The predicates are still exact there.
 void LocalTriangulation::enclose(int first_corner) noexcept {
   LatticeBox box;
   if (!points_.empty()) box = box_around(points_);
@@ -57,7 +56,7 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
   for (bool moved = true; moved;) {
     moved = false;
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (turn(c, i, p) < 0) {
+      if (orientation(c, i, p) < 0) {
         c = cells_[c].across[i];
         moved = true;
         break;
@@ -70,7 +69,7 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
   }
   std::uint32_t on_edge = kNone;
   for (std::uint32_t i = 0; i < 3; ++i) {
-    if (turn(c, i, p) == 0) on_edge = i;
+    if (orientation(c, i, p) == 0) on_edge = i;
   }
   suspects_.clear();
   if (on_edge != kNone) {
@@ -88,8 +87,8 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
   Edge s = find(a, b);
   if (s.cell == kNone) {
     if (!find_crossing(a, b)) return Status::kNotPlanar;
-    // Sloan: flip what crosses ab until nothing does, first in, first out. A queue that comes
-    // round more often than this has met input that it was not made for.
+    // Sloan: flip the edges that cross ab until none does, first in, first out. Valid input does
+    // not exhaust the budget.
     const std::size_t n = crossing_.size();
     std::size_t waiting = n, first = 0;
     for (std::size_t budget = 64 + 64 * n * n; waiting > 0; --budget) {
@@ -151,8 +150,8 @@ void LocalTriangulation::restore_delaunay(std::span<const std::uint8_t> part) no
   }
 }
 
-std::int64_t LocalTriangulation::turn(std::uint32_t c, std::uint32_t i,
-                                      LatticePoint p) const noexcept {
+std::int64_t LocalTriangulation::orientation(std::uint32_t c, std::uint32_t i,
+                                             LatticePoint p) const noexcept {
   return orient2d(points_[cells_[c].vertex[i]], points_[cells_[c].vertex[next_corner(i)]], p);
 }
 std::uint32_t LocalTriangulation::apex(Edge s) const noexcept {
@@ -171,7 +170,7 @@ void LocalTriangulation::link(Edge s, std::uint32_t other, std::uint32_t constra
   cells_[s.cell].constraint[s.edge] = constraint;
 }
 
-// Cell c now has `s`'s old side i; tell the neighbour.
+// `s` is now what edge i of the cell `old` was; updates the neighbour.
 void LocalTriangulation::adopt(Edge s, const Cell& old, std::uint32_t i) noexcept {
   link(s, old.across[i], old.constraint[i]);
   if (old.across[i] == kNone) return;
@@ -207,7 +206,7 @@ void LocalTriangulation::split_cell(std::uint32_t c, std::uint32_t v) noexcept {
   }
 }
 
-// v lies inside side i of cell c, which is never a side of the box.
+// v lies inside edge i of cell c, which is never an edge of the box.
 void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept {
   const Edge o = opposite({c, i});
   const std::uint32_t u = o.cell, j = o.edge;
@@ -216,7 +215,7 @@ void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint3
   const std::uint32_t p = oc.vertex[previous_corner(i)], q = ou.vertex[previous_corner(j)];
   const std::uint32_t c2 = new_cell(), u2 = new_cell();
   const std::uint32_t constraint = oc.constraint[i];
-  set(c, p, a, v);   // sides: pa (old), av, vp
+  set(c, p, a, v);   // edges: pa (old), av, vp
   set(c2, b, p, v);  // bp (old), pv, vb
   set(u, q, b, v);   // qb (old), bv, vq
   set(u2, a, q, v);  // aq (old), qv, va
@@ -236,12 +235,13 @@ void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint3
     suspects_.push_back({k, 0});
 }
 
-// Turns the diagonal of the two cells at s. Afterwards s.cell is (p, a, q).
+// Exchanges the diagonal of the two cells at s. Afterwards s.cell is (p, a, q).
 void LocalTriangulation::flip(Edge s) noexcept {
   const Edge o = opposite(s);
   const Cell oc = cells_[s.cell], ou = cells_[o.cell];
   const std::uint32_t a = oc.vertex[s.edge], b = oc.vertex[next_corner(s.edge)];
-  const std::uint32_t p = oc.vertex[previous_corner(s.edge)], q = ou.vertex[previous_corner(o.edge)];
+  const std::uint32_t p = oc.vertex[previous_corner(s.edge)],
+                      q = ou.vertex[previous_corner(o.edge)];
   set(s.cell, p, a, q);
   set(o.cell, q, b, p);
   adopt({s.cell, 0}, oc, previous_corner(s.edge));
@@ -258,8 +258,8 @@ bool LocalTriangulation::is_delaunay(Edge s) const noexcept {
                              points_[c.vertex[next_corner(s.edge)]], points_[apex(opposite(s))]);
 }
 
-// The sides opposite to the new point, which every flip leaves at side 0 of a
-// cell that ends in the point.
+// Checks the edges opposite the new point; every flip makes them edge 0 of a cell whose last corner
+// is the point.
 void LocalTriangulation::legalise() noexcept {
   while (!suspects_.empty()) {
     const Edge s = suspects_.back();
@@ -273,7 +273,7 @@ void LocalTriangulation::legalise() noexcept {
   }
 }
 
-// The side from v to w, of the cell on its left; of cell kNone if there is none.
+// The edge from v to w, of the cell on its left; of cell kNone if there is none.
 LocalTriangulation::Edge LocalTriangulation::find(std::uint32_t v, std::uint32_t w) const noexcept {
   Edge found{kNone, 0};
   around(v, [&](std::uint32_t c, std::uint32_t i) {
@@ -283,8 +283,8 @@ LocalTriangulation::Edge LocalTriangulation::find(std::uint32_t v, std::uint32_t
   return found;
 }
 
-// Calls visit(cell, corner of v) for every cell at v until it says false. At
-// a corner of the box the cells do not close: then on from the start backwards.
+// Calls visit(cell, corner of v) for every cell at v until it returns false. At a corner of the box
+// the cells do not form a circle: then continues from the start in the other direction.
 template <typename Visit>
 void LocalTriangulation::around(std::uint32_t v, Visit visit) const noexcept {
   const std::uint32_t start = cell_at_[v];
@@ -308,7 +308,7 @@ bool LocalTriangulation::crosses(std::uint32_t a, std::uint32_t b, std::uint32_t
   return (at_c < 0) != (at_d < 0);
 }
 
-// Walks from a to b and lists the sides in between, right end first.
+// Walks from a to b and lists the edges that it crosses, right end first.
 bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcept {
   Edge at{kNone, 0};
   around(a, [&](std::uint32_t c, std::uint32_t i) {
@@ -319,16 +319,16 @@ bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcep
     return at.cell == kNone;
   });
   while (at.cell != kNone) {
-    if (!push_within(crossing_,
-                     {cells_[at.cell].vertex[at.edge], cells_[at.cell].vertex[next_corner(at.edge)]}))
+    if (!push_within(crossing_, {cells_[at.cell].vertex[at.edge],
+                                 cells_[at.cell].vertex[next_corner(at.edge)]}))
       return false;
     const Edge o = opposite(at);
     const std::uint32_t ahead = apex(o);
     if (ahead == b) return true;
     const std::int64_t side = orient2d(points_[a], points_[b], points_[ahead]);
     if (side == 0) return false;  // a point on the constraint
-    // o runs from the left end to the right end; go on through the side that
-    // has `ahead` and the end on the other side of ab.
+    // o runs from the left end to the right end; continue through the edge between `ahead` and the
+    // end on the other side of ab.
     at = Edge{o.cell, side > 0 ? next_corner(o.edge) : previous_corner(o.edge)};
     if (cells_[at.cell].across[at.edge] == kNone) return false;
   }

@@ -45,7 +45,7 @@ bool recedes(const Strand& s, LatticePoint p) {
   return s.rim > 0 ? side >= 0 : side <= 0;
 }
 
-// Of all corners of rim and tool (law 5).
+// Of all corners of rim and tool (contract 5).
 CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexcept {
   return rotation_by_moments([&](auto&& visit) {
     for (const std::uint32_t v : cavity.rim_vertices)
@@ -55,7 +55,7 @@ CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexc
   });
 }
 
-// The bend of law 1 for two segments that cross properly.
+// The bend of contract 1, for two segments that cross properly.
 LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotation& rotate) {
   const LatticePoint a = s.first, b = s.second, c = t.first, d = t.second;
   const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
@@ -70,7 +70,7 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
   std::optional<LatticePoint> nearest, nearest_receding;
   Int128 best = 0, best_receding = 0;
   for (int i = 0; i < 4; ++i) {
-    // Without a remainder the lower corner alone stands for the coordinate.
+    // Without a remainder the crossing has this coordinate itself.
     const Int128 px = x0 + (x0 * m == x_num ? 0 : i / 2), py = y0 + (y0 * m == y_num ? 0 : i % 2);
     const Int128 ex = px * m - x_num, ey = py * m - y_num;
     const Int128 distance = ex * ex + ey * ey;
@@ -87,7 +87,7 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
   return nearest_receding ? *nearest_receding : *nearest;
 }
 
-// The work on one overlay. Whatever finds no room sets `full`, and all ends at once.
+// The construction of one overlay. It stops as soon as a capacity is used up, which sets `full`.
 class Settling {
  public:
   Settling(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity, Overlay& out)
@@ -115,7 +115,7 @@ class Settling {
     return *at;
   }
 
-  // `like` says what runs from one point to the other. The strand that stands for it now.
+  // Adds a strand between two points, along which the same runs as along `like`; gives its number.
   std::uint32_t add(std::uint32_t from, std::uint32_t to, const Strand& like) {
     Strand strand = like;
     strand.gone = false;
@@ -133,7 +133,7 @@ class Settling {
     const auto fresh = static_cast<std::uint32_t>(out_.strands.size());
     std::uint32_t* at = out_.strand_at.insert(pair_key(strand.a, strand.b), fresh);
     if (at != nullptr && *at != fresh && !out_.strands[*at].gone) {
-      // Runs that cancel leave their edge: its ends stay points of the PSLG.
+      // A strand along which nothing runs any more stays: its ends are points of the PSLG.
       out_.strands[*at].rim += strand.rim;
       out_.strands[*at].tool += strand.tool;
     } else if (at == nullptr || !push_within(out_.strands, strand)) {
@@ -145,7 +145,7 @@ class Settling {
     return *at;
   }
 
-  // First in, first out; what has been taken out makes room when the list is full.
+  // First in, first out; a full list is compacted first.
   void wait(std::uint32_t strand) {
     std::vector<std::uint32_t>& pending = out_.pending;
     if (pending.size() == pending.capacity() && next_ > 0) {
@@ -155,7 +155,7 @@ class Settling {
     if (!push_within(pending, strand)) full_ = true;
   }
 
-  // One strand after the other, each with the first in line of those that it meets.
+  // Resolves one strand after the other, each with the first of those that it meets.
   void settle() {
     std::sort(out_.pending.begin(), out_.pending.end(), [this](std::uint32_t s, std::uint32_t t) {
       return comes_before(out_.strands[s], out_.strands[t]);
@@ -186,7 +186,7 @@ class Settling {
     if (!push_within(out_.absorb, triangle)) full_ = true;
   }
 
-  // In the plane after its own turn.
+  // In the rotated plane.
   bool comes_before(const Strand& s, const Strand& t) const {
     const auto ends = [this](const Strand& strand) {
       const LatticePoint a = out_.rotation(strand.first), b = out_.rotation(strand.second);
@@ -195,7 +195,7 @@ class Settling {
     return ends(s) < ends(t);
   }
 
-  // A shared edge stays; the bend waits for the next round, when its triangle has gone too.
+  // A shared edge is not bent: its triangle is added to the cavity for the next round.
   bool is_held(const Strand& s, const Strand& t, Meeting meeting, LatticePoint p) {
     bool held = false;
     for (const Strand* strand : {&s, &t}) {
@@ -207,7 +207,7 @@ class Settling {
     return held;
   }
 
-  // Makes an end of p, where the two cross or touch.
+  // Splits the two at p, where they cross or touch.
   void resolve(std::uint32_t i, std::uint32_t j, LatticePoint p) {
     const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
     const bool split_s = p != s.first && p != s.second;
@@ -223,7 +223,7 @@ class Settling {
     out_.strands[index].gone = true;
     const std::uint32_t middle = point(p);
     if (full_) return;
-    // The piece with the end that comes first.
+    // First the piece with the end that comes first in the rotated plane.
     const bool as_it_is = out_.rotation(s.first) < out_.rotation(s.second);
     for (const bool piece : {as_it_is, !as_it_is}) {
       wait(piece ? add(s.a, middle, s) : add(middle, s.b, s));
@@ -231,7 +231,7 @@ class Settling {
     }
   }
 
-  // The rare bend outwards (law 1) must not run over material that stays.
+  // The rare bend outwards (contract 1) must not cover material that stays.
   void absorb_swept(const Strand& s, LatticePoint p) {
     std::array<LatticePoint, 3> swept = {s.first, p, s.second};
     if (orient2d(swept[0], swept[1], swept[2]) < 0) std::swap(swept[0], swept[2]);
@@ -299,8 +299,8 @@ Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavi
   if (settling.full()) return Stage::kCapacity;
   if (!out.absorb.empty()) return Stage::kAgain;
 
-  // Vertices within the cavity that the tool does not cover stay for the mesh's
-  // sake, unless a bend ran through them.
+  // Vertices within the cavity that the tool does not cover stay, for the quality of the mesh,
+  // unless a bend runs through them.
   for (const std::uint32_t v : cavity.inner) {
     const LatticePoint p = mesh.vertices[v];
     if (!strictly_outside(p, cavity.tool)) continue;

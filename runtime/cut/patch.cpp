@@ -21,8 +21,8 @@ Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noe
                                        : Stage::kBug;
 }
 
-// Which cells are material: the windings of rim and tool around each, spread from
-// the box's corner, around which nothing winds.
+// Which cells are material: the winding numbers of rim and tool around each, propagated from the
+// box's corner, where both are zero.
 void find_parts(const Overlay& overlay, Patch& patch) noexcept {
   const LocalTriangulation& t = patch.triangulation;
   constexpr std::uint8_t kNotYet = 2;
@@ -41,7 +41,7 @@ void find_parts(const Overlay& overlay, Patch& patch) noexcept {
       if (beyond == kNone || patch.part[beyond] != kNotYet) continue;
       Patch::Winding w = patch.windings[c];
       if (cell.constraint[i] != kNone) {
-        // This cell is on the left of side i; the right has one winding less.
+        // This cell is on the left of edge i; on the right the winding number is one less.
         const Strand& strand = overlay.strands[cell.constraint[i]];
         const std::int32_t sign = cell.vertex[i] == strand.a ? -1 : 1;
         w.rim += sign * strand.rim;
@@ -54,7 +54,7 @@ void find_parts(const Overlay& overlay, Patch& patch) noexcept {
   }
 }
 
-// The cells of part 1 as triangles, and what lies beyond each of their sides.
+// The cells of part 1 as triangles, and what lies beyond each of their edges.
 void collect(const Overlay& overlay, Patch& patch) noexcept {
   const std::span<const Cell> cells = patch.triangulation.cells();
   patch.triangles.clear();

@@ -8,7 +8,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint32_t kPlanned = kNone - 1;  // the group's vertex will be made
+constexpr std::uint32_t kPlanned = kNone - 1;  // the group gets a new vertex
 
 // Lists the run around v that the kept triangle belongs to.
 bool list_run(const SheetMesh& mesh, const Cavity& cavity, std::uint32_t v, std::uint32_t triangle,
@@ -73,7 +73,7 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t j = next_corner(i);
       if (const std::uint32_t u = patch.across[t][i]; u != kNone) {
-        if (u < t) continue;  // seen from there
+        if (u < t) continue;  // joined already
         const Triangle& beyond = patch.triangles[u];
         join(space, node(space, t, i), node(space, u, corner_of(beyond, patch.triangles[t][i])));
         join(space, node(space, t, j), node(space, u, corner_of(beyond, patch.triangles[t][j])));
@@ -128,9 +128,9 @@ void release(SheetMesh& mesh, const Cavity& cavity, const StitchSpace& space, Sh
   for (const RimEdge& e : cavity.rim) {
     if (e.kept == kNone) continue;
     edit.touch_triangle(mesh, e.kept);
-    mesh.across[e.kept][e.kept_side] = kNone;
+    mesh.across[e.kept][e.kept_edge] = kNone;
   }
-  // From the back: the lowest slots are the first to be taken again.
+  // In descending order, so that the lowest slots are the first to be used again.
   for (std::size_t i = cavity.triangles.size(); i-- > 0;)
     edit.release_triangle(mesh, cavity.triangles[i]);
   for (std::size_t i = cavity.inner.size(); i-- > 0;)

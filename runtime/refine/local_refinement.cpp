@@ -276,7 +276,8 @@ class LocalRefiner {
       int growth = 0;
       for (std::size_t k = 0; k < removal_.ears(); ++k) {
         const Triangle& ear = removal_.ear(k);
-        const TriangleCorners e{mesh_.vertices[ear[0]], mesh_.vertices[ear[1]], mesh_.vertices[ear[2]]};
+        const TriangleCorners e{mesh_.vertices[ear[0]], mesh_.vertices[ear[1]],
+                                mesh_.vertices[ear[2]]};
         growth += is_sharp(e) ? 1 : 0;
       }
       for (const std::uint32_t s : removal_.star())
@@ -334,8 +335,8 @@ class LocalRefiner {
     return r.beyond == kNone && blocks(mesh_.vertices[r.from], mesh_.vertices[r.to], p);
   }
 
-  // Inserts a point on the bisector of the shortest edge: as far out as angle and size allow, but no
-  // farther than the circumcentre. A boundary edge that is in its way is split instead.
+  // Inserts a point on the bisector of the shortest edge: as far out as angle and size allow, but
+  // no farther than the circumcentre. A boundary edge that is in its way is split instead.
   Step improve(std::uint32_t t) noexcept {
     const TriangleCorners v = corners(mesh_, t);
     const auto [edge, shortest2] = shortest_edge(v);
@@ -431,7 +432,8 @@ class LocalRefiner {
       count(old.slot);
     for (const SheetEdit::OldVertex& old : edit_.vertices())
       is_new_[old.slot] = 0;
-    if (result_.outcome == LocalRefinementOutcome::kDone && result_.sharp + result_.obtuse_edges > 0)
+    if (result_.outcome == LocalRefinementOutcome::kDone &&
+        result_.sharp + result_.obtuse_edges > 0)
       result_.outcome = LocalRefinementOutcome::kLimitedByOutline;
   }
 
@@ -464,9 +466,9 @@ class LocalRefiner {
 };
 
 LocalRefinementResult refine_locally(SheetMesh& mesh, SheetEdit& edit,
-                                std::span<const std::uint32_t> seeds,
-                                const LocalRefinementOptions& options,
-                                LocalRefinementWorkspace& workspace) noexcept {
+                                     std::span<const std::uint32_t> seeds,
+                                     const LocalRefinementOptions& options,
+                                     LocalRefinementWorkspace& workspace) noexcept {
   return LocalRefiner(mesh, edit, options, workspace).run(seeds);
 }
 

@@ -28,9 +28,9 @@
 #include <vector>
 
 #include "runtime/mesh/function_view.h"
-#include "runtime/refine/point_insertion.h"
 #include "runtime/mesh/sheet_edit.h"
 #include "runtime/mesh/sheet_mesh.h"
+#include "runtime/refine/point_insertion.h"
 #include "runtime/refine/triangle_queue.h"
 #include "runtime/refine/vertex_removal.h"
 
@@ -108,8 +108,8 @@ class LocalRefinementWorkspace {
 /// begun on this mesh, and may list earlier edits. O(k log k) for k triangles that
 /// are seeds or new, plus O(entries of `edit`).
 LocalRefinementResult refine_locally(SheetMesh& mesh, SheetEdit& edit,
-                                std::span<const std::uint32_t> seeds,
-                                const LocalRefinementOptions& options,
-                                LocalRefinementWorkspace& workspace) noexcept;
+                                     std::span<const std::uint32_t> seeds,
+                                     const LocalRefinementOptions& options,
+                                     LocalRefinementWorkspace& workspace) noexcept;
 
 }  // namespace trocar::runtime

@@ -42,8 +42,7 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
         continue;
       }
       if (rim_.size() == kMaxCavity + 2) return false;
-      rim_.push_back(
-          {mesh.triangles[t][i], mesh.triangles[t][next_corner(i)], beyond, {t, i}});
+      rim_.push_back({mesh.triangles[t][i], mesh.triangles[t][next_corner(i)], beyond, {t, i}});
     }
   }
   return true;

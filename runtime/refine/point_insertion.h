@@ -54,8 +54,9 @@ class PointInsertion {
   std::vector<std::uint32_t> cavity_, star_;
   std::vector<CavityEdge> rim_;
   std::uint32_t vertex_ = kNone;
-  std::vector<std::uint32_t> visited_;   // by triangle slot: == search_ if it is in the cavity
-  std::vector<std::uint32_t> starting_;  // by vertex slot: the star's triangle whose edge 0 starts there
+  std::vector<std::uint32_t> visited_;  // by triangle slot: == search_ if it is in the cavity
+  std::vector<std::uint32_t>
+      starting_;  // by vertex slot: the star's triangle whose edge 0 starts there
   std::uint32_t search_ = 0;
 };
 
