@@ -41,7 +41,7 @@ constexpr std::size_t kSteepBudget = 4;
 constexpr double kAngleStep_deg = 0.25;
 
 // A new point, and the mesh with it.
-struct Prospect {
+struct Candidate {
   LatticePoint p;
   InsertionCavity cavity;
   int growth = 0;  // of the number of bad triangles and encroached edges, or kImpossible
@@ -62,7 +62,7 @@ struct Workspace {
   std::vector<VertexOrigin> origins;
   std::vector<EncroachedTicket> encroached;
   std::vector<std::uint32_t> fresh;
-  Prospect best, trial;
+  Candidate best, trial;
 };
 
 class Refiner {
@@ -99,7 +99,7 @@ class Refiner {
 
   Refined run() {
     for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
-      look_at_edges(t);
+      note_encroached_edges(t);
       const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
       const TriangleShape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
       queue(t, shape.is_bad(), shape.shortest2);
@@ -139,7 +139,7 @@ class Refiner {
   }
 
   // Notes edges on the outline that are encroached upon.
-  void look_at_edges(std::uint32_t t) {
+  void note_encroached_edges(std::uint32_t t) {
     const WorkingTriangle& tri = mesh_.triangles[t];
     if (((tri.beyond[0] | tri.beyond[1] | tri.beyond[2]) & kOutline) == 0) return;
     for (std::uint32_t i = 0; i < 3; ++i) {
@@ -164,21 +164,21 @@ class Refiner {
     r.is_bad = shape.is_bad();
     return shape;
   }
-  void look_ahead(Prospect& prospect) const {
-    prospect.flaws = 0;
+  void look_ahead(Candidate& candidate) const {
+    candidate.flaws = 0;
     bool is_star = true;
-    for (InsertionCavity::Rim& r : prospect.cavity.rim) {
-      const TriangleShape shape = look_ahead(r, prospect.p);
-      prospect.flaws += shape.is_bad() ? 1 : 0;
+    for (InsertionCavity::Rim& r : candidate.cavity.rim) {
+      const TriangleShape shape = look_ahead(r, candidate.p);
+      candidate.flaws += shape.is_bad() ? 1 : 0;
       is_star = is_star && shape.doubled_area > 0;
     }
-    sum_up(prospect);
-    if (!is_star) prospect.growth = kImpossible;
+    sum_up(candidate);
+    if (!is_star) candidate.growth = kImpossible;
   }
-  void sum_up(Prospect& prospect) const {
-    prospect.growth = prospect.flaws;
-    for (const std::uint32_t t : prospect.cavity.triangles)
-      prospect.growth -= mesh_.triangles[t].is_bad;
+  void sum_up(Candidate& candidate) const {
+    candidate.growth = candidate.flaws;
+    for (const std::uint32_t t : candidate.cavity.triangles)
+      candidate.growth -= mesh_.triangles[t].is_bad;
   }
 
   bool is_in_the_way(const InsertionCavity::Rim& r, LatticePoint p) const {
@@ -210,7 +210,7 @@ class Refiner {
 
   // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
   // its distance from other vertices?
-  bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Prospect& out) {
+  bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
     if (!mesh_.circumcircle_holds(t, p)) return false;
     out.p = p;
     out.flaws = 0;
@@ -226,7 +226,7 @@ class Refiner {
 
   // The longest edge of the outline that a point within the circumcircle of t encroaches upon or
   // lies beyond; kNoEdge if there is none.
-  EdgeId find_in_the_way(std::uint32_t t, LatticePoint p, Prospect& out) {
+  EdgeId find_in_the_way(std::uint32_t t, LatticePoint p, Candidate& out) {
     out.p = p;
     mesh_.find_cavity(t, p, kNoEdge, out.cavity);
     EdgeId longest = kNoEdge;
@@ -252,7 +252,7 @@ class Refiner {
   }
 
   // The mesh with the edge split at p.
-  bool look_at_split(EdgeId s, LatticePoint p, Prospect& out) {
+  bool look_at_split(EdgeId s, LatticePoint p, Candidate& out) {
     out.p = p;
     out.flaws = 0;
     mesh_.find_cavity(triangle_of(s), p, s, out.cavity);
@@ -312,15 +312,15 @@ class Refiner {
       std::swap(best_, trial_);
     if (!insert(best_, {static_cast<std::int32_t>(segment)}, s)) return false;
     for (const std::uint32_t t : fresh_)
-      look_at_edges(t);
+      note_encroached_edges(t);
     return true;
   }
 
-  bool insert(const Prospect& prospect, VertexOrigin origin, EdgeId split) {
-    if (!mesh_.fill_cavity(prospect.cavity, prospect.p, split, fresh_)) return false;
+  bool insert(const Candidate& candidate, VertexOrigin origin, EdgeId split) {
+    if (!mesh_.fill_cavity(candidate.cavity, candidate.p, split, fresh_)) return false;
     origins_.push_back(origin);
     for (std::size_t k = 0; k < fresh_.size(); ++k)
-      queue(fresh_[k], prospect.cavity.rim[k].is_bad, prospect.cavity.rim[k].shortest2);
+      queue(fresh_[k], candidate.cavity.rim[k].is_bad, candidate.cavity.rim[k].shortest2);
     return true;
   }
 
@@ -465,7 +465,7 @@ class Refiner {
   std::vector<VertexOrigin>& origins_;
   std::vector<EncroachedTicket>& encroached_;
   std::vector<std::uint32_t>& fresh_;
-  Prospect &best_, &trial_;
+  Candidate &best_, &trial_;
   double min_angle_deg_, max_area_mm2_;
   std::uint32_t max_vertices_;
   AngleCircle circle_;  // for the wanted angle

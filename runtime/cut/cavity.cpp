@@ -94,13 +94,13 @@ void Cavity::allocate(std::size_t max_triangles) {
   vertices.allocate(3 * max_triangles);
 }
 
-Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
-                  Cavity& cavity) noexcept {
+StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                         Cavity& cavity) noexcept {
   cavity.triangles.clear();
   cavity.members.clear();
   cavity.tool.clear();
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
-    if (!push_within(cavity.tool, edge_of(tool, i))) return Stage::kCapacity;
+    if (!push_within(cavity.tool, edge_of(tool, i))) return StageOutcome::kCapacity;
   }
   // In a large sheet none of this is in the cache: prefetch all of it before the first use.
   cavity.near_tool.clear();
@@ -111,7 +111,7 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
     __builtin_prefetch(&mesh.across[t]);
     fits = fits && push_within(cavity.near_tool, t);
   });
-  if (!fits) return Stage::kCapacity;
+  if (!fits) return StageOutcome::kCapacity;
   for (const std::uint32_t t : cavity.near_tool) {
     for (const std::uint32_t v : mesh.triangles[t])
       __builtin_prefetch(&mesh.vertices[v]);
@@ -128,17 +128,17 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
     cavity.members.clear();
   }
   std::sort(cavity.triangles.begin(), cavity.triangles.end());
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
-Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept {
+StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept {
   for (const std::uint32_t t : triangles) {
     if (cavity.contains(t)) continue;
-    if (!push_within(cavity.triangles, t)) return Stage::kCapacity;
+    if (!push_within(cavity.triangles, t)) return StageOutcome::kCapacity;
     cavity.members.insert(t, 1);
   }
   std::sort(cavity.triangles.begin(), cavity.triangles.end());
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
 void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {

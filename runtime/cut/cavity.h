@@ -29,7 +29,7 @@ struct OutlineEdge {
 };
 
 /// How a stage of a cut ended.
-enum class Stage : std::uint8_t {
+enum class StageOutcome : std::uint8_t {
   kDone,
   kAgain,     ///< rounding reached triangles that were to stay: repeat with them in the cavity
   kCapacity,  ///< the workspace is too small
@@ -78,11 +78,11 @@ struct Cavity {
 /// Finds the triangles that the tool meets, including those that it only touches, so that no tool
 /// edge ends or lies on the edge of a triangle that stays. None if it overlaps none. Time
 /// proportional to the triangles near the tool.
-Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
-                  Cavity& cavity) noexcept;
+StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                         Cavity& cavity) noexcept;
 
 /// Adds triangles to the cavity; those that it has already are skipped.
-Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
+StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
 
 /// Fills in the cavity's rim and vertices.
 void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;

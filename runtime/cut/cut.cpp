@@ -31,28 +31,28 @@ bool is_tool(Outline tool) {
 
 // Cavity, overlay and patch; repeated with a larger cavity where rounding reached a triangle that
 // was to stay. Each round adds triangles, so this ends.
-Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
-                 CutWorkspace& work) noexcept {
-  Stage stage = find_cavity(mesh, grid, tool, work.cavity);
+StageOutcome plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                        CutWorkspace& work) noexcept {
+  StageOutcome stage = find_cavity(mesh, grid, tool, work.cavity);
   if (work.cavity.triangles.empty()) return stage;
-  while (stage == Stage::kDone) {
+  while (stage == StageOutcome::kDone) {
     trace_rim(mesh, work.cavity);
-    stage = settle_overlay(mesh, grid, work.cavity, work.overlay);
+    stage = build_overlay(mesh, grid, work.cavity, work.overlay);
     std::span<const std::uint32_t> absorb = work.overlay.absorb;
-    if (stage == Stage::kDone) {
+    if (stage == StageOutcome::kDone) {
       stage = make_patch(work.overlay, work.patch);
       absorb = work.patch.absorb;
     }
-    if (stage != Stage::kAgain) return stage;
+    if (stage != StageOutcome::kAgain) return stage;
     stage = enlarge_cavity(absorb, work.cavity);
   }
   return stage;
 }
 
 // `bug`: the reason, for a stage that ends in kBug.
-CutReport failure(Stage stage, const char* bug) noexcept {
+CutReport failure(StageOutcome stage, const char* bug) noexcept {
   CutReport report;
-  report.outcome = stage == Stage::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;
+  report.outcome = stage == StageOutcome::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;
   if (report.outcome == CutOutcome::kBug) report.bug = bug;
   return report;
 }
@@ -100,21 +100,21 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
     report.outcome = CutOutcome::kNotATool;
     return report;
   }
-  Stage stage = plan_patch(mesh, grid, tool, work);
-  if (stage != Stage::kDone) return failure(stage, "rim and tool are not planar");
+  StageOutcome stage = plan_patch(mesh, grid, tool, work);
+  if (stage != StageOutcome::kDone) return failure(stage, "rim and tool are not planar");
   if (work.cavity.triangles.empty()) return report;
 
   stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
-  if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
+  if (stage != StageOutcome::kDone) return failure(stage, "the outline of the hole does not close");
   const Proof proof =
       prove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof);
-  if (proof.full) return failure(Stage::kCapacity, nullptr);
-  if (proof.bug != nullptr) return failure(Stage::kBug, proof.bug);
+  if (proof.full) return failure(StageOutcome::kCapacity, nullptr);
+  if (proof.bug != nullptr) return failure(StageOutcome::kBug, proof.bug);
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
-  if (stage == Stage::kDone)
+  if (stage == StageOutcome::kDone)
     stage = restore_delaunay(mesh, work.stitch.rim_edges, work.flips, edit, report.flips);
-  if (stage != Stage::kDone) {
+  if (stage != StageOutcome::kDone) {
     edit.undo(mesh);
     return failure(stage, nullptr);
   }

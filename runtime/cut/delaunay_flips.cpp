@@ -55,8 +55,8 @@ void FlipSpace::allocate(std::size_t max_triangles) {
   waits.allocate(max_triangles);
 }
 
-Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges, FlipSpace& space,
-                       SheetEdit& edit, std::uint32_t& flips) noexcept {
+StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges,
+                              FlipSpace& space, SheetEdit& edit, std::uint32_t& flips) noexcept {
   space.waiting.clear();
   space.waits.clear();
   flips = 0;
@@ -87,7 +87,7 @@ Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges, Fli
       break;
     }
   }
-  return fits ? Stage::kDone : Stage::kCapacity;
+  return fits ? StageOutcome::kDone : StageOutcome::kCapacity;
 }
 
 }  // namespace trocar::runtime

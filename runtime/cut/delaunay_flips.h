@@ -24,7 +24,7 @@ struct FlipSpace {
 /// exchanges the diagonals of a strictly convex quadrangle, so the sheet stays valid; it ends
 /// because every flip lowers the surface lifted to the paraboloid. `flips` counts them. kCapacity:
 /// more triangles than `space` can hold; `edit` can undo what has been done.
-Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges, FlipSpace& space,
-                       SheetEdit& edit, std::uint32_t& flips) noexcept;
+StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges,
+                              FlipSpace& space, SheetEdit& edit, std::uint32_t& flips) noexcept;
 
 }  // namespace trocar::runtime

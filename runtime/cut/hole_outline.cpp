@@ -173,15 +173,15 @@ void HoleOutline::allocate(std::size_t max_points, std::size_t max_edges) {
   reserve_touched(unsorted_rings, max_edges);
 }
 
-Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-                   HoleOutline& hole) noexcept {
+StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                          HoleOutline& hole) noexcept {
   hole.points.clear();
   hole.ring_end.clear();
-  if (!collect_edges(cavity, overlay, patch, hole)) return Stage::kCapacity;
-  if (!list_by_point(overlay.points, hole)) return Stage::kCapacity;
-  if (!walk(overlay.points, hole)) return Stage::kBug;
+  if (!collect_edges(cavity, overlay, patch, hole)) return StageOutcome::kCapacity;
+  if (!list_by_point(overlay.points, hole)) return StageOutcome::kCapacity;
+  if (!walk(overlay.points, hole)) return StageOutcome::kBug;
   write_sorted(overlay.points, hole);
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

@@ -43,7 +43,7 @@ struct HoleOutline {
 };
 
 /// kBug: rim and patch do not bound an area.
-Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-                   HoleOutline& hole) noexcept;
+StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                          HoleOutline& hole) noexcept;
 
 }  // namespace trocar::runtime

@@ -88,9 +88,10 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
 }
 
 // The construction of one overlay. It stops as soon as a capacity is used up, which sets `full`.
-class Settling {
+class OverlayBuilder {
  public:
-  Settling(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity, Overlay& out)
+  OverlayBuilder(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                 Overlay& out)
       : mesh_(mesh), grid_(grid), cavity_(cavity), out_(out) {
     out.points.clear();
     out.strands.clear();
@@ -146,7 +147,7 @@ class Settling {
   }
 
   // First in, first out; a full list is compacted first.
-  void wait(std::uint32_t strand) {
+  void enqueue(std::uint32_t strand) {
     std::vector<std::uint32_t>& pending = out_.pending;
     if (pending.size() == pending.capacity() && next_ > 0) {
       pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(next_));
@@ -156,7 +157,7 @@ class Settling {
   }
 
   // Resolves one strand after the other, each with the first of those that it meets.
-  void settle() {
+  void resolve_crossings() {
     std::sort(out_.pending.begin(), out_.pending.end(), [this](std::uint32_t s, std::uint32_t t) {
       return comes_before(out_.strands[s], out_.strands[t]);
     });
@@ -214,8 +215,8 @@ class Settling {
     const bool split_t = p != t.first && p != t.second;
     if (split_s) split(i, s, p);
     if (split_t) split(j, t, p);
-    if (!split_s) wait(i);
-    if (!split_t) wait(j);
+    if (!split_s) enqueue(i);
+    if (!split_t) enqueue(j);
   }
 
   void split(std::uint32_t index, const Strand& s, LatticePoint p) {
@@ -226,7 +227,7 @@ class Settling {
     // First the piece with the end that comes first in the rotated plane.
     const bool as_it_is = out_.rotation(s.first) < out_.rotation(s.second);
     for (const bool piece : {as_it_is, !as_it_is}) {
-      wait(piece ? add(s.a, middle, s) : add(middle, s.b, s));
+      enqueue(piece ? add(s.a, middle, s) : add(middle, s.b, s));
       if (full_) return;
     }
   }
@@ -275,29 +276,29 @@ void Overlay::allocate(std::size_t max_triangles, std::size_t max_points, std::s
   strand_at.allocate(max_strands);
 }
 
-Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
-                     Overlay& out) noexcept {
-  Settling settling(mesh, grid, cavity, out);
+StageOutcome build_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                           Overlay& out) noexcept {
+  OverlayBuilder builder(mesh, grid, cavity, out);
   for (const std::uint32_t v : cavity.rim_vertices)
-    out.rim_point.push_back(settling.point(mesh.vertices[v]));
+    out.rim_point.push_back(builder.point(mesh.vertices[v]));
   Strand rim;
   rim.rim = 1;
   rim.kept_right = true;
   for (const RimEdge& e : cavity.rim) {
-    if (settling.full()) return Stage::kCapacity;
+    if (builder.full()) return StageOutcome::kCapacity;
     rim.kept = e.kept;
-    out.rim_strand.push_back(settling.add(out.rim_point[e.from], out.rim_point[e.to], rim));
+    out.rim_strand.push_back(builder.add(out.rim_point[e.from], out.rim_point[e.to], rim));
   }
   Strand edge;
   edge.tool = 1;
   for (const OutlineEdge& e : cavity.tool) {
-    const std::uint32_t a = settling.point(e.a), b = settling.point(e.b);
-    if (settling.full()) return Stage::kCapacity;
-    settling.wait(settling.add(a, b, edge));
+    const std::uint32_t a = builder.point(e.a), b = builder.point(e.b);
+    if (builder.full()) return StageOutcome::kCapacity;
+    builder.enqueue(builder.add(a, b, edge));
   }
-  settling.settle();
-  if (settling.full()) return Stage::kCapacity;
-  if (!out.absorb.empty()) return Stage::kAgain;
+  builder.resolve_crossings();
+  if (builder.full()) return StageOutcome::kCapacity;
+  if (!out.absorb.empty()) return StageOutcome::kAgain;
 
   // Vertices within the cavity that the tool does not cover stay, for the quality of the mesh,
   // unless a bend runs through them.
@@ -307,9 +308,9 @@ Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavi
     const bool on_edge = std::any_of(out.strands.begin(), out.strands.end(), [p](const Strand& s) {
       return !s.gone && is_inside_segment(s.first, s.second, p);
     });
-    if (!on_edge) settling.point(p);
+    if (!on_edge) builder.point(p);
   }
-  return settling.full() ? Stage::kCapacity : Stage::kDone;
+  return builder.full() ? StageOutcome::kCapacity : StageOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

@@ -63,7 +63,7 @@ struct Overlay {
 
 /// O(c^2) for c edges of rim and tool, with c the few dozens of a puncture. kAgain: only `absorb`
 /// is valid.
-Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
-                     Overlay& out) noexcept;
+StageOutcome build_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                           Overlay& out) noexcept;
 
 }  // namespace trocar::runtime

@@ -6,7 +6,7 @@ namespace {
 
 using Status = LocalTriangulation::Status;
 
-Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
+StageOutcome triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
   Status status = triangulation.triangulate(overlay.points, overlay.rotation.lower_left());
   for (std::uint32_t s = 0; s < overlay.strands.size() && status == Status::kDone; ++s) {
     const Strand& strand = overlay.strands[s];
@@ -16,9 +16,9 @@ Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noe
     status = as_it_is ? triangulation.constrain(strand.a, strand.b, s)
                       : triangulation.constrain(strand.b, strand.a, s);
   }
-  return status == Status::kDone       ? Stage::kDone
-         : status == Status::kCapacity ? Stage::kCapacity
-                                       : Stage::kBug;
+  return status == Status::kDone       ? StageOutcome::kDone
+         : status == Status::kCapacity ? StageOutcome::kCapacity
+                                       : StageOutcome::kBug;
 }
 
 // Which cells are material: the winding numbers of rim and tool around each, propagated from the
@@ -102,13 +102,14 @@ void Patch::allocate(std::size_t max_points) {
   reserve_touched(pending, cells);
 }
 
-Stage make_patch(const Overlay& overlay, Patch& patch) noexcept {
-  if (const Stage stage = triangulate(overlay, patch.triangulation); stage != Stage::kDone)
+StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept {
+  if (const StageOutcome stage = triangulate(overlay, patch.triangulation);
+      stage != StageOutcome::kDone)
     return stage;
   find_parts(overlay, patch);
   patch.triangulation.restore_delaunay(patch.part);
   collect(overlay, patch);
-  return patch.absorb.empty() ? Stage::kDone : Stage::kAgain;
+  return patch.absorb.empty() ? StageOutcome::kDone : StageOutcome::kAgain;
 }
 
 }  // namespace trocar::runtime

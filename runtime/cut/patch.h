@@ -33,6 +33,6 @@ struct Patch {
 
 /// Constrained Delaunay triangles of the overlay that lie inside the rim and outside the tool.
 /// kAgain: only `absorb` is valid. kBug: the overlay is not a PSLG.
-Stage make_patch(const Overlay& overlay, Patch& patch) noexcept;
+StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept;
 
 }  // namespace trocar::runtime

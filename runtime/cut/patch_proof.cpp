@@ -106,8 +106,8 @@ std::int64_t doubled_area_removed(const SheetMesh& mesh, const Cavity& cavity,
 }
 
 // Proofs 1 to 3; lists the new boundary edges. Null if all holds.
-const char* disprove_patch(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
-                           ProofSpace& space, bool& full) {
+const char* find_defect(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
+                        ProofSpace& space, bool& full) {
   for (std::uint32_t t = 0; t < patch.triangles.size() && !full; ++t) {
     const std::array<LatticePoint, 3> p = {overlay.points[patch.triangles[t][0]],
                                            overlay.points[patch.triangles[t][1]],
@@ -160,7 +160,7 @@ Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavit
   space.old.clear();
   proof.full = !list_rim(cavity, overlay, space);
   if (proof.full) return proof;
-  proof.bug = disprove_patch(mesh, overlay, patch, space, proof.full);
+  proof.bug = find_defect(mesh, overlay, patch, space, proof.full);
   if (proof.full || proof.bug != nullptr) return proof;
   if (!space.fresh.empty()) {
     proof.full = !list_kept_boundary(mesh, grid, cavity, space);

@@ -195,15 +195,15 @@ void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
   reserve_touched(rim_edges, 3 * max_created);
 }
 
-Stage stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-             StitchSpace& space, SheetEdit& edit) noexcept {
+StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept {
   if (!list_runs(mesh, cavity, space) || !group_corners(mesh, overlay, patch, space) ||
       !plan_vertices(mesh, cavity, overlay, patch, space))
-    return Stage::kCapacity;
+    return StageOutcome::kCapacity;
   release(mesh, cavity, space, edit);
   number_vertices(mesh, space, edit);
   put_in(mesh, patch, space, edit);
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

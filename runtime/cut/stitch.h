@@ -42,7 +42,7 @@ struct StitchSpace {
 /// slots, except where the cut leaves several fans of triangles at one: then each but the first
 /// gets a new slot, so that the mesh stays manifold. Vertices without a triangle are released.
 /// kCapacity: the workspace, or the sheet's free slots, do not suffice; nothing has been done.
-Stage stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-             StitchSpace& space, SheetEdit& edit) noexcept;
+StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;
 
 }  // namespace trocar::runtime

@@ -63,16 +63,16 @@ inline std::vector<Corners> canonical(const SliceMesh& mesh) {
 
 /// The edges that every Delaunay triangulation of the outline and its vertices has: those on the
 /// boundary, and those whose four points are not on one circle.
-inline std::vector<std::array<LatticePoint, 2>> decided_sides(const SliceMesh& mesh) {
+inline std::vector<std::array<LatticePoint, 2>> decided_edges(const SliceMesh& mesh) {
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
   for (const Triangle& t : mesh.triangles) {
     for (std::size_t i = 0; i < 3; ++i)
       apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
   }
   std::vector<std::array<LatticePoint, 2>> out;
-  for (const auto& [side, inner] : apex) {
-    const auto beyond = apex.find({side.second, side.first});
-    const LatticePoint a = mesh.vertices[side.first], b = mesh.vertices[side.second];
+  for (const auto& [edge, inner] : apex) {
+    const auto beyond = apex.find({edge.second, edge.first});
+    const LatticePoint a = mesh.vertices[edge.first], b = mesh.vertices[edge.second];
     if (beyond == apex.end() ||
         in_circle(a, b, mesh.vertices[inner], mesh.vertices[beyond->second]) != 0)
       out.push_back({a, b});
@@ -83,7 +83,7 @@ inline std::vector<std::array<LatticePoint, 2>> decided_sides(const SliceMesh& m
 
 /// Is there more than one Delaunay triangulation?
 inline bool has_ties(const SliceMesh& mesh) {
-  return decided_sides(mesh).size() != 3 * mesh.triangles.size();
+  return decided_edges(mesh).size() != 3 * mesh.triangles.size();
 }
 
 }  // namespace trocar::test

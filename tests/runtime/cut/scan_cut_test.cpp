@@ -379,7 +379,7 @@ TEST(ScanCuts, EveryCutIsValidAndExact) {
     std::printf(
         "%-6s %d cuts: %d met nothing, %d found no free slot, %d lay inside; %lld triangles "
         "replaced (at most %lld) by %lld, %lld flips, %d quality passes, %lld obtuse boundary "
-        "sides; %d checked as a whole, %d areas, %d by CGAL\n",
+        "edges; %d checked as a whole, %d areas, %d by CGAL\n",
         name, n.cuts, n.nothing, n.out_of_slots, n.inside, static_cast<long long>(n.removed),
         static_cast<long long>(n.largest), static_cast<long long>(n.created),
         static_cast<long long>(n.flips), n.refined, static_cast<long long>(n.obtuse),
