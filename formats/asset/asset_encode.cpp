@@ -84,8 +84,8 @@ json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice,
   };
   record.outline_vertices = static_cast<std::uint32_t>(points.size());
   json primitive = {{"mode", kLines}, {"material", 1}};
-  primitive["attributes"]["POSITION"] = add(positions(points.size(), box_around(points), lattice), xyz,
-                                            GltfWriter::kVertices, record.outline_offset);
+  primitive["attributes"]["POSITION"] = add(positions(points.size(), box_around(points), lattice),
+                                            xyz, GltfWriter::kVertices, record.outline_offset);
   json accessor = {{"type", "SCALAR"}, {"count", indices.size()}};
   const bool narrow = points.size() < 65535;
   record.segment_index_bytes = narrow ? 2 : 4;
