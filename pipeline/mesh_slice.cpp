@@ -103,6 +103,9 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   out.max_area_bound_mm2 = refinement.max_area_mm2;
   out.refined = refine(*cdt, options.lattice, refinement);
   out.cdt = std::move(cdt->mesh);
+  // As in refined meshes, the corner opposite edge 0 comes first.
+  for (Triangle& t : out.cdt.triangles)
+    t = {t[2], t[0], t[1]};
   out.times.refine_ms = watch.lap_ms();
 
   out.outline = boundary_rings(out.refined.mesh);

@@ -17,6 +17,7 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/geometry/lattice.h"
 #include "formats/base/result.h"
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
 
 namespace trocar {
@@ -66,9 +67,6 @@ Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* s
 // The same in three steps, for scans of thousands of slices: encode_slice() may run on several
 // threads, and a mesh may be freed once its slice is encoded.
 
-struct LatticeBox {
-  LatticePoint low, high;
-};
 /// The quantisation grid of a scan whose vertices all lie in the box. Fails (refused) beyond
 /// kMaxAssetExtent.
 Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box);

@@ -22,19 +22,6 @@ constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
 constexpr int kLines = 1, kTriangles = 4;
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
-void widen(LatticeBox& box, const std::vector<LatticePoint>& points) {
-  for (LatticePoint p : points) {
-    box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
-    box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
-  }
-}
-
-LatticeBox box_of(const std::vector<LatticePoint>& points) {
-  LatticeBox box{points.front(), points.front()};
-  widen(box, points);
-  return box;
-}
-
 // Of positions: glTF wants the bounds of the float32 values; lattice multiples are exact in it.
 json positions(std::size_t count, const LatticeBox& box, const Lattice& lattice) {
   return {{"componentType", kFloat},
@@ -98,8 +85,8 @@ json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice,
   };
   record.outline_vertices = static_cast<std::uint32_t>(points.size());
   json primitive = {{"mode", kLines}, {"material", 1}};
-  primitive["attributes"]["POSITION"] = add(positions(points.size(), box_of(points), lattice), xyz,
-                                            GltfWriter::kVertices, record.outline_offset);
+  primitive["attributes"]["POSITION"] = add(positions(points.size(), box_around(points), lattice),
+                                            xyz, GltfWriter::kVertices, record.outline_offset);
   json accessor = {{"type", "SCALAR"}, {"count", indices.size()}};
   const bool narrow = points.size() < 65535;
   record.segment_index_bytes = narrow ? 2 : 4;
@@ -211,7 +198,7 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
   out.draco = std::move(*bytes);
   out.vertices = decoded->vertices.size();
   out.triangles = decoded->triangles.size();
-  out.bounds = box_of(decoded->vertices);
+  out.bounds = box_around(decoded->vertices);
   return out;
 }
 

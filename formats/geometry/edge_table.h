@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The directed edges of a mesh with opposite ones next to each other: what every walk over
-// neighbours starts from.
+// The directed edges of a mesh, sorted so that the two directions of an edge are next to each
+// other: the start of every walk over neighbours.
 #pragma once
 
 #include <cstdint>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The integer lattice in the slice plane on which every stored or decided-upon
-// coordinate lies, and the exact predicates on it.
+// The integer lattice in the slice plane, on which every coordinate lies that is stored or enters a
+// decision, and the exact predicates on it.
 //
-// Laws (tests/formats/geometry/lattice_test.cpp holds them against a wide-integer reference):
+// Laws (tests/formats/geometry/lattice_test.cpp compares with a wide-integer reference):
 //  1. orient2d(a,b,c) > 0 iff a,b,c turn counter-clockwise; 0 iff collinear;
 //     it changes sign when two arguments are swapped.
 //  2. in_circle(a,b,c,d) > 0 iff d lies strictly inside the circle through the
@@ -28,6 +28,12 @@ struct LatticePoint {
 /// Largest admissible |coordinate|: keeps orient2d within 64 and in_circle
 /// within 128 bits. Assets are narrower still: see kMaxAssetExtent in asset.h.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 29;
+
+/// Are the coordinates admissible? Beyond, the predicates below would overflow.
+inline bool is_on_lattice(LatticePoint p) {
+  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
+         p.y <= kMaxCoordinate;
+}
 
 /// The step is 2^-bits mm.
 struct Lattice {
@@ -77,8 +83,8 @@ inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p
          (std::int64_t{a.y} - p.y) * (std::int64_t{b.y} - p.y);
 }
 
-/// Do the open segments ab and cd share a point, or does an end of one lie in
-/// the other's interior? Shared end points alone do not count. Exact.
+/// Do the open segments ab and cd share a point, or does an end of one lie in the other's interior?
+/// Shared end points alone do not count. Exact.
 bool segments_cross(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d);
 
 }  // namespace trocar

@@ -8,7 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/edge_table.h"
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/triangle_edge.h"
 
 namespace trocar {
 namespace {
@@ -17,24 +20,14 @@ std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
 }
 
-// Beyond, the predicates would overflow.
-bool is_on_lattice(LatticePoint p) {
-  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
-         p.y <= kMaxCoordinate;
-}
-
-struct Box {
-  LatticePoint low, high;
-};
-
 struct Segment {
   LatticePoint a, b;
   std::int32_t min_x() const { return std::min(a.x, b.x); }
   std::int32_t max_x() const { return std::max(a.x, b.x); }
 };
 
-// Sweep over x with a plain active list. O(n (log n + k)), k = segments that
-// overlap in x with one; enough for outlines of some thousand edges.
+// Sweeps over x with a simple active list. O(n (log n + k)), where k segments overlap one in x:
+// fast enough for outlines of some thousand edges.
 Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) {
   std::sort(segments.begin(), segments.end(), [](const Segment& s, const Segment& t) {
     return std::tuple{s.min_x(), s.a, s.b} < std::tuple{t.min_x(), t.a, t.b};
@@ -55,9 +48,11 @@ Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) 
   return {};
 }
 
-// How often the other rings wind around the middle of each one's first edge, which lies on none of
-// them since nothing crosses. A sweep over x: each meets the rings above and below it only.
-std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vector<Box>& boxes,
+// For each ring, how often the others wind around the middle of its first edge, which lies on none
+// of them since nothing crosses. Sweeps over x, so that each point is compared only with the rings
+// above and below it.
+std::vector<int> windings_around(const std::vector<Ring>& rings,
+                                 const std::vector<LatticeBox>& boxes,
                                  const std::vector<int>& orientations) {
   const auto middle_x = [&rings](std::size_t r) {
     return std::int64_t{rings[r][0].x} + rings[r][1].x;
@@ -89,15 +84,10 @@ std::vector<int> windings_around(const std::vector<Ring>& rings, const std::vect
 }
 
 Result<void> check_nesting(const std::vector<Ring>& rings) {
-  std::vector<Box> boxes;
+  std::vector<LatticeBox> boxes;
   std::vector<int> orientations;
   for (const Ring& ring : rings) {
-    Box box{ring[0], ring[0]};
-    for (LatticePoint p : ring) {
-      box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
-      box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
-    }
-    boxes.push_back(box);
+    boxes.push_back(box_around(ring));
     const std::int64_t area = doubled_area(ring);
     if (area == 0) return refused("a ring without area " + place(ring[0]));
     orientations.push_back(area > 0 ? 1 : -1);
@@ -168,11 +158,10 @@ Result<void> check_mesh(const SliceMesh& mesh) {
     }
     i = j;
   }
-  // One fan a vertex: triangles around v minus interior edges at v is 1 for an
-  // open fan, 0 for a closed one, and grows with every further fan. A closed fan
-  // beside another fan escapes this count, so walk: fans = connected groups.
+  // One fan at each vertex: the corners at it are connected across interior edges. (Comparing the
+  // numbers of triangles and edges at a vertex would miss a closed fan beside another fan.)
   {
-    // Union of triangle corners across interior edges, per vertex.
+    // Union-find of triangle corners.
     std::vector<std::uint32_t> parent(mesh.triangles.size() * 3);
     for (std::uint32_t i = 0; i < parent.size(); ++i)
       parent[i] = i;
@@ -182,8 +171,7 @@ Result<void> check_mesh(const SliceMesh& mesh) {
       return i;
     };
     auto corner = [&mesh](std::uint32_t t, std::uint32_t v) {
-      const Triangle& tri = mesh.triangles[t];
-      return t * 3 + (tri[0] == v ? 0U : tri[1] == v ? 1U : 2U);
+      return t * 3 + corner_of(mesh.triangles[t], v);
     };
     std::vector<std::uint32_t> fans = degree;
     for (std::size_t i = 0; i + 1 < edges.size(); ++i) {

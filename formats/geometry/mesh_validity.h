@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The proofs of DESIGN's "One lattice" on a slice mesh, all in exact integers.
+// Proofs that a mesh and an outline on the lattice are valid, all in exact integers.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace trocar {
 
-/// Proves of a mesh, or names the first thing that fails and where:
+/// Proves the following of a mesh, or names the first property that fails and where:
 ///  - every index is in range and every vertex is used;
 ///  - every triangle is strictly counter-clockwise;
 ///  - every directed edge occurs once (so at most two triangles share an edge,
@@ -32,8 +32,8 @@ Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 /// O(n (log n + k)), k = edges and rings above one another.
 Result<void> check_pslg(const Pslg& pslg);
 
-/// Is the point inside the simple ring, on which it does not lie? Exact. It is given in doubled
-/// coordinates, so that the middle of an edge is one too. O(n).
+/// Is the point inside the simple ring? It must not lie on the ring. Exact. It is given in doubled
+/// coordinates, so that the middle of an edge can be asked for. O(n).
 bool is_inside_ring(std::int64_t doubled_x, std::int64_t doubled_y, const Ring& ring);
 
 /// Is every interior edge locally Delaunay? Exact. Expects a valid mesh.

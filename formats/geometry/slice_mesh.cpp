@@ -10,7 +10,7 @@
 namespace trocar {
 namespace {
 
-// Appends the ring, cut into simple ones where it comes back to a point.
+// Appends the ring, split into simple ones where it returns to a point.
 void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
   Ring sorted = ring;
   std::sort(sorted.begin(), sorted.end());
@@ -36,8 +36,8 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
 
 }  // namespace
 
-// The sums are modulo 2^64: parts of a ring's may leave the range of 64 bits though the whole does
-// not (a spiral over the whole lattice).
+// The sums are modulo 2^64: partial sums of a ring's area may leave the range of 64 bits although
+// the whole does not (a spiral over the whole lattice).
 
 std::int64_t doubled_area(const Ring& ring) {
   std::uint64_t sum = 0;

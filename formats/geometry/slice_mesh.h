@@ -27,18 +27,16 @@ struct SliceMesh {
   std::vector<Triangle> triangles;
 };
 
-/// Twice the signed area of a ring in steps^2. Exact (modulo 2^64, which matters only to a ring
-/// that winds many times around the whole lattice and is not simple).
+/// Twice the signed area of a ring in steps^2. Exact for every simple ring; else modulo 2^64.
 std::int64_t doubled_area(const Ring& ring);
 /// Sum over the rings; holes subtract. Exact.
 std::int64_t doubled_area(const Pslg& pslg);
 /// Sum over the triangles. Exact.
 std::int64_t doubled_area(const SliceMesh& mesh);
 
-/// The boundary of a valid mesh as simple rings with the material on the left (a
-/// boundary that meets itself in a pinch comes as rings that touch), each starting
-/// at its smallest vertex, in order: the same mesh gives the same rings in whatever
-/// order its triangles come. O(n log n).
+/// The boundary of a valid mesh as simple rings with the material on the left (a boundary that
+/// meets itself in a pinch becomes rings that touch), each starting at its smallest vertex, in
+/// ascending order: they do not depend on the order of the triangles. O(n log n).
 Pslg boundary_rings(const SliceMesh& mesh);
 
 }  // namespace trocar

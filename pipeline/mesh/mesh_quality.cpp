@@ -65,20 +65,21 @@ std::uint32_t count_negative_stiffness_edges(const SliceMesh& mesh) {
   struct Cotangent {
     std::int64_t dot, cross;
   };
-  const auto opposite = [&](Side s) {
-    const Triangle& t = mesh.triangles[triangle_of(s)];
-    const LatticePoint a = mesh.vertices[t[index_of(s)]], b = mesh.vertices[t[after(index_of(s))]],
-                       c = mesh.vertices[t[before(index_of(s))]];
+  const auto opposite = [&](EdgeId e) {
+    const Triangle& t = mesh.triangles[triangle_of(e)];
+    const std::uint32_t i = index_of(e);
+    const LatticePoint b = mesh.vertices[t[i]], c = mesh.vertices[t[next_corner(i)]],
+                       a = mesh.vertices[t[previous_corner(i)]];
     return Cotangent{diametral_dot(b, c, a), orient2d(a, b, c)};
   };
   const Neighbours beyond = neighbours(mesh);
   std::uint32_t out = 0;
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const Side here = side_number(t, i), there = beyond[t][i];
-      if (there < here) continue;  // was its turn
+      const EdgeId here = edge_id(t, i), there = beyond[t][i];
+      if (there < here) continue;  // already counted
       const Cotangent p = opposite(here);
-      const Cotangent q = there == kNoSide ? Cotangent{0, 1} : opposite(there);
+      const Cotangent q = there == kNoEdge ? Cotangent{0, 1} : opposite(there);
       if (Int128{p.dot} * q.cross + Int128{q.dot} * p.cross < 0) ++out;
     }
   }

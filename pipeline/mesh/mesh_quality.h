@@ -8,7 +8,7 @@
 
 namespace trocar::pipeline {
 
-/// A triangle with an angle below the wanted one, and the input angle that it sits at.
+/// A triangle with an angle below the wanted one, and the input angle that it lies at.
 struct SharpTriangle {
   std::uint32_t triangle = 0;
   double angle_deg = 0;
@@ -20,19 +20,20 @@ struct MeshQuality {
   double min_angle_deg = 0;  ///< 0 for an empty mesh
   double max_area_mm2 = 0;
   std::uint32_t below_min_angle = 0;  ///< triangles with an angle below the wanted one
-  /// How many of these sit at an input angle below 60 degrees: a corner of the triangle is an
-  /// input vertex with such an angle in the material, or its shortest edge joins the two input
-  /// segments that meet in one. There no mesh can do better, or only at the price of more such.
+  /// How many of these lie at an input angle below 60 degrees: a corner of the triangle is an input
+  /// vertex with such an angle in the material, or its shortest edge joins the two input segments
+  /// that meet in one. There, no mesh avoids such triangles, or only by having more of them
+  /// elsewhere.
   std::uint32_t below_at_small_input_angle = 0;
-  /// How many sit at no input angle below the wanted one (plus kLatticeAllowance_deg): where the
-  /// input allows it and refinement still failed. Zero unless it ran out of vertices or into the
-  /// lattice's step.
+  /// How many lie at no input angle below the wanted one (plus kLatticeAllowance_deg): the input
+  /// allows the wanted angle and refinement did not reach it. Zero unless it stopped at its vertex
+  /// budget or was limited by the lattice step.
   std::uint32_t below_unexplained = 0;
-  std::vector<SharpTriangle> sharp;  ///< all of them, one by one
+  std::vector<SharpTriangle> sharp;  ///< all triangles below the wanted angle
   /// Edges whose membrane stiffness (the sum of the cotangents of the angles opposite) is negative,
-  /// by exact integers. Inside the mesh Delaunay leaves none; on the outline they are the edges
-  /// that their triangle's apex encroaches upon: where an input angle of a few degrees, or an edge
-  /// of a few steps, leaves no lattice point that does not.
+  /// decided in exact integers. A Delaunay mesh has none inside; on the outline they are the edges
+  /// that their triangle's apex encroaches upon, where an input angle of a few degrees, or an edge
+  /// of a few steps, leaves no other lattice point.
   std::uint32_t negative_stiffness_edges = 0;
 };
 

@@ -8,50 +8,53 @@
 #include <numbers>
 #include <optional>
 
-#include "pipeline/mesh/quarter_turn.h"
+#include "formats/geometry/canonical_rotation.h"
+#include "formats/geometry/split_places.h"
+#include "formats/geometry/steiner_places.h"
+#include "formats/geometry/triangle_shape.h"
 #include "pipeline/mesh/refinement_mesh.h"
 #include "pipeline/mesh/refinement_outline.h"
-#include "pipeline/mesh/refinement_places.h"
 #include "pipeline/mesh/refinement_queue.h"
-#include "pipeline/mesh/refinement_shape.h"
 
 namespace trocar::pipeline {
 namespace {
 
-// An edge is not split into halves of fewer lattice steps than this, nor a triangle with a shorter
-// edge improved: rounding to the lattice would decide the angles.
+// In lattice steps. No edge is split into shorter halves, and no triangle with a shorter edge is
+// improved: rounding to the lattice would decide the angles.
 constexpr std::int64_t kShortestEdge = 4;
-// No vertex on the outline is this many lattice steps from the input segment that it splits.
+// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it splits.
 constexpr double kFarthestFromOutline = 3;
 
-// Places for a split of an outline's edge, the preferred first.
+// Places for a split of an edge of the outline, as fractions of it, the preferred one first.
 constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// A point over a side of a triangle that is too large is to make an equilateral one with sides
-// this much of the largest allowed, no nearer to other vertices than half of that.
-constexpr double kEvenSide = 0.9;
+// A point over an edge of a triangle that is too large is to make an equilateral triangle whose
+// edges have this share of the largest length allowed, no nearer to other vertices than half of it.
+constexpr double kEvenEdge = 0.9;
+// Where to look for points over the shortest edge, as angles from the off-centre.
+constexpr std::array kAside_deg = {30.0, -30.0, 60.0, -60.0};
 
-// Sides have numbers below 2^31.
+// Edges have ids below 2^31.
 constexpr std::uint32_t kMostVertices = 100'000'000;
-// For angles that are not safe: this many times the vertices of the mesh of the safe one, and how
-// close to the steepest that ends the one taken is.
+// For angles above kSafeAngle_deg: the vertex budget as a multiple of the vertices of the mesh
+// refined to that angle, and how close the search comes to the largest angle that can be reached.
 constexpr std::size_t kSteepBudget = 4;
 constexpr double kAngleStep_deg = 0.25;
 
-// A new point, and what it would do.
-struct Prospect {
+// A new point, and the mesh with it.
+struct Candidate {
   LatticePoint p;
-  Cavity cavity;
+  InsertionCavity cavity;
   int growth = 0;  // of the number of bad triangles and encroached edges, or kImpossible
-  int flaws = 0;   // how many there would be
+  int flaws = 0;   // the number of these around the new point
 };
 constexpr int kImpossible = std::numeric_limits<int>::max();
 
 struct EncroachedTicket {
-  Side side;
+  EdgeId edge;
   std::uint32_t generation;
 };
 
-// Memory that is kept from slice to slice: taking fresh pages cost a fifth of the time.
+// Memory that is kept from slice to slice: fresh pages took a fifth of the time.
 struct Workspace {
   RefinementMesh mesh;
   RefinementOutline outline;
@@ -59,7 +62,7 @@ struct Workspace {
   std::vector<VertexOrigin> origins;
   std::vector<EncroachedTicket> encroached;
   std::vector<std::uint32_t> fresh;
-  Prospect best, trial;
+  Candidate best, trial;
 };
 
 class Refiner {
@@ -77,11 +80,15 @@ class Refiner {
         min_angle_deg_(options.min_angle_deg),
         max_area_mm2_(options.max_area_mm2),
         max_vertices_(options.max_vertices),
-        places_(options.min_angle_deg) {
+        circle_(options.min_angle_deg * std::numbers::pi / 180) {
+    for (std::size_t k = 0; k < aside_.size(); ++k) {
+      const double angle = kAside_deg[k] * std::numbers::pi / 180;
+      aside_[k] = circle_.at(std::sin(angle), std::cos(angle));
+    }
     const double sine = std::sin(options.min_angle_deg * std::numbers::pi / 180);
     const double step2 = lattice.step_mm() * lattice.step_mm();
     limits_ = {sine * sine, 2 * options.max_area_mm2 / step2};
-    even_side_ = kEvenSide * std::sqrt(2 / std::numbers::sqrt3 * limits_.doubled_area);
+    even_edge_ = kEvenEdge * std::sqrt(2 / std::numbers::sqrt3 * limits_.doubled_area);
     outline_.clear(from.mesh.vertices.size());
     mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
     outline_.close(mesh_.points);
@@ -92,9 +99,9 @@ class Refiner {
 
   Refined run() {
     for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
-      look_at_sides(t);
+      note_encroached_edges(t);
       const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
-      const Shape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
+      const TriangleShape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
       queue(t, shape.is_bad(), shape.shortest2);
     }
     while (true) {
@@ -115,32 +122,31 @@ class Refiner {
 
  private:
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
-  double distance(std::uint32_t a, std::uint32_t b) const {
-    return std::sqrt(static_cast<double>(distance2(at(a), at(b))));
-  }
+  double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
 
   // ---- what is wrong with a triangle ----
 
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
-    if (diametral_dot(at(a), at(b), at(apex)) >= 0) return false;
-    // Across a small input angle, the vertex on the same shell encroaches by rounding alone.
+    if (!encroaches(at(a), at(b), at(apex))) return false;
+    // Across a small input angle, a vertex on the same shell encroaches only by rounding.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
     const double d = distance(apex, corner);
-    return std::abs(d - distance(a, corner)) > RefinementOutline::kSameShell &&
-           std::abs(d - distance(b, corner)) > RefinementOutline::kSameShell;
+    return std::abs(d - distance(a, corner)) > kSameShell_steps &&
+           std::abs(d - distance(b, corner)) > kSameShell_steps;
   }
 
-  // Notes sides on the outline that are encroached upon.
-  void look_at_sides(std::uint32_t t) {
+  // Notes edges on the outline that are encroached upon.
+  void note_encroached_edges(std::uint32_t t) {
     const WorkingTriangle& tri = mesh_.triangles[t];
     if (((tri.beyond[0] | tri.beyond[1] | tri.beyond[2]) & kOutline) == 0) return;
     for (std::uint32_t i = 0; i < 3; ++i) {
       if ((tri.beyond[i] & kOutline) != 0 &&
-          is_encroached(tri.beyond[i] ^ kOutline, tri.v[after(i)], tri.v[before(i)], tri.v[i]))
-        encroached_.push_back({side_number(t, i), tri.generation});
+          is_encroached(tri.beyond[i] ^ kOutline, tri.v[i], tri.v[next_corner(i)],
+                        tri.v[previous_corner(i)]))
+        encroached_.push_back({edge_id(t, i), tri.generation});
     }
   }
 
@@ -152,65 +158,65 @@ class Refiner {
   // ---- looking before inserting ----
 
   // The shape of the triangle that would replace the edge of the rim.
-  Shape look_ahead(Cavity::Rim& r, LatticePoint p) const {
-    const Shape shape = shape_of(at(r.a), at(r.b), p, limits_);
+  TriangleShape look_ahead(InsertionCavity::Rim& r, LatticePoint p) const {
+    const TriangleShape shape = shape_of(at(r.a), at(r.b), p, limits_);
     r.shortest2 = shape.shortest2;
     r.is_bad = shape.is_bad();
     return shape;
   }
-  void look_ahead(Prospect& prospect) const {
-    prospect.flaws = 0;
+  void look_ahead(Candidate& candidate) const {
+    candidate.flaws = 0;
     bool is_star = true;
-    for (Cavity::Rim& r : prospect.cavity.rim) {
-      const Shape shape = look_ahead(r, prospect.p);
-      prospect.flaws += shape.is_bad() ? 1 : 0;
+    for (InsertionCavity::Rim& r : candidate.cavity.rim) {
+      const TriangleShape shape = look_ahead(r, candidate.p);
+      candidate.flaws += shape.is_bad() ? 1 : 0;
       is_star = is_star && shape.doubled_area > 0;
     }
-    sum_up(prospect);
-    if (!is_star) prospect.growth = kImpossible;
+    sum_up(candidate);
+    if (!is_star) candidate.growth = kImpossible;
   }
-  void sum_up(Prospect& prospect) const {
-    prospect.growth = prospect.flaws;
-    for (const std::uint32_t t : prospect.cavity.triangles)
-      prospect.growth -= mesh_.triangles[t].is_bad;
-  }
-
-  bool is_in_the_way(const Cavity::Rim& r, LatticePoint p) const {
-    return r.is_outline() &&
-           (diametral_dot(at(r.a), at(r.b), p) < 0 || orient2d(at(r.a), at(r.b), p) <= 0);
+  void sum_up(Candidate& candidate) const {
+    candidate.growth = candidate.flaws;
+    for (const std::uint32_t t : candidate.cavity.triangles)
+      candidate.growth -= mesh_.triangles[t].is_bad;
   }
 
-  // How many bad triangles, and `more` for each edge of the rim, there would be if p had this
-  // cavity; `limit` for more and where it cannot have it. Places close to each other have nearly
-  // the same, so that looking for the best one by the first one's cavity will do.
+  bool is_in_the_way(const InsertionCavity::Rim& r, LatticePoint p) const {
+    return r.is_outline() && blocks(at(r.a), at(r.b), p);
+  }
+
+  // How many bad triangles there would be, and `more` for each edge of the rim, if p had this
+  // cavity; `limit` if there are more, or if p cannot have it. Places close to each other have
+  // nearly the same cavity, so the first one's serves to look for the best place.
   template <typename More>
-  int flaws_of(LatticePoint p, const Cavity& cavity, int limit, More more) const {
+  int flaws_of(LatticePoint p, const InsertionCavity& cavity, int limit, More more) const {
     int flaws = 0;
-    for (const Cavity::Rim& r : cavity.rim) {
-      const Shape shape = shape_of(at(r.a), at(r.b), p, limits_);
+    for (const InsertionCavity::Rim& r : cavity.rim) {
+      const TriangleShape shape = shape_of(at(r.a), at(r.b), p, limits_);
       flaws += (shape.is_bad() ? 1 : 0) + more(r);
       if (shape.doubled_area <= 0 || flaws >= limit) return limit;
     }
     return flaws;
   }
 
-  // A quick look at what a neighbouring place saw: does it speak against this one?
-  bool is_unwelcome_at(const Cavity& seen, LatticePoint p, double min_distance2) const {
-    return std::any_of(seen.rim.begin(), seen.rim.end(), [&](const Cavity::Rim& r) {
+  // A quick test with the cavity of a neighbouring place: is p too near to a vertex, or does it
+  // encroach?
+  bool is_excluded_by(const InsertionCavity& seen, LatticePoint p, double min_distance2) const {
+    return std::any_of(seen.rim.begin(), seen.rim.end(), [&](const InsertionCavity::Rim& r) {
       return static_cast<double>(distance2(at(r.a), p)) < min_distance2 ||
-             (r.is_outline() && diametral_dot(at(r.a), at(r.b), p) < 0);
+             (r.is_outline() && encroaches(at(r.a), at(r.b), p));
     });
   }
 
-  // Would a point within the circumcircle of t lie in the material, encroach upon no edge and keep
-  // a distance from other vertices?
-  bool is_welcome(std::uint32_t t, LatticePoint p, double min_distance2, Prospect& out) {
+  // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
+  // its distance from other vertices?
+  bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
     if (!mesh_.circumcircle_holds(t, p)) return false;
     out.p = p;
     out.flaws = 0;
-    mesh_.find_cavity(t, p, kNoSide, out.cavity);
-    for (Cavity::Rim& r : out.cavity.rim) {
-      const Shape shape = look_ahead(r, p);
+    mesh_.find_cavity(t, p, kNoEdge, out.cavity);
+    for (InsertionCavity::Rim& r : out.cavity.rim) {
+      const TriangleShape shape = look_ahead(r, p);
       out.flaws += r.is_bad ? 1 : 0;
       if (shape.doubled_area <= 0 || shape.ca2 < min_distance2 || is_in_the_way(r, p)) return false;
     }
@@ -219,18 +225,18 @@ class Refiner {
   }
 
   // The longest edge of the outline that a point within the circumcircle of t encroaches upon or
-  // lies beyond; kNoSide if there is none.
-  Side find_in_the_way(std::uint32_t t, LatticePoint p, Prospect& out) {
+  // lies beyond; kNoEdge if there is none.
+  EdgeId find_in_the_way(std::uint32_t t, LatticePoint p, Candidate& out) {
     out.p = p;
-    mesh_.find_cavity(t, p, kNoSide, out.cavity);
-    Side longest = kNoSide;
+    mesh_.find_cavity(t, p, kNoEdge, out.cavity);
+    EdgeId longest = kNoEdge;
     std::int64_t length2 = 0;
-    for (const Cavity::Rim& r : out.cavity.rim) {
+    for (const InsertionCavity::Rim& r : out.cavity.rim) {
       if (!is_in_the_way(r, p)) continue;
       const std::int64_t ab2 = distance2(at(r.a), at(r.b));
       if (ab2 > length2) length2 = ab2, longest = r.inside;
     }
-    if (longest == kNoSide) look_ahead(out);
+    if (longest == kNoEdge) look_ahead(out);
     return longest;
   }
 
@@ -240,17 +246,17 @@ class Refiner {
     while (!encroached_.empty() && mesh_.points.size() < max_vertices_) {
       const EncroachedTicket ticket = encroached_.back();
       encroached_.pop_back();
-      if (mesh_.triangles[triangle_of(ticket.side)].generation == ticket.generation)
-        split_side(ticket.side);
+      if (mesh_.triangles[triangle_of(ticket.edge)].generation == ticket.generation)
+        split_edge(ticket.edge);
     }
   }
 
-  // What splitting the side in p would do.
-  bool look_at_split(Side s, LatticePoint p, Prospect& out) {
+  // The mesh with the edge split at p.
+  bool look_at_split(EdgeId s, LatticePoint p, Candidate& out) {
     out.p = p;
     out.flaws = 0;
     mesh_.find_cavity(triangle_of(s), p, s, out.cavity);
-    for (Cavity::Rim& r : out.cavity.rim) {
+    for (InsertionCavity::Rim& r : out.cavity.rim) {
       if (look_ahead(r, p).doubled_area <= 0) return false;
       out.flaws += (r.is_bad ? 1 : 0) + encroachments(s, p, r);
     }
@@ -258,16 +264,16 @@ class Refiner {
     return true;
   }
 
-  // How many edges of the outline the triangle on an edge of the rim would have encroached.
-  int encroachments(Side s, LatticePoint p, const Cavity::Rim& r) const {
+  // How many edges of the outline would be encroached upon in the triangle on an edge of the rim.
+  int encroachments(EdgeId s, LatticePoint p, const InsertionCavity::Rim& r) const {
     const auto [a, b] = mesh_.ends(s);
     const LatticePoint from = at(r.a), to = at(r.b);
-    return (r.is_outline() && diametral_dot(from, to, p) < 0 ? 1 : 0) +
-           (r.b == a && diametral_dot(to, p, from) < 0 ? 1 : 0) +
-           (r.a == b && diametral_dot(p, from, to) < 0 ? 1 : 0);
+    return (r.is_outline() && encroaches(from, to, p) ? 1 : 0) +
+           (r.b == a && encroaches(to, p, from) ? 1 : 0) +
+           (r.a == b && encroaches(p, from, to) ? 1 : 0);
   }
 
-  // Splits of splits, each rounded inwards, move away from what they split.
+  // Each split is rounded inwards, so repeated splits move away from the input segment.
   bool is_far_from_segment(LatticePoint p, std::uint32_t segment) const {
     const Refined::Segment& input = outline_.segments()[segment];
     const LatticePoint a = at(input.from), b = at(input.to);
@@ -276,7 +282,7 @@ class Refiner {
            kFarthestFromOutline * kFarthestFromOutline * static_cast<double>(distance2(a, b));
   }
 
-  bool split_side(Side s) {
+  bool split_edge(EdgeId s) {
     const auto [ia, ib] = mesh_.ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s));
     if (distance2(a, b) < 4 * kShortestEdge * kShortestEdge) return false;
@@ -288,14 +294,14 @@ class Refiner {
     for (std::size_t k = 0; k < (has_shells ? 1 : kSplits.size()); ++k) {
       const double fraction =
           has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
-      const std::optional<LatticePoint> p = split_point(a, b, c, fraction);
+      const std::optional<LatticePoint> p = split_near(a, b, c, fraction);
       if (!p || is_far_from_segment(*p, segment)) continue;
       if (!is_found) {
         is_found = look_at_split(s, *p, best_);
         fewest = best_.flaws;
-      } else if (const int flaws =
-                     flaws_of(*p, best_.cavity, fewest,
-                              [&](const Cavity::Rim& r) { return encroachments(s, *p, r); });
+      } else if (const int flaws = flaws_of(
+                     *p, best_.cavity, fewest,
+                     [&](const InsertionCavity::Rim& r) { return encroachments(s, *p, r); });
                  flaws < fewest) {
         fewest = flaws, better = p;
       }
@@ -306,15 +312,15 @@ class Refiner {
       std::swap(best_, trial_);
     if (!insert(best_, {static_cast<std::int32_t>(segment)}, s)) return false;
     for (const std::uint32_t t : fresh_)
-      look_at_sides(t);
+      note_encroached_edges(t);
     return true;
   }
 
-  bool insert(const Prospect& prospect, VertexOrigin origin, Side split) {
-    if (!mesh_.fill_cavity(prospect.cavity, prospect.p, split, fresh_)) return false;
+  bool insert(const Candidate& candidate, VertexOrigin origin, EdgeId split) {
+    if (!mesh_.fill_cavity(candidate.cavity, candidate.p, split, fresh_)) return false;
     origins_.push_back(origin);
     for (std::size_t k = 0; k < fresh_.size(); ++k)
-      queue(fresh_[k], prospect.cavity.rim[k].is_bad, prospect.cavity.rim[k].shortest2);
+      queue(fresh_[k], candidate.cavity.rim[k].is_bad, candidate.cavity.rim[k].shortest2);
     return true;
   }
 
@@ -322,14 +328,14 @@ class Refiner {
 
   void improve(std::uint32_t t) {
     const std::array<std::uint32_t, 3> v = mesh_.triangles[t].v;
-    const Shape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
-    const std::uint32_t shortest = shortest_side(v);
+    const TriangleShape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
+    const std::uint32_t shortest = shortest_edge({at(v[0]), at(v[1]), at(v[2])}).edge;
     if (!shape.is_large) {
       if (shape.shortest2 < kShortestEdge * kShortestEdge) return leave(t);
       if (const std::uint32_t corner = across_small_angle(v, shortest);
           corner != RefinementOutline::kNoCorner) {
-        // Miller, Pav and Walkington: shortening this edge would go on for ever. Where the input
-        // angle allows the wanted one, closer shells reach it.
+        // Miller, Pav and Walkington: shortening this edge would not end. Where the input angle
+        // allows the wanted one, closer shells reach it.
         if (outline_.angle_deg(corner) < min_angle_deg_ + kLatticeAllowance_deg) {
           mesh_.triangles[t].is_bad = 0;
           return;
@@ -337,48 +343,48 @@ class Refiner {
         if (split_shells(t, corner)) return;
       }
     }
-    const double most_away = shape.is_sharp
-                                 ? places_.off_centre() * rounding_allowance(shape.shortest2)
-                                 : std::numeric_limits<double>::infinity();
-    const LatticePoint centre =
-        centre_over(at(v[after(shortest)]), at(v[before(shortest)]), at(v[shortest]), most_away);
+    const double most_away =
+        shape.is_sharp ? circle_.off_centre() * rounding_allowance(std::sqrt(shape.shortest2))
+                       : std::numeric_limits<double>::infinity();
+    const LatticePoint centre = centre_over(at(v[shortest]), at(v[next_corner(shortest)]),
+                                            at(v[previous_corner(shortest)]), most_away);
     if (!mesh_.circumcircle_holds(t, centre)) return leave(t);
-    const Side in_the_way = find_in_the_way(t, centre, best_);
+    const EdgeId in_the_way = find_in_the_way(t, centre, best_);
     const bool is_found = find_better(t, v, shortest, shape, in_the_way);
     const std::uint32_t generation = mesh_.triangles[t].generation;
-    if (is_found || in_the_way == kNoSide) {
-      if (best_.growth == kImpossible || !insert(best_, {VertexOrigin::kFree}, kNoSide)) leave(t);
-    } else if (!split_side(in_the_way)) {
+    if (is_found || in_the_way == kNoEdge) {
+      if (best_.growth == kImpossible || !insert(best_, {VertexOrigin::kFree}, kNoEdge)) leave(t);
+    } else if (!split_edge(in_the_way)) {
       // A point that would encroach, or lies beyond the outline, splits an edge in its way instead.
       leave(t);
     } else if (mesh_.triangles[t].generation == generation) {
-      queue(t, true, shape.shortest2);  // it is still there, and may come into reach
+      queue(t, true, shape.shortest2);  // it still exists: try it again later
     }
   }
 
-  // Leaves a bad triangle as it is: the lattice has no point to better it.
+  // Leaves a bad triangle as it is: no lattice point improves it.
   void leave(std::uint32_t t) {
     mesh_.triangles[t].is_bad = 0;
     ++out_.bad_at_lattice_step;
   }
 
-  // Other places may rid us of more bad triangles at once, or spare the outline. Puts the first
-  // that leaves two fewer than there were, or the best of them, into best_; gives false if there is
-  // none better than what is there.
+  // Tries other places, which may remove more bad triangles at once, or leave the outline as it is.
+  // Puts the first that leaves two fewer bad triangles, or else the best, into best_; false if none
+  // is better than best_.
   bool find_better(std::uint32_t t, const std::array<std::uint32_t, 3>& v, std::uint32_t shortest,
-                   const Shape& shape, Side in_the_way) {
-    if (shape.is_large) return in_the_way == kNoSide && find_more_even(t, v);
-    int growth = in_the_way == kNoSide ? best_.growth : 0;
+                   const TriangleShape& shape, EdgeId in_the_way) {
+    if (shape.is_large) return in_the_way == kNoEdge && find_more_even(t, v);
+    int growth = in_the_way == kNoEdge ? best_.growth : 0;
     bool is_found = false;
-    const LatticePoint a = at(v[after(shortest)]), b = at(v[before(shortest)]);
-    const double allowance = rounding_allowance(shape.shortest2);
-    for (const Place& place : places_.aside()) {
+    const LatticePoint a = at(v[shortest]), b = at(v[next_corner(shortest)]);
+    const double allowance = rounding_allowance(std::sqrt(shape.shortest2));
+    for (const Place& place : aside_) {
       if (growth < -1) break;
       const LatticePoint p = over(a, b, {place.along * allowance, place.away * allowance});
-      // They keep the distance from other vertices that the off-centre has by nature, the shortest
-      // edge's length, so that refinement ends as it does without them.
-      if (is_unwelcome_at(best_.cavity, p, shape.shortest2) ||
-          !is_welcome(t, p, shape.shortest2, trial_) || trial_.growth >= growth)
+      // Like the off-centre, they keep the shortest edge's length as a distance from other
+      // vertices, so that refinement ends as it does without them.
+      if (is_excluded_by(best_.cavity, p, shape.shortest2) ||
+          !is_allowed(t, p, shape.shortest2, trial_) || trial_.growth >= growth)
         continue;
       growth = trial_.growth;
       is_found = true;
@@ -387,57 +393,52 @@ class Refiner {
     return is_found;
   }
 
-  // The same for a triangle that is too large: over each side the apex of an even triangle, and the
-  // sides' middles.
+  // The same for a triangle that is too large: the apexes of equilateral triangles over its edges,
+  // and the edges' midpoints.
   bool find_more_even(std::uint32_t t, const std::array<std::uint32_t, 3>& v) {
-    const double even2 = even_side_ * even_side_, min_distance2 = 0.25 * even2;
+    const double even2 = even_edge_ * even_edge_, min_distance2 = 0.25 * even2;
     std::optional<LatticePoint> better;
     int fewest = best_.flaws;
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const LatticePoint a = at(v[after(i)]), b = at(v[before(i)]);
-      const auto side2 = static_cast<double>(distance2(a, b));
-      const double leg2 = std::max(even2, 0.49 * side2);
+      const LatticePoint a = at(v[i]), b = at(v[next_corner(i)]);
+      const auto edge2 = static_cast<double>(distance2(a, b));
+      const double leg2 = std::max(even2, 0.49 * edge2);
       const bool is_inside = (mesh_.triangles[t].beyond[i] & kOutline) == 0;
-      for (const double away : {std::sqrt(leg2 / side2 - 0.25), 0.0}) {
+      for (const double away : {std::sqrt(leg2 / edge2 - 0.25), 0.0}) {
         const LatticePoint p = over(a, b, {0, away});
-        if ((away == 0 && !is_inside) || is_unwelcome_at(best_.cavity, p, min_distance2)) continue;
-        const int flaws = flaws_of(p, best_.cavity, fewest, [](const Cavity::Rim&) { return 0; });
+        if ((away == 0 && !is_inside) || is_excluded_by(best_.cavity, p, min_distance2)) continue;
+        const int flaws =
+            flaws_of(p, best_.cavity, fewest, [](const InsertionCavity::Rim&) { return 0; });
         if (flaws < fewest) fewest = flaws, better = p;
       }
     }
-    if (!better || !is_welcome(t, *better, min_distance2, trial_) || trial_.growth >= best_.growth)
+    if (!better || !is_allowed(t, *better, min_distance2, trial_) || trial_.growth >= best_.growth)
       return false;
     std::swap(best_, trial_);
     return true;
-  }
-
-  std::uint32_t shortest_side(const std::array<std::uint32_t, 3>& v) const {
-    const LatticePoint a = at(v[0]), b = at(v[1]), c = at(v[2]);
-    const std::int64_t bc = distance2(b, c), ca = distance2(c, a), ab = distance2(a, b);
-    return bc <= ca && bc <= ab ? 0 : ca <= ab ? 1 : 2;
   }
 
   // The corner, if the shortest edge joins two input segments that meet there under a small angle,
   // at the same distance from it; else none.
   std::uint32_t across_small_angle(const std::array<std::uint32_t, 3>& v,
                                    std::uint32_t shortest) const {
-    const std::uint32_t p = v[after(shortest)], q = v[before(shortest)];
+    const std::uint32_t p = v[shortest], q = v[next_corner(shortest)];
     const std::uint32_t corner = outline_.small_corner(origins_[p].segment, origins_[q].segment);
     if (corner == RefinementOutline::kNoCorner ||
-        std::abs(distance(p, corner) - distance(q, corner)) > RefinementOutline::kSameShell)
+        std::abs(distance(p, corner) - distance(q, corner)) > kSameShell_steps)
       return RefinementOutline::kNoCorner;
     return corner;
   }
 
-  // Splits the sides of a triangle that lie on segments from the corner and reach from one shell
-  // to the next but one, so that shells follow in the ratio sqrt(2).
+  // Splits an edge of the triangle that lies on a segment from the corner and spans more than one
+  // shell, so that shells follow in the ratio sqrt(2).
   bool split_shells(std::uint32_t t, std::uint32_t corner) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const Side s = side_number(t, i);
+      const EdgeId s = edge_id(t, i);
       if ((mesh_.beyond(s) & kOutline) == 0) continue;
       const auto [a, b] = mesh_.ends(s);
       const double da = distance(a, corner), db = distance(b, corner);
-      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_side(s))
+      if (std::min(da, db) > 0 && std::max(da, db) > 1.5 * std::min(da, db) && split_edge(s))
         return true;
     }
     return false;
@@ -452,8 +453,9 @@ class Refiner {
     out_.origins = origins_;
     out_.segments = outline_.segments();
     out_.mesh.triangles.reserve(mesh_.triangles.size());
+    // The corner opposite edge 0 comes first: the order of corners decides how an asset is encoded.
     for (const WorkingTriangle& t : mesh_.triangles)
-      out_.mesh.triangles.push_back(t.v);
+      out_.mesh.triangles.push_back({t.v[2], t.v[0], t.v[1]});
     return std::move(out_);
   }
 
@@ -463,16 +465,17 @@ class Refiner {
   std::vector<VertexOrigin>& origins_;
   std::vector<EncroachedTicket>& encroached_;
   std::vector<std::uint32_t>& fresh_;
-  Prospect &best_, &trial_;
+  Candidate &best_, &trial_;
   double min_angle_deg_, max_area_mm2_;
   std::uint32_t max_vertices_;
-  PlacesUnderAngle places_;
+  AngleCircle circle_;  // for the wanted angle
+  std::array<Place, kAside_deg.size()> aside_{};
   ShapeLimits limits_{};
-  double even_side_ = 0;
+  double even_edge_ = 0;
   Refined out_;
 };
 
-// Far more vertices than refinement to a safe angle was ever seen to need.
+// Far more vertices than refinement to a safe angle has needed on any input.
 std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
                            const RefinementOptions& options) {
   const double step2 = lattice.step_mm() * lattice.step_mm();
@@ -489,8 +492,8 @@ double affordable_area_mm2(const Triangulation& from, const Lattice& lattice, do
   return std::max(wanted_mm2, area_mm2 / kMostTrianglesByArea);
 }
 
-Refined refine_as_it_lies(const Triangulation& from, const Lattice& lattice,
-                          const RefinementOptions& wanted) {
+Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
+                         const RefinementOptions& wanted) {
   RefinementOptions options = wanted;
   options.max_area_mm2 = affordable_area_mm2(from, lattice, wanted.max_area_mm2);
   thread_local Workspace memory;
@@ -506,7 +509,7 @@ Refined refine_as_it_lies(const Triangulation& from, const Lattice& lattice,
   if (safe_deg == options.min_angle_deg || best.outcome == RefinementOutcome::kVertexBudget)
     return best;
 
-  // Above, whether it ends depends on the outline. Halves the gap until it is small.
+  // Above kSafeAngle_deg it depends on the outline whether refinement ends: bisection.
   const auto budget = options.max_vertices != 0
                           ? options.max_vertices
                           : static_cast<std::uint32_t>(kSteepBudget * best.mesh.vertices.size());
@@ -534,14 +537,14 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 
 Refined refine(const Triangulation& from, const Lattice& lattice,
                const RefinementOptions& options) {
-  const QuarterTurn turn = own_turn(from.mesh.vertices);
-  if (turn.quarters == 0) return refine_as_it_lies(from, lattice, options);
-  Triangulation turned = from;
-  for (LatticePoint& p : turned.mesh.vertices)
-    p = turn(p);
-  Refined out = refine_as_it_lies(turned, lattice, options);
+  const CanonicalRotation rotate = rotation_by_centroid(from.mesh.vertices);
+  if (rotate.is_identity()) return refine_unrotated(from, lattice, options);
+  Triangulation rotated = from;
+  for (LatticePoint& p : rotated.mesh.vertices)
+    p = rotate(p);
+  Refined out = refine_unrotated(rotated, lattice, options);
   for (LatticePoint& p : out.mesh.vertices)
-    p = turn.back()(p);
+    p = rotate.back(p);
   return out;
 }
 

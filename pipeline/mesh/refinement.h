@@ -2,8 +2,8 @@
 // Delaunay refinement to a minimum angle and a largest area: Ruppert (1995) with Uengoer's
 // off-centres (2004), concentric shells at small input angles (Ruppert; Shewchuk) and the rule of
 // Miller, Pav and Walkington (2003) that a short edge across a small input angle is left alone.
-// Every decision is exact on the lattice; Steiner points are made on it. Each is put into the one
-// of several allowed places that leaves fewest bad triangles (in the spirit of Erten and Uengoer's
+// Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
+// of several allowed places that leaves the fewest bad triangles (similar to Erten and Uengoer's
 // locally optimal Steiner points, 2009).
 #pragma once
 
@@ -15,34 +15,36 @@
 
 namespace trocar::pipeline {
 
-/// An input angle this little above the wanted one is treated like one below it: where the
-/// triangle at the corner is small, rounding to the lattice decides which it gets.
+/// An input angle less than this above the wanted one is treated like one below it: where the
+/// triangle at the corner is small, rounding to the lattice decides which angle it gets.
 inline constexpr double kLatticeAllowance_deg = 1.5;
 
 /// Up to this angle refinement ends in practice whatever the input.
 inline constexpr double kSafeAngle_deg = 33;
 
-/// A bound on the area asks for no more triangles than this in one slice, which then has some 1.5
-/// million vertices and takes half a GB by the time that it is encoded.
+/// The area bound is raised where it would ask for more triangles than this in one slice, which has
+/// then about 1.5 million vertices and takes half a GB until it is encoded.
 inline constexpr double kMostTrianglesByArea = 2e6;
 
 struct RefinementOptions {
   double min_angle_deg = 30;
   double max_area_mm2 = 50;  ///< raised where it asks for more than kMostTrianglesByArea
-  /// Refinement stops, with what is there, when the mesh would grow beyond this many vertices. 0:
-  /// from input and area; for angles above kSafeAngle_deg from the mesh of that angle.
+  /// Refinement stops, and keeps the mesh that it has, when the mesh would grow beyond this many
+  /// vertices. 0: a budget from input and area; for angles above kSafeAngle_deg, from the size of
+  /// the mesh refined to that angle.
   std::uint32_t max_vertices = 0;
 };
 
 enum class RefinementOutcome {
-  kRefined,           ///< all within bounds but where small input angles forbid it
-  kLatticeTooCoarse,  ///< likewise, but bad triangles a few lattice steps wide were left alone
+  kRefined,           ///< all within bounds except where small input angles forbid it
+  kLatticeTooCoarse,  ///< the same, but bad triangles a few lattice steps wide were left as they
+                      ///< are
   kAngleNotReached,   ///< the wanted angle, above kSafeAngle_deg, needs more vertices than allowed:
                       ///< all is within bounds for the smaller one `angle_deg`
   kVertexBudget,      ///< stopped at max_vertices; valid, but not within bounds
 };
 
-/// Refined meshes keep this of each vertex: it tells input angles from our own.
+/// Where a vertex of a refined mesh comes from.
 struct VertexOrigin {
   static constexpr std::int32_t kFree = -1;    ///< a Steiner point in the material
   static constexpr std::int32_t kCorner = -2;  ///< a vertex of the input
@@ -61,21 +63,21 @@ struct Refined {
   };
   std::vector<Segment> segments;
   RefinementOutcome outcome = RefinementOutcome::kRefined;
-  double angle_deg = 0;                   ///< what it was refined to
-  double max_area_mm2 = 0;                ///< likewise
-  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles left as no lattice point betters them
+  double angle_deg = 0;                   ///< the smallest angle that it was refined to
+  double max_area_mm2 = 0;                ///< the largest area that it was refined to
+  std::uint32_t bad_at_lattice_step = 0;  ///< bad triangles that no lattice point improves
 };
 
-/// Is the smallest angle of the triangle below the angle whose squared sine is given? Exact but for
-/// rounding in the last digits. The one judgement that refinement, report and tests share.
+/// Is the smallest angle of the triangle below the angle whose squared sine is given? Exact except
+/// for rounding in the last digits. Refinement, report and tests share it.
 bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2);
 
-/// The result is valid and constrained Delaunay, as what triangulate() gives is, with each
-/// boundary edge of the input a chain of edges whose inner vertices lie on it or, where the
-/// lattice does not meet it, on its material side less than three steps away (each split rounds by
-/// less than 1.5 steps and passes on a part of its parent's; one that would come to three is not
-/// made). Moved by lattice steps or turned by right angles, an outline gives the same mesh, moved
-/// and turned, unless a turn brings it onto itself.
+/// The result is valid and constrained Delaunay, like that of triangulate(). Each boundary edge of
+/// the input becomes a chain of edges whose inner vertices lie on it or, where no lattice point
+/// does, on its material side less than three steps away (each split rounds by less than 1.5 steps
+/// and inherits a part of the deviation of the edge that it splits; a split that would reach three
+/// steps is not made). Moved by lattice steps or rotated by right angles, an outline gives the same
+/// mesh, moved and rotated, unless a rotation maps it onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The mesh while it is refined: one flat array, and insertion of a point by its cavity (Bowyer;
-// Watson, 1981).
+// The mesh during refinement: flat arrays, and insertion of a point by its cavity (Bowyer; Watson,
+// 1981).
 #pragma once
 
 #include <array>
@@ -8,19 +8,21 @@
 #include <utility>
 #include <vector>
 
+#include "formats/geometry/triangle_edge.h"
 #include "pipeline/mesh/triangulation.h"
 
 namespace trocar::pipeline {
 
-/// Beyond a side on the outline lies, instead of a side, this flag and the input segment's number.
+/// Beyond an edge on the outline lies, instead of an edge, this flag and the input segment's
+/// number.
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
-/// A triangle's circumcircle for many questions: the determinant of in_circle(), expanded by the
-/// point asked for. Exact; 64 bits do where all differences are below kReach, which nearly all are.
-class Circle {
+/// A triangle's circumcircle, for many points: the determinant of in_circle(), expanded by the
+/// point. Exact; 64 bits do where all differences are below kReach, which nearly all are.
+class Circumcircle {
  public:
-  Circle() = default;
-  Circle(LatticePoint a, LatticePoint b, LatticePoint c) : origin_(a) {
+  Circumcircle() = default;
+  Circumcircle(LatticePoint a, LatticePoint b, LatticePoint c) : origin_(a) {
     const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
     const std::int64_t cx = std::int64_t{c.x} - a.x, cy = std::int64_t{c.y} - a.y;
     if (!(is_in_reach(bx, by) && is_in_reach(cx, cy))) return;
@@ -31,7 +33,7 @@ class Circle {
   }
 
   enum class Answer { kNo, kYes, kTooFar };
-  /// Does p lie strictly inside?
+  /// Does p lie strictly inside? kTooFar: 64 bits do not suffice.
   Answer holds(LatticePoint p) const {
     const std::int64_t dx = std::int64_t{p.x} - origin_.x, dy = std::int64_t{p.y} - origin_.y;
     if (area2_ == 0 || !is_in_reach(dx, dy)) return Answer::kTooFar;
@@ -53,21 +55,21 @@ class Circle {
 
 /// One cache line.
 struct alignas(64) WorkingTriangle {
-  Circle circle;
+  Circumcircle circle;
   std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
-  std::array<std::uint32_t, 3> beyond{};  ///< Side, or kOutline | segment
+  std::array<std::uint32_t, 3> beyond{};  ///< EdgeId, or kOutline | segment
   std::uint32_t visit = 0;                ///< the last search that took it
   std::uint32_t generation : 31 = 0;      ///< grows when it is replaced
   std::uint32_t is_bad : 1 = 0;           ///< to be improved
 };
 
-/// Triangles that a point replaces, and their common border.
-struct Cavity {
+/// Triangles whose place the star of a new point takes, and the rim around them.
+struct InsertionCavity {
   struct Rim {
     std::uint32_t a, b;    ///< the cavity is on the left
-    std::uint32_t beyond;  ///< Side, or kOutline | segment
-    Side inside;           ///< of the cavity's triangle
-    // Of the triangle that replaces it: the searcher's to fill in.
+    std::uint32_t beyond;  ///< EdgeId, or kOutline | segment
+    EdgeId inside;         ///< of the cavity's triangle
+    // Of the triangle between the edge and the new point; filled in by the Refiner.
     double shortest2 = 0;
     bool is_bad = false;
     bool is_outline() const { return (beyond & kOutline) != 0; }
@@ -81,7 +83,8 @@ class RefinementMesh {
   std::vector<LatticePoint> points;
   std::vector<WorkingTriangle> triangles;
 
-  /// Starts anew and keeps the memory. Sides on the outline are numbered by `segment(a, b)`.
+  /// Starts again and keeps the memory. `segment(a, b)` gives the number of the input segment that
+  /// is the outline's edge from a to b.
   template <typename Segment>
   void assign(const Triangulation& from, Segment segment) {
     points.assign(from.mesh.vertices.begin(), from.mesh.vertices.end());
@@ -90,8 +93,8 @@ class RefinementMesh {
       set(t, from.mesh.triangles[t], from.beyond[t]);
       triangles[t].visit = triangles[t].generation = triangles[t].is_bad = 0;
       for (std::uint32_t i = 0; i < 3; ++i) {
-        if (from.beyond[t][i] == kNoSide) {
-          const auto [a, b] = ends(side_number(t, i));
+        if (from.beyond[t][i] == kNoEdge) {
+          const auto [a, b] = ends(edge_id(t, i));
           triangles[t].beyond[i] = kOutline | segment(a, b);
         }
       }
@@ -100,25 +103,27 @@ class RefinementMesh {
     star_.assign(points.size(), 0);
   }
 
-  std::uint32_t beyond(Side s) const { return triangles[triangle_of(s)].beyond[index_of(s)]; }
-  std::pair<std::uint32_t, std::uint32_t> ends(Side s) const {
-    const WorkingTriangle& t = triangles[triangle_of(s)];
-    return {t.v[after(index_of(s))], t.v[before(index_of(s))]};
+  std::uint32_t beyond(EdgeId e) const { return triangles[triangle_of(e)].beyond[index_of(e)]; }
+  std::pair<std::uint32_t, std::uint32_t> ends(EdgeId e) const {
+    const WorkingTriangle& t = triangles[triangle_of(e)];
+    return {t.v[index_of(e)], t.v[next_corner(index_of(e))]};
   }
-  std::uint32_t apex(Side s) const { return triangles[triangle_of(s)].v[index_of(s)]; }
+  std::uint32_t apex(EdgeId e) const {
+    return triangles[triangle_of(e)].v[previous_corner(index_of(e))];
+  }
 
-  /// in_circle() of a triangle.
+  /// Is p strictly inside the circumcircle of triangle t? Exact.
   bool circumcircle_holds(std::uint32_t t, LatticePoint p) const {
-    const Circle::Answer answer = triangles[t].circle.holds(p);
-    if (answer != Circle::Answer::kTooFar) return answer == Circle::Answer::kYes;
+    const Circumcircle::Answer answer = triangles[t].circle.holds(p);
+    if (answer != Circumcircle::Answer::kTooFar) return answer == Circumcircle::Answer::kYes;
     const std::array<std::uint32_t, 3>& v = triangles[t].v;
     return in_circle(points[v[0]], points[v[1]], points[v[2]], p) > 0;
   }
 
-  /// All triangles whose circumcircles hold p and that are linked with `start`, which p is in or
-  /// near, by such; and the edges around them, but for `except`.
-  [[gnu::noinline]] void find_cavity(std::uint32_t start, LatticePoint p, Side except,
-                                     Cavity& cavity) {
+  /// `start`, and all triangles connected with it whose circumcircles hold p; and the edges around
+  /// them, without `except`. p lies in `start` or in its circumcircle.
+  [[gnu::noinline]] void find_cavity(std::uint32_t start, LatticePoint p, EdgeId except,
+                                     InsertionCavity& cavity) {
     cavity.triangles.assign(1, start);
     cavity.rim.clear();
     const std::uint32_t visit = ++visits_;
@@ -137,25 +142,25 @@ class RefinementMesh {
             continue;
           }
         }
-        const Side inside = side_number(t, i);
+        const EdgeId inside = edge_id(t, i);
         if (inside != except)
-          cavity.rim.push_back({tri.v[after(i)], tri.v[before(i)], beyond, inside});
+          cavity.rim.push_back({tri.v[i], tri.v[next_corner(i)], beyond, inside});
       }
     }
   }
 
   /// Replaces the cavity by the star of a new vertex p that lies to the left of all edges of the
-  /// rim. The rim is a closed loop, or, where p splits a side on the outline, open at that side
-  /// (`split`, else kNoSide). Edge k of the rim becomes side 0 of triangle fresh[k]. Changes
-  /// nothing and gives false if the rim is not one loop.
-  bool fill_cavity(const Cavity& cavity, LatticePoint p, Side split,
+  /// rim. The rim is a closed loop, or, where p splits an edge on the outline, open at that edge
+  /// (`split`, else kNoEdge). Edge k of the rim becomes edge 0 of triangle fresh[k]. False, and
+  /// nothing done, if the rim is not one loop.
+  bool fill_cavity(const InsertionCavity& cavity, LatticePoint p, EdgeId split,
                    std::vector<std::uint32_t>& fresh) {
-    const std::vector<Cavity::Rim>& rim = cavity.rim;
+    const std::vector<InsertionCavity::Rim>& rim = cavity.rim;
     // A loop around n triangles has n + 2 edges, an open one n + 1.
-    if (rim.size() != cavity.triangles.size() + (split == kNoSide ? 2 : 1)) return false;
+    if (rim.size() != cavity.triangles.size() + (split == kNoEdge ? 2 : 1)) return false;
     constexpr std::uint32_t kEnd = 0xffffffff;
     std::uint32_t open = 0;
-    if (split != kNoSide) {
+    if (split != kNoEdge) {
       open = beyond(split);
       star_[ends(split).first] = kEnd;
     }
@@ -168,19 +173,19 @@ class RefinementMesh {
       triangles.emplace_back();
     }
     for (std::size_t k = 0; k < rim.size(); ++k) {
-      const Cavity::Rim& r = rim[k];
+      const InsertionCavity::Rim& r = rim[k];
       const std::uint32_t t = fresh[k];
-      set(t, {v, r.a, r.b}, {r.beyond, open, open});
+      set(t, {r.a, r.b, v}, {r.beyond, open, open});
       ++triangles[t].generation;
       star_[r.a] = t;
       if (!r.is_outline())
-        triangles[triangle_of(r.beyond)].beyond[index_of(r.beyond)] = side_number(t, 0);
+        triangles[triangle_of(r.beyond)].beyond[index_of(r.beyond)] = edge_id(t, 0);
     }
     for (std::size_t k = 0; k < rim.size(); ++k) {
       const std::uint32_t next = star_[rim[k].b];  // the one that starts where this one ends
       if (next == kEnd) continue;
-      triangles[fresh[k]].beyond[1] = side_number(next, 2);
-      triangles[next].beyond[2] = side_number(fresh[k], 1);
+      triangles[fresh[k]].beyond[1] = edge_id(next, 2);
+      triangles[next].beyond[2] = edge_id(fresh[k], 1);
     }
     return true;
   }

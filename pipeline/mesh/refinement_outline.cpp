@@ -6,21 +6,18 @@
 #include <limits>
 #include <numbers>
 
+#include "formats/geometry/split_places.h"
+#include "formats/geometry/triangle_shape.h"
+
 namespace trocar::pipeline {
 namespace {
 
 constexpr double kSmallInputAngle_deg = 60;
-// Corners below this pull splits of their segments onto concentric shells.
-constexpr double kAcute_deg = 75;
 
-double distance(LatticePoint a, LatticePoint b) {
-  return std::sqrt(static_cast<double>(distance2(a, b)));
-}
-
-// The shells around a corner, the same for every segment: the powers of two, between them their
-// ratio's square root (shells in the ratio sqrt(2) leave no angle below 32 degrees between
-// segments that meet under 30 or more, the ratio 2 leaves 26), then halves. Gives the first in
-// this order that lies well inside (near, far).
+// The radii of the shells around a corner, the same for every segment: the powers of two; between
+// two of them their geometric mean; then repeated halves of the intervals. (Shells in the ratio
+// sqrt(2) leave no angle below 32 degrees between segments that meet under 30 or more; the ratio 2
+// leaves 26.) Gives the first in this order that lies well inside (near, far).
 double shell_between(double near, double far) {
   const double low = near + 0.25 * (far - near), high = far - 0.25 * (far - near);
   double power = 1;
@@ -65,7 +62,7 @@ void RefinementOutline::close(const std::vector<LatticePoint>& points) {
 }
 
 bool RefinementOutline::is_acute(std::uint32_t vertex) const {
-  return angle_deg_[vertex] < kAcute_deg;
+  return angle_deg_[vertex] < kAcuteCorner_deg;
 }
 
 std::uint32_t RefinementOutline::small_corner_of_two(std::int32_t s, std::int32_t t) const {
@@ -81,7 +78,7 @@ double RefinementOutline::shell_fraction(std::uint32_t segment, LatticePoint a, 
   double fraction = 0.5, nearest = std::numeric_limits<double>::max();
   for (const std::uint32_t corner : {segments_[segment].from, segments_[segment].to}) {
     if (!is_acute(corner)) continue;
-    const double da = distance(a, points[corner]), db = distance(b, points[corner]);
+    const double da = edge_length(a, points[corner]), db = edge_length(b, points[corner]);
     const double near = std::min(da, db), far = std::max(da, db);
     if (near >= nearest) continue;
     nearest = near;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What refinement knows of its input: segments, the angles between them, and where to split them
-// near an acute one (concentric shells: Ruppert, 1995; Shewchuk).
+// The input of refinement: its segments, the angles between them, and where to split them near an
+// acute angle (concentric shells: Ruppert, 1995; Shewchuk).
 #pragma once
 
 #include <cstdint>
@@ -13,13 +13,11 @@ namespace trocar::pipeline {
 class RefinementOutline {
  public:
   static constexpr std::uint32_t kNoCorner = 0xffffffff;
-  /// Distances from a corner that differ by no more than this many steps are one shell.
-  static constexpr double kSameShell = 2;
 
-  /// Starts anew and keeps the memory: segments are numbered as they are added.
+  /// Starts again and keeps the memory; segments are numbered in the order of add().
   void clear(std::size_t vertices);
   std::uint32_t add(std::uint32_t from, std::uint32_t to);
-  /// Once all are added: measures the angles between them.
+  /// Measures the angles between the segments, once all are added.
   void close(const std::vector<LatticePoint>& points);
 
   const std::vector<Refined::Segment>& segments() const { return segments_; }
@@ -32,12 +30,13 @@ class RefinementOutline {
     return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
   }
 
-  /// Does a segment end in an acute angle, so that its splits belong onto shells around it?
+  /// Does a segment end in an acute corner (kAcuteCorner_deg), so that its splits belong on shells?
   bool has_shells(std::uint32_t segment) const {
     return is_acute(segments_[segment].from) || is_acute(segments_[segment].to);
   }
-  /// How far from a to b to split this piece of a segment that has shells, so that pieces of the
-  /// two segments that meet in the nearer acute corner end at equal distances from it.
+  /// The fraction from a to b at which to split this piece of a segment that has shells, so that
+  /// pieces of the two segments that meet in the nearer acute corner end at equal distances from
+  /// it.
   double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                         const std::vector<LatticePoint>& points) const;
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Triangles to be improved, the one with the shortest side first (to a factor of 1.1), of like ones
-// the newest. Tickets of triangles that have since been replaced are dropped when they come up.
+// The triangles to be improved, ordered by their shortest edge in buckets of a quarter of a power
+// of two of its square; within a bucket the newest comes first. Tickets of triangles that have been
+// replaced since are dropped when they are popped.
 #pragma once
 
 #include <algorithm>

@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A plane sweep triangulates the material (Hertel and Mehlhorn, 1983), then flips make it
-// constrained Delaunay (Lawson, 1977). The outside is never triangulated, constraints never have to
-// be recovered, and both steps decide in exact integers only.
+// constrained Delaunay (Lawson, 1977). The outside is not triangulated, no constraints have to be
+// recovered, and both steps decide in exact integers only.
 #include "pipeline/mesh/triangulation.h"
 
 #include <algorithm>
 #include <array>
 #include <utility>
 
+#include "formats/geometry/canonical_rotation.h"
+#include "formats/geometry/edge_predicates.h"
 #include "pipeline/mesh/mesh_adjacency.h"
-#include "pipeline/mesh/quarter_turn.h"
 
 namespace trocar::pipeline {
 namespace {
 
-constexpr std::uint32_t kNone = kNoSide;
-// A side that lies on a diagonal whose triangles are still to come: this flag and the diagonal's
-// number.
+constexpr std::uint32_t kNone = kNoEdge;
+// In place of an edge that lies on a diagonal whose triangles are still to come: this flag and the
+// diagonal's number.
 constexpr std::uint32_t kDiagonal = 0x80000000;
 
 struct Swept {
@@ -25,15 +26,15 @@ struct Swept {
 };
 
 // Sweeps over the points in lexicographic order (left to right, on a vertical from below). The
-// status holds the outline's edges that the sweep line cuts, from below, and with each edge that
-// has material above it the chain: the right border of what is triangulated of that material, as
-// far as it can be without points to the right. It runs from the left end of the edge below to that
-// of the edge above, and bulges to the right: no corner of it can be cut off. A new point right of
-// it therefore sees it where it turns towards the point, and nothing else has to be checked.
+// status lists the outline's edges that the sweep line cuts, from below. With each edge that has
+// material above it the status keeps a chain: the right border of the part of that material that
+// can be triangulated without points to the right. The chain runs from the left end of the edge
+// below to that of the edge above and is convex to the right. A new point to the right of it
+// therefore sees exactly the part of the chain that faces it, and nothing else has to be checked.
 class Sweep {
  public:
-  /// In the plane after that turn.
-  Sweep(const Pslg& pslg, QuarterTurn turn) : pslg_(pslg), turn_(turn) {}
+  /// In the rotated plane.
+  Sweep(const Pslg& pslg, CanonicalRotation rotate) : pslg_(pslg), rotate_(rotate) {}
 
   Result<Swept> run() {
     sort_points();
@@ -56,11 +57,11 @@ class Sweep {
     std::uint32_t left, right;
     bool material_above;
   };
-  // A point on a chain, and the triangle's side, or kNone for the outline, that joins it to the
-  // next one.
+  // A point on a chain, and the triangle's edge that joins it to the next one, or kNone where that
+  // is the outline.
   struct Node {
     std::uint32_t point;
-    Side side = kNone;
+    EdgeId edge = kNone;
     std::uint32_t previous = kNone, next = kNone;
   };
   struct Active {
@@ -87,7 +88,7 @@ class Sweep {
     std::uint32_t corner = 0;
     for (const Ring& ring : pslg_.rings) {
       for (const LatticePoint p : ring)
-        items.push_back({key(turn_(p)), corner++});
+        items.push_back({key(rotate_(p)), corner++});
     }
     std::sort(items.begin(), items.end(),
               [](const Item& a, const Item& b) { return a.key < b.key; });
@@ -141,67 +142,68 @@ class Sweep {
     nodes_.push_back({point});
     return static_cast<std::uint32_t>(nodes_.size() - 1);
   }
-  void join(std::uint32_t node, std::uint32_t next, std::uint32_t side) {
+  void join(std::uint32_t node, std::uint32_t next, EdgeId edge) {
     nodes_[node].next = next;
-    nodes_[node].side = side;
+    nodes_[node].edge = edge;
     nodes_[next].previous = node;
   }
 
-  // Triangle (a, p, b), the chain's nodes a and its next one b. `side_ap` and `side_pb`, where
-  // known, lie beyond its other sides. Side i is opposite vertex i: 0 is pb, 1 is ba, 2 is ap.
-  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, Side side_ap,
-                     Side side_pb) {
+  // Triangle (p, b, a), of the point p, the chain's node a and the next one b: its edges are pb,
+  // ba, ap. `edge_ap` and `edge_pb`, where known, lie beyond.
+  std::uint32_t emit(std::uint32_t a, std::uint32_t p, std::uint32_t b, EdgeId edge_ap,
+                     EdgeId edge_pb) {
     const auto t = static_cast<std::uint32_t>(mesh_.triangles.size());
-    mesh_.triangles.push_back({nodes_[a].point, p, nodes_[b].point});
+    mesh_.triangles.push_back({p, nodes_[b].point, nodes_[a].point});
     beyond_.push_back({kNone, kNone, kNone});
-    link(side_number(t, 1), nodes_[a].side);
-    link(side_number(t, 2), side_ap);
-    link(side_number(t, 0), side_pb);
+    link(edge_id(t, 1), nodes_[a].edge);
+    link(edge_id(t, 2), edge_ap);
+    link(edge_id(t, 0), edge_pb);
     return t;
   }
-  void link(Side side, Side beyond) {
+  void link(EdgeId edge, EdgeId beyond) {
     if (beyond == kNone) return;
     if ((beyond & kDiagonal) != 0) {
-      const Side other = std::exchange(diagonals_[beyond ^ kDiagonal], side);
+      const EdgeId other = std::exchange(diagonals_[beyond ^ kDiagonal], edge);
       if (other == kNone) return;
       beyond = other;
     }
-    beyond_[triangle_of(side)][index_of(side)] = beyond;
-    beyond_[triangle_of(beyond)][index_of(beyond)] = side;
+    beyond_[triangle_of(edge)][index_of(edge)] = beyond;
+    beyond_[triangle_of(beyond)][index_of(beyond)] = edge;
   }
   bool sees(std::uint32_t a, std::uint32_t b, std::uint32_t p) const {
     return orient2d(points_[nodes_[a].point], points_[p], points_[nodes_[b].point]) > 0;
   }
 
-  // p is joined to the chain's upper end: cuts off what it sees from there and becomes the end
-  // itself.
-  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, Side side = kNone) {
+  // Joins p to the chain's upper end: makes the triangles with the edges that it sees from there,
+  // and p becomes the upper end.
+  void close_back(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, EdgeId edge = kNone) {
     while (back != front && sees(nodes_[back].previous, back, p)) {
       const std::uint32_t a = nodes_[back].previous;
-      side = side_number(emit(a, p, back, kNone, side), 2);
+      edge = edge_id(emit(a, p, back, kNone, edge), 2);
       back = a;
     }
     const std::uint32_t node = add_node(p);
-    join(back, node, side);
+    join(back, node, edge);
     back = node;
   }
   // The same from the lower end.
-  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p, Side side = kNone) {
+  void close_front(std::uint32_t& front, std::uint32_t& back, std::uint32_t p,
+                   EdgeId edge = kNone) {
     while (front != back && sees(front, nodes_[front].next, p)) {
       const std::uint32_t b = nodes_[front].next;
-      side = side_number(emit(front, p, b, side, kNone), 0);
+      edge = edge_id(emit(front, p, b, edge, kNone), 0);
       front = b;
     }
     const std::uint32_t node = add_node(p);
-    join(node, front, side);
+    join(node, front, edge);
     front = node;
   }
-  // p is joined to both ends: what is left of this material ends here.
+  // Joins p to both ends: this material ends at p.
   bool close(std::uint32_t front, std::uint32_t back, std::uint32_t p) {
-    Side side = kNone;
+    EdgeId edge = kNone;
     for (; front != back; front = nodes_[front].next) {
       if (!sees(front, nodes_[front].next, p)) return false;
-      side = side_number(emit(front, p, nodes_[front].next, side, kNone), 0);
+      edge = edge_id(emit(front, p, nodes_[front].next, edge, kNone), 0);
     }
     return true;
   }
@@ -246,7 +248,7 @@ class Sweep {
       if (last == lower_back) {
         upper_back = upper_front;
       } else {
-        join(upper_front, nodes_[last].next, nodes_[last].side);
+        join(upper_front, nodes_[last].next, nodes_[last].edge);
         upper_back = lower_back;
         lower_back = last;
       }
@@ -265,7 +267,7 @@ class Sweep {
         // Both halves end in p: one chain.
         if (high == low) return false;
         if (upper_front != upper_back) {
-          join(lower_back, nodes_[upper_front].next, nodes_[upper_front].side);
+          join(lower_back, nodes_[upper_front].next, nodes_[upper_front].edge);
           lower_back = upper_back;
         }
       }
@@ -301,110 +303,108 @@ class Sweep {
   }
 
   const Pslg& pslg_;
-  QuarterTurn turn_;
+  CanonicalRotation rotate_;
   std::vector<LatticePoint> points_;
   std::vector<std::uint32_t> vertex_of_corner_, first_edge_;
   std::vector<Edge> edges_;
   std::vector<Node> nodes_;
   std::vector<Active> status_;
-  std::vector<Side> diagonals_;  // the first side on each, or kNone
+  std::vector<EdgeId> diagonals_;  // the first edge on each, or kNone
   SliceMesh mesh_;
   Neighbours beyond_;
   bool has_pinches_ = false;
 };
 
-// Of the triangles abc and dcb. The angles opposite bc sum to at most 180 degrees: two that are not
-// obtuse do, and two obtuse ones do not, without in_circle().
-bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
-  const bool obtuse_a = diametral_dot(b, c, a) < 0, obtuse_d = diametral_dot(b, c, d) < 0;
-  if (obtuse_a == obtuse_d) return !obtuse_a;
-  return in_circle(a, b, c, d) <= 0;
-}
-
 // Flips edges until every one that is not on the outline is locally Delaunay.
 void flip_to_delaunay(Triangulation& out) {
   std::vector<Triangle>& triangles = out.mesh.triangles;
   Neighbours& beyond = out.beyond;
-  std::vector<Side> stack;
+  std::vector<EdgeId> stack;
   stack.reserve(triangles.size() * 3);
   for (std::uint32_t t = 0; t < triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (beyond[t][i] != kNone && beyond[t][i] > side_number(t, i))
-        stack.push_back(side_number(t, i));
+      if (beyond[t][i] != kNone && beyond[t][i] > edge_id(t, i)) stack.push_back(edge_id(t, i));
     }
   }
-  const auto connect = [&](Side side, Side other) {
-    beyond[triangle_of(side)][index_of(side)] = other;
-    if (other != kNone) beyond[triangle_of(other)][index_of(other)] = side;
+  const auto connect = [&](EdgeId edge, EdgeId other) {
+    beyond[triangle_of(edge)][index_of(edge)] = other;
+    if (other != kNone) beyond[triangle_of(other)][index_of(other)] = edge;
   };
   while (!stack.empty()) {
     const std::uint32_t t = triangle_of(stack.back()), i = index_of(stack.back());
     stack.pop_back();
-    if (beyond[t][i] == kNone) continue;  // the side has since become another one
+    if (beyond[t][i] == kNone) continue;  // a flip has put an edge of the outline in its place
     const std::uint32_t u = triangle_of(beyond[t][i]), j = index_of(beyond[t][i]);
-    const std::uint32_t a = triangles[t][i], b = triangles[t][after(i)],
-                        c = triangles[t][before(i)], d = triangles[u][j];
+    const std::uint32_t b = triangles[t][i], c = triangles[t][next_corner(i)],
+                        a = triangles[t][previous_corner(i)], d = triangles[u][previous_corner(j)];
     if (is_locally_delaunay(out.mesh.vertices[a], out.mesh.vertices[b], out.mesh.vertices[c],
                             out.mesh.vertices[d]))
       continue;
-    // abc, dcb become abd, adc.
-    const Side beyond_ca = beyond[t][after(i)], beyond_ab = beyond[t][before(i)];
-    const Side beyond_bd = beyond[u][after(j)], beyond_dc = beyond[u][before(j)];
-    triangles[t] = {a, b, d};
-    triangles[u] = {a, d, c};
-    connect(side_number(t, 0), beyond_bd);
-    connect(side_number(t, 1), side_number(u, 2));
-    connect(side_number(t, 2), beyond_ab);
-    connect(side_number(u, 0), beyond_dc);
-    connect(side_number(u, 1), beyond_ca);
-    for (const Side side :
-         {side_number(t, 0), side_number(t, 2), side_number(u, 0), side_number(u, 1)}) {
-      if (beyond[triangle_of(side)][index_of(side)] != kNone) stack.push_back(side);
+    // bca, cbd become bda, dca.
+    const EdgeId beyond_ca = beyond[t][next_corner(i)], beyond_ab = beyond[t][previous_corner(i)];
+    const EdgeId beyond_bd = beyond[u][next_corner(j)], beyond_dc = beyond[u][previous_corner(j)];
+    triangles[t] = {b, d, a};
+    triangles[u] = {d, c, a};
+    connect(edge_id(t, 0), beyond_bd);
+    connect(edge_id(t, 1), edge_id(u, 2));
+    connect(edge_id(t, 2), beyond_ab);
+    connect(edge_id(u, 0), beyond_dc);
+    connect(edge_id(u, 1), beyond_ca);
+    for (const EdgeId edge : {edge_id(t, 0), edge_id(t, 2), edge_id(u, 0), edge_id(u, 1)}) {
+      if (beyond[triangle_of(edge)][index_of(edge)] != kNone) stack.push_back(edge);
     }
   }
 }
 
-// Gives each fan of triangles around a point a vertex of its own, drops unused vertices.
+// Gives each fan of triangles around a point its own vertex, and drops unused vertices.
 void split_pinches(Triangulation& out) {
-  // Corners (triangle, k) around one vertex are joined across shared sides; each group is a fan.
+  // Corners of triangles around one vertex are joined across shared edges; each group is a fan.
+  struct Corner {
+    std::uint32_t triangle, corner;
+  };
   const SliceMesh mesh = std::move(out.mesh);
-  const auto corners = static_cast<std::uint32_t>(mesh.triangles.size() * 3);
-  std::vector<std::uint32_t> vertex_of_corner(corners, kNone), stack;
-  out.mesh = {{}, mesh.triangles};
-  for (std::uint32_t c = 0; c < corners; ++c) {
-    if (vertex_of_corner[c] != kNone) continue;
-    const std::uint32_t v = mesh.triangles[c / 3][c % 3];
-    const auto vertex = static_cast<std::uint32_t>(out.mesh.vertices.size());
-    out.mesh.vertices.push_back(mesh.vertices[v]);
-    vertex_of_corner[c] = vertex;
-    stack.assign(1, c);
-    while (!stack.empty()) {
-      const std::uint32_t t = stack.back() / 3, k = stack.back() % 3;
-      stack.pop_back();
-      out.mesh.triangles[t][k] = vertex;
-      for (const std::uint32_t side : {after(k), before(k)}) {
-        if (out.beyond[t][side] == kNone) continue;
-        const std::uint32_t n = triangle_of(out.beyond[t][side]);
-        const Triangle& u = mesh.triangles[n];
-        const std::uint32_t d = 3 * n + (u[0] == v ? 0U : u[1] == v ? 1U : 2U);
-        if (vertex_of_corner[d] == kNone) vertex_of_corner[d] = vertex, stack.push_back(d);
+  out.mesh = {};
+  std::vector<Triangle> numbered(mesh.triangles.size(), {kNone, kNone, kNone});
+  std::vector<Corner> stack;
+  for (std::uint32_t first = 0; first < mesh.triangles.size(); ++first) {
+    for (const std::uint32_t corner : {2U, 0U, 1U}) {
+      if (numbered[first][corner] != kNone) continue;
+      const std::uint32_t v = mesh.triangles[first][corner];
+      const auto vertex = static_cast<std::uint32_t>(out.mesh.vertices.size());
+      out.mesh.vertices.push_back(mesh.vertices[v]);
+      numbered[first][corner] = vertex;
+      stack.push_back({first, corner});
+      while (!stack.empty()) {
+        const auto [t, k] = stack.back();
+        stack.pop_back();
+        // The two edges that meet in the corner.
+        for (const std::uint32_t edge : {previous_corner(k), k}) {
+          if (out.beyond[t][edge] == kNone) continue;
+          const std::uint32_t u = triangle_of(out.beyond[t][edge]);
+          const std::uint32_t there = corner_of(mesh.triangles[u], v);
+          if (numbered[u][there] == kNone) {
+            numbered[u][there] = vertex;
+            stack.push_back({u, there});
+          }
+        }
       }
     }
   }
+  out.mesh.triangles = std::move(numbered);
 }
 
 }  // namespace
 
 Result<Triangulation> triangulate(const Pslg& pslg) {
-  const QuarterTurn turn = own_turn(pslg);
-  auto swept = Sweep(pslg, turn).run();
+  const CanonicalRotation rotate = rotation_by_centroid(pslg);
+  auto swept = Sweep(pslg, rotate).run();
   if (!swept) return swept.error();
   flip_to_delaunay(swept->out);
   if (doubled_area(swept->out.mesh) != doubled_area(pslg))
     return bug("triangulation: its area is not the outline's");
   if (swept->has_pinches) split_pinches(swept->out);
   for (LatticePoint& p : swept->out.mesh.vertices)
-    p = turn.back()(p);
+    p = rotate.back(p);
   return std::move(swept->out);
 }
 

@@ -12,7 +12,7 @@
 #include "formats/session/scene.h"
 #include "formats/geometry/slice_mesh.h"
 #include "runtime/mechanism/pose.h"
-#include "runtime/mesh/lattice_box.h"
+#include "formats/geometry/lattice_box.h"
 
 namespace trocar::runtime {
 

@@ -3,17 +3,20 @@
 
 #include <algorithm>
 
+#include "formats/geometry/edge_predicates.h"
+#include "formats/geometry/triangle_edge.h"
+
 namespace trocar::runtime {
 namespace {
 
-// How the segment cd and the triangle meet. Two convex sets are apart if and only if the line along
-// a side of one of them has them strictly on its two sides; their insides are apart if it has them
-// on its two sides, or on itself.
+// How the segment cd and the triangle meet. Two convex polygons are apart if and only if the line
+// through an edge of one of them separates them strictly; their interiors are apart if and only if
+// such a line separates them, not necessarily strictly.
 Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
                         LatticePoint d) {
   bool overlaps = true;
-  for (std::size_t i = 0; i < 3; ++i) {
-    const LatticePoint a = triangle[i], b = triangle[i == 2 ? 0 : i + 1];
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    const LatticePoint a = triangle[i], b = triangle[next_corner(i)];
     const std::int64_t innermost = std::max(orient2d(a, b, c), orient2d(a, b, d));
     if (innermost < 0) return Contact::kApart;
     overlaps = overlaps && innermost > 0;
@@ -24,8 +27,8 @@ Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoin
   return overlaps && low < 0 && high > 0 ? Contact::kOverlaps : Contact::kTouches;
 }
 
-// Is the point (x, y) / scale inside the polygon? It is not on it. Even-odd
-// rule with a ray to the right.
+// Is the point (x, y) / scale inside the polygon? It must not lie on it. Even-odd rule with a ray
+// to the right.
 bool inside(std::int64_t x, std::int64_t y, std::int64_t scale,
             std::span<const OutlineEdge> polygon) {
   bool in = false;
@@ -75,7 +78,7 @@ Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexc
 
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept {
   for (const auto& [a, b, box] : tool) {
-    if (orient2d(a, b, p) == 0 && diametral_dot(a, b, p) <= 0) return false;
+    if (is_on_segment(a, b, p)) return false;
   }
   return !inside(p.x, p.y, 1, tool);
 }
@@ -91,15 +94,15 @@ void Cavity::allocate(std::size_t max_triangles) {
   vertices.allocate(3 * max_triangles);
 }
 
-Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
-                  Cavity& cavity) noexcept {
+StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                         Cavity& cavity) noexcept {
   cavity.triangles.clear();
   cavity.members.clear();
   cavity.tool.clear();
   for (std::size_t i = 0, n = tool.size(); i < n; ++i) {
-    if (!push_within(cavity.tool, edge_of(tool, i))) return Stage::kCapacity;
+    if (!push_within(cavity.tool, edge_of(tool, i))) return StageOutcome::kCapacity;
   }
-  // In a large sheet none of this is in the cache: ask for all of it before the first is needed.
+  // In a large sheet none of this is in the cache: prefetch all of it before the first use.
   cavity.near_tool.clear();
   bool overlaps = false, fits = true;
   cavity.tool_box = box_around(tool);
@@ -108,7 +111,7 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
     __builtin_prefetch(&mesh.across[t]);
     fits = fits && push_within(cavity.near_tool, t);
   });
-  if (!fits) return Stage::kCapacity;
+  if (!fits) return StageOutcome::kCapacity;
   for (const std::uint32_t t : cavity.near_tool) {
     for (const std::uint32_t v : mesh.triangles[t])
       __builtin_prefetch(&mesh.vertices[v]);
@@ -125,17 +128,17 @@ Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
     cavity.members.clear();
   }
   std::sort(cavity.triangles.begin(), cavity.triangles.end());
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
-Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept {
+StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept {
   for (const std::uint32_t t : triangles) {
     if (cavity.contains(t)) continue;
-    if (!push_within(cavity.triangles, t)) return Stage::kCapacity;
+    if (!push_within(cavity.triangles, t)) return StageOutcome::kCapacity;
     cavity.members.insert(t, 1);
   }
   std::sort(cavity.triangles.begin(), cavity.triangles.end());
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
 void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
@@ -152,15 +155,14 @@ void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
   for (const std::uint32_t t : cavity.triangles) {
     const Triangle& v = mesh.triangles[t];
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t to = v[i == 2 ? 0 : i + 1], beyond = mesh.across[t][i];
-      std::uint32_t kept_side = 0;
+      const std::uint32_t to = v[next_corner(i)], beyond = mesh.across[t][i];
+      std::uint32_t kept_edge = 0;
       if (beyond != kNone) {
         if (cavity.contains(beyond)) continue;
-        const Triangle& u = mesh.triangles[beyond];
-        kept_side = u[0] == to ? 0 : u[1] == to ? 1 : 2;
+        kept_edge = corner_of(mesh.triangles[beyond], to);
       }
       const std::uint32_t from = on_rim(v[i]);
-      cavity.rim.push_back({from, on_rim(to), beyond, kept_side});
+      cavity.rim.push_back({from, on_rim(to), beyond, kept_edge});
     }
   }
   for (const std::uint32_t t : cavity.triangles) {

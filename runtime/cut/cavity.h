@@ -29,9 +29,9 @@ struct OutlineEdge {
 };
 
 /// How a stage of a cut ended.
-enum class Stage : std::uint8_t {
+enum class StageOutcome : std::uint8_t {
   kDone,
-  kAgain,     ///< rounding ran into triangles that were to stay: repeat with them in the cavity
+  kAgain,     ///< rounding reached triangles that were to stay: repeat with them in the cavity
   kCapacity,  ///< the workspace is too small
   kBug,       ///< an invariant does not hold
 };
@@ -46,7 +46,7 @@ enum class Contact : std::uint8_t {
 Contact contact(const std::array<LatticePoint, 3>& triangle,
                 std::span<const OutlineEdge> tool) noexcept;
 
-/// The same for a single question; the tool has at most kMaxToolCorners.
+/// The same for a single triangle; the tool has at most kMaxToolCorners.
 Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
 /// Is p neither inside the polygon nor on it? O(tool size).
@@ -56,17 +56,17 @@ bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcep
 struct RimEdge {
   std::uint32_t from, to;   ///< into Cavity::rim_vertices
   std::uint32_t kept;       ///< the triangle that stays beyond it; kNone on the sheet's boundary
-  std::uint32_t kept_side;  ///< the edge, as a side of `kept`
+  std::uint32_t kept_edge;  ///< the same edge, of `kept`
 };
 
 struct Cavity {
-  std::vector<OutlineEdge> tool;  ///< what it was made for
+  std::vector<OutlineEdge> tool;  ///< for which the cavity was found
   LatticeBox tool_box;
   std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes meet the tool's
   std::vector<std::uint32_t> triangles;     ///< ascending
   std::vector<RimEdge> rim;                 ///< in the order of `triangles`
   std::vector<std::uint32_t> rim_vertices;  ///< each once
-  std::vector<std::uint32_t> inner;         ///< vertices all of whose triangles go, off the rim
+  std::vector<std::uint32_t> inner;         ///< vertices off the rim: all their triangles go
   FlatTable members;                        ///< the triangles
   FlatTable vertices;                       ///< places in rim_vertices, or kInner
   static constexpr std::uint32_t kInner = kNone - 1;
@@ -75,16 +75,16 @@ struct Cavity {
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
 };
 
-/// The triangles that the tool meets, those it only touches among them, so that no tool edge ends
-/// or lies on the edge of a triangle that stays. No triangle at all if it overlaps none. Time
+/// Finds the triangles that the tool meets, including those that it only touches, so that no tool
+/// edge ends or lies on the edge of a triangle that stays. None if it overlaps none. Time
 /// proportional to the triangles near the tool.
-Stage find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
-                  Cavity& cavity) noexcept;
+StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                         Cavity& cavity) noexcept;
 
-/// Takes more triangles into it; those that it has already do not count.
-Stage enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
+/// Adds triangles to the cavity; those that it has already are skipped.
+StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
 
-/// Rim and vertices of the cavity.
+/// Fills in the cavity's rim and vertices.
 void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
 
 }  // namespace trocar::runtime

@@ -4,19 +4,16 @@
 #include <string>
 #include <utility>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
 namespace {
-
-bool on_lattice(LatticePoint p) {
-  return p.x >= -kMaxCoordinate && p.x <= kMaxCoordinate && p.y >= -kMaxCoordinate &&
-         p.y <= kMaxCoordinate;
-}
 
 bool is_tool(Outline tool) {
   const std::size_t n = tool.size();
   if (n < 3 || n > kMaxToolCorners) return false;
   for (std::size_t i = 0; i < n; ++i) {
-    if (!on_lattice(tool[i])) return false;
+    if (!is_on_lattice(tool[i])) return false;
     for (std::size_t j = 0; j < i; ++j) {
       if (tool[i] == tool[j]) return false;
     }
@@ -32,30 +29,30 @@ bool is_tool(Outline tool) {
   return area > 0;
 }
 
-// Cavity, overlay and patch; again with a larger cavity where rounding ran into a triangle that was
-// to stay. Each round adds triangles, so this ends.
-Stage plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
-                 CutWorkspace& work) noexcept {
-  Stage stage = find_cavity(mesh, grid, tool, work.cavity);
+// Cavity, overlay and patch; repeated with a larger cavity where rounding reached a triangle that
+// was to stay. Each round adds triangles, so this ends.
+StageOutcome plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
+                        CutWorkspace& work) noexcept {
+  StageOutcome stage = find_cavity(mesh, grid, tool, work.cavity);
   if (work.cavity.triangles.empty()) return stage;
-  while (stage == Stage::kDone) {
+  while (stage == StageOutcome::kDone) {
     trace_rim(mesh, work.cavity);
-    stage = settle_overlay(mesh, grid, work.cavity, work.overlay);
+    stage = build_overlay(mesh, grid, work.cavity, work.overlay);
     std::span<const std::uint32_t> absorb = work.overlay.absorb;
-    if (stage == Stage::kDone) {
+    if (stage == StageOutcome::kDone) {
       stage = make_patch(work.overlay, work.patch);
       absorb = work.patch.absorb;
     }
-    if (stage != Stage::kAgain) return stage;
+    if (stage != StageOutcome::kAgain) return stage;
     stage = enlarge_cavity(absorb, work.cavity);
   }
   return stage;
 }
 
-// `bug`: what a stage that ends in kBug has run into.
-CutReport failure(Stage stage, const char* bug) noexcept {
+// `bug`: the reason, for a stage that ends in kBug.
+CutReport failure(StageOutcome stage, const char* bug) noexcept {
   CutReport report;
-  report.outcome = stage == Stage::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;
+  report.outcome = stage == StageOutcome::kCapacity ? CutOutcome::kCapacity : CutOutcome::kBug;
   if (report.outcome == CutOutcome::kBug) report.bug = bug;
   return report;
 }
@@ -78,14 +75,14 @@ std::string_view to_word(CutOutcome outcome) noexcept {
   return "bug";
 }
 
-std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
+std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept {
   std::uint32_t count = 0;
   for (const SheetEdit::OldTriangle& written : edit.triangles()) {
     if (!mesh.in_use(written.slot)) continue;
     const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
-    for (std::size_t i = 0; i < 3; ++i) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
       if (mesh.across[written.slot][i] == kNone &&
-          diametral_dot(p[i], p[(i + 1) % 3], p[(i + 2) % 3]) < 0)
+          encroaches(p[i], p[next_corner(i)], p[previous_corner(i)]))
         ++count;
     }
   }
@@ -103,21 +100,21 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
     report.outcome = CutOutcome::kNotATool;
     return report;
   }
-  Stage stage = plan_patch(mesh, grid, tool, work);
-  if (stage != Stage::kDone) return failure(stage, "rim and tool are not planar");
+  StageOutcome stage = plan_patch(mesh, grid, tool, work);
+  if (stage != StageOutcome::kDone) return failure(stage, "rim and tool are not planar");
   if (work.cavity.triangles.empty()) return report;
 
   stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
-  if (stage != Stage::kDone) return failure(stage, "the outline of the hole does not close");
+  if (stage != StageOutcome::kDone) return failure(stage, "the outline of the hole does not close");
   const Proof proof =
       prove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof);
-  if (proof.full) return failure(Stage::kCapacity, nullptr);
-  if (proof.bug != nullptr) return failure(Stage::kBug, proof.bug);
+  if (proof.full) return failure(StageOutcome::kCapacity, nullptr);
+  if (proof.bug != nullptr) return failure(StageOutcome::kBug, proof.bug);
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
-  if (stage == Stage::kDone)
-    stage = restore_delaunay(mesh, work.stitch.rim_sides, work.flips, edit, report.flips);
-  if (stage != Stage::kDone) {
+  if (stage == StageOutcome::kDone)
+    stage = restore_delaunay(mesh, work.stitch.rim_edges, work.flips, edit, report.flips);
+  if (stage != StageOutcome::kDone) {
     edit.undo(mesh);
     return failure(stage, nullptr);
   }
@@ -125,7 +122,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   report.doubled_area_removed = proof.doubled_area_removed;
   report.triangles_removed = static_cast<std::uint32_t>(work.cavity.triangles.size());
   report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
-  report.obtuse_boundary_sides = count_obtuse_boundary_sides(mesh, edit);
+  report.obtuse_boundary_edges = count_obtuse_boundary_edges(mesh, edit);
   return report;
 }
 

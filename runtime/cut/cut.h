@@ -22,7 +22,7 @@ enum class CutOutcome : std::uint8_t {
   kNothingMet,  ///< tool and sheet have no area in common
   kNotATool,  ///< not a simple polygon, counter-clockwise, of 3 to kMaxToolCorners corners, none of
               ///< them twice, on the lattice
-  kCapacity,  ///< more than the workspace or the sheet's free slots have room for
+  kCapacity,  ///< the workspace or the sheet's free slots do not suffice
   kBug,       ///< the result could not be proved valid
 };
 std::string_view to_word(CutOutcome outcome) noexcept;
@@ -34,51 +34,50 @@ struct CutReport {
   std::int64_t doubled_area_removed = 0;
   std::uint32_t triangles_removed = 0;
   std::uint32_t triangles_created = 0;
-  std::uint32_t flips = 0;  ///< of sides, to make all of them Delaunay again
-  /// Sides on the sheet's boundary, of triangles written, with an angle beyond 90 degrees opposite:
-  /// their stiffness in the spring network is negative.
-  std::uint32_t obtuse_boundary_sides = 0;
+  std::uint32_t flips = 0;  ///< of edges, to make all of them Delaunay again
+  /// Boundary edges of the triangles written with an angle above 90 degrees opposite: their
+  /// stiffness in the spring network is negative.
+  std::uint32_t obtuse_boundary_edges = 0;
 };
 
 /// Cuts the polygon `tool` out of `mesh`, in place. `mesh` is valid (check_sheet_mesh), `grid`
-/// follows it, `work` and `edit` have been made for a sheet of no fewer slots. Laws:
-///  1. Only triangles that the tool meets or touches are replaced, and where rounding asks for it
-///     their neighbours; beyond them only sides are flipped that are not Delaunay any more (law 2).
-///     All other slots stay as they are, but for the number of a vertex at which the cut leaves
-///     several fans of triangles: it becomes one vertex for each fan.
-///  2. If all sides between two triangles were locally Delaunay before, all are after. Vertices
-///     under the tool go; others within the cavity stay.
-///  3. Where a tool edge crosses the sheet's boundary, both are bent through a
-///     lattice point less than sqrt(2) steps away on the material's side: bends add
-///     no material. (Only where what is left would be thinner than the lattice can
-///     hold may a bend go out, by as little; the hole's rings can then cross
-///     themselves there. The areas stay exact.)
+/// follows it, `work` and `edit` have been made for a sheet of no fewer slots. Contract:
+///  1. Only triangles that the tool meets or touches are replaced, and their neighbours where
+///     rounding requires it; beyond them, only edges that are not Delaunay any more are flipped
+///     (2). All other slots stay as they are, except that a vertex at which the cut leaves several
+///     fans of triangles becomes one vertex for each fan.
+///  2. If all inner edges were locally Delaunay before, all are after. Vertices under the tool are
+///     removed; others within the cavity stay.
+///  3. Where a tool edge crosses the sheet's boundary, both are bent through a lattice point less
+///     than sqrt(2) steps away on the material's side: bends add no material. (Only where the rest
+///     would be too thin for the lattice may a bend go outwards, by as little; the hole's rings can
+///     then cross themselves there. The areas stay exact.)
 ///  4. A tool that has no area in common with the sheet changes nothing.
-///  5. Whatever the outcome other than kCut, the sheet is as it was. What kCut leaves has been
+///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet has been
 ///     proved valid (patch_proof.h) before the first slot was written.
 ///  6. No allocation. Time depends on what lies near the tool, not on the size of the sheet.
 /// Afterwards `edit` lists the slots written, work.stitch.created the patch's triangles and
-/// work.hole the rings around what went: the tool itself where it lies wholly over material. The
-/// grid is the caller's to update.
+/// work.hole the rings around the removed material: the tool itself where it lies wholly over
+/// material. The caller updates the grid.
 CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
                        std::span<const LatticePoint> tool, CutWorkspace& work,
                        SheetEdit& edit) noexcept;
 
-/// Of the triangles that `edit` lists, see CutReport.
-std::uint32_t count_obtuse_boundary_sides(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
+/// See CutReport::obtuse_boundary_edges; of the triangles that `edit` lists.
+std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
 
 struct CutResult : CutReport {
   SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
-  /// Rings around the removed material, that on their left (so clockwise around
-  /// what was void or stays inside it), each from its smallest vertex on, in
-  /// ascending order. Their doubled areas add up to doubled_area_removed, exactly.
+  /// Rings with the removed material on their left (so clockwise around what was void or stays
+  /// inside it), each starting at its smallest vertex, in ascending order. Their doubled areas add
+  /// up to doubled_area_removed, exactly.
   std::vector<Ring> hole;
 };
 
 std::vector<Ring> to_rings(const HoleOutline& hole);
 
-/// The same on a copy, for where neither time nor memory matters. Errors: `tool` not as described,
-/// or `sheet` no mesh (refused); a result that cannot be proved valid (bug).
+/// The same on a copy, where neither time nor memory matters. Errors: `tool` not as described, or
+/// `sheet` not a mesh (refused); a result that cannot be proved valid (bug).
 Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// All memory that a cut needs, taken once.
+// All memory that a cut needs, allocated once.
 #pragma once
 
 #include <cstddef>
@@ -15,12 +15,12 @@
 namespace trocar::runtime {
 
 struct CutCapacity {
-  std::size_t triangles = 0;  ///< of a cavity; likewise of what flips reach
+  std::size_t triangles = 0;  ///< of a cavity, and of the triangles that flips reach
   std::size_t points = 0;     ///< of the local PSLG: vertices of the cavity, the tool's, bends
-  std::size_t edges = 0;      ///< of it: rim, tool, and what splitting them makes
+  std::size_t edges = 0;      ///< of the local PSLG: rim, tool, and the pieces of both
 };
 
-/// Enough for any tool over the sheet, as large as it may be, with thousands of bends.
+/// Enough for a tool of any size over the sheet, with thousands of bends.
 inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
   return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
 }
@@ -28,8 +28,8 @@ inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
   return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
-/// One for each thread that cuts; it serves sheets of any size that its capacities allow for. What
-/// it holds after a cut is described with the stages.
+/// One for each thread that cuts, for sheets of any size that its capacities allow. Its content
+/// after a cut is described with the stages.
 struct CutWorkspace {
   Cavity cavity;
   Overlay overlay;

@@ -1,25 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/cut/delaunay_flips.h"
 
+#include "formats/geometry/edge_predicates.h"
+#include "formats/geometry/triangle_edge.h"
+
 namespace trocar::runtime {
 namespace {
 
-// The side of u = across[t][i] that is side i of t.
-std::uint32_t side_beyond(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
-  const std::uint32_t to = mesh.triangles[t][(i + 1) % 3];
-  const Triangle& u = mesh.triangles[mesh.across[t][i]];
-  return u[0] == to ? 0 : u[1] == to ? 1 : 2;
+// Edge i of t, as an edge of the triangle beyond it.
+std::uint32_t edge_beyond(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
+  return corner_of(mesh.triangles[mesh.across[t][i]], mesh.triangles[t][next_corner(i)]);
 }
 
 bool is_delaunay(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
-  const Triangle& u = mesh.triangles[mesh.across[t][i]];
-  const LatticePoint apex = mesh.vertices[u[(side_beyond(mesh, t, i) + 2) % 3]];
-  const auto [a, b, c] = corners(mesh, t);
-  return in_circle(a, b, c, apex) <= 0;
+  const Triangle &v = mesh.triangles[t], &u = mesh.triangles[mesh.across[t][i]];
+  return is_locally_delaunay(mesh.vertices[v[previous_corner(i)]], mesh.vertices[v[i]],
+                             mesh.vertices[v[next_corner(i)]],
+                             mesh.vertices[u[previous_corner(edge_beyond(mesh, t, i))]]);
 }
 
-void tell(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::uint32_t now,
-          SheetEdit& edit) {
+// The neighbour, which had `before` beyond an edge, has `now` there.
+void relink(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::uint32_t now,
+            SheetEdit& edit) {
   if (neighbour == kNone) return;
   edit.touch_triangle(mesh, neighbour);
   for (std::uint32_t& beyond : mesh.across[neighbour]) {
@@ -27,23 +29,23 @@ void tell(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::u
   }
 }
 
-// Turns the side (a, b) between (a, b, p) and (b, a, q) into (p, q).
+// Replaces the edge (a, b) between (a, b, p) and (b, a, q) by (p, q).
 void flip(SheetMesh& mesh, std::uint32_t t, std::uint32_t i, SheetEdit& edit) {
-  const std::uint32_t u = mesh.across[t][i], j = side_beyond(mesh, t, i);
+  const std::uint32_t u = mesh.across[t][i], j = edge_beyond(mesh, t, i);
   edit.touch_triangle(mesh, t);
   edit.touch_triangle(mesh, u);
   const Triangle old_t = mesh.triangles[t], old_u = mesh.triangles[u];
   const std::array<std::uint32_t, 3> beyond_t = mesh.across[t], beyond_u = mesh.across[u];
-  const std::uint32_t a = old_t[i], b = old_t[(i + 1) % 3], p = old_t[(i + 2) % 3],
-                      q = old_u[(j + 2) % 3];
-  const std::uint32_t bp = beyond_t[(i + 1) % 3], pa = beyond_t[(i + 2) % 3],
-                      aq = beyond_u[(j + 1) % 3], qb = beyond_u[(j + 2) % 3];
+  const std::uint32_t a = old_t[i], b = old_t[next_corner(i)], p = old_t[previous_corner(i)],
+                      q = old_u[previous_corner(j)];
+  const std::uint32_t bp = beyond_t[next_corner(i)], pa = beyond_t[previous_corner(i)],
+                      aq = beyond_u[next_corner(j)], qb = beyond_u[previous_corner(j)];
   mesh.triangles[t] = {p, a, q};
   mesh.across[t] = {pa, aq, u};
   mesh.triangles[u] = {q, b, p};
   mesh.across[u] = {qb, bp, t};
-  tell(mesh, aq, u, t, edit);
-  tell(mesh, bp, t, u, edit);
+  relink(mesh, aq, u, t, edit);
+  relink(mesh, bp, t, u, edit);
 }
 
 }  // namespace
@@ -53,8 +55,8 @@ void FlipSpace::allocate(std::size_t max_triangles) {
   waits.allocate(max_triangles);
 }
 
-Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleSide> sides, FlipSpace& space,
-                       SheetEdit& edit, std::uint32_t& flips) noexcept {
+StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edges,
+                              FlipSpace& space, SheetEdit& edit, std::uint32_t& flips) noexcept {
   space.waiting.clear();
   space.waits.clear();
   flips = 0;
@@ -68,7 +70,7 @@ Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleSide> sides, Fli
       space.waiting.push_back(t);
     }
   };
-  for (const auto& [t, i] : sides) {
+  for (const auto& [t, i] : edges) {
     if (!is_delaunay(mesh, t, i)) suspect(t);
   }
   while (!space.waiting.empty() && fits) {
@@ -85,7 +87,7 @@ Stage restore_delaunay(SheetMesh& mesh, std::span<const TriangleSide> sides, Fli
       break;
     }
   }
-  return fits ? Stage::kDone : Stage::kCapacity;
+  return fits ? StageOutcome::kDone : StageOutcome::kCapacity;
 }
 
 }  // namespace trocar::runtime

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -24,7 +26,7 @@ bool add(HoleOutline& hole, std::uint32_t from, std::uint32_t to) noexcept {
   return true;
 }
 
-// A rim edge in pieces, where points of the overlay lie on it: it was bent there, or beside there.
+// A rim edge in pieces, split at the points of the overlay on it: it was bent there or beside them.
 bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
                    HoleOutline& hole) noexcept {
   const std::vector<LatticePoint>& points = overlay.points;
@@ -32,8 +34,7 @@ bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
   hole.stops.clear();
   hole.stops.push_back(from);
   for (std::uint32_t p = 0; p < points.size(); ++p) {
-    if (orient2d(a, b, points[p]) == 0 && diametral_dot(a, b, points[p]) < 0)
-      hole.stops.push_back(p);
+    if (is_inside_segment(a, b, points[p])) hole.stops.push_back(p);
   }
   hole.stops.push_back(to);
   std::sort(hole.stops.begin(), hole.stops.end(), [&](std::uint32_t p, std::uint32_t q) {
@@ -45,7 +46,7 @@ bool add_in_pieces(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
   return fits;
 }
 
-// Rim, less the patch's own boundary.
+// The rim less the patch's boundary.
 bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
                    HoleOutline& hole) noexcept {
   hole.edges.clear();
@@ -58,15 +59,15 @@ bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& pa
     fits = fits && (whole ? add(hole, from, to) : add_in_pieces(overlay, from, to, hole));
   }
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
-    for (std::size_t i = 0; i < 3; ++i) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
       if (patch.across[t][i] == kNone)
-        fits = fits && add(hole, patch.triangles[t][(i + 1) % 3], patch.triangles[t][i]);
+        fits = fits && add(hole, patch.triangles[t][next_corner(i)], patch.triangles[t][i]);
     }
   }
   return fits;
 }
 
-// The edges that are left, by the point they leave; those points in ascending order.
+// The edges that are left, by the point where they start; those points in ascending order.
 bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
   hole.out.clear();
   hole.starts.clear();
@@ -98,8 +99,8 @@ std::uint32_t take_next(const std::vector<LatticePoint>& points, std::uint32_t u
   return taken.to;
 }
 
-// Walks along the edges, always round the same piece of area, and takes off a ring wherever
-// the walk comes back to a point.
+// Walks along the edges, always around the same piece of area, and cuts off a ring wherever the
+// walk returns to a point.
 bool walk(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
   hole.unsorted.clear();
   hole.unsorted_rings.clear();
@@ -172,15 +173,15 @@ void HoleOutline::allocate(std::size_t max_points, std::size_t max_edges) {
   reserve_touched(unsorted_rings, max_edges);
 }
 
-Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-                   HoleOutline& hole) noexcept {
+StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                          HoleOutline& hole) noexcept {
   hole.points.clear();
   hole.ring_end.clear();
-  if (!collect_edges(cavity, overlay, patch, hole)) return Stage::kCapacity;
-  if (!list_by_point(overlay.points, hole)) return Stage::kCapacity;
-  if (!walk(overlay.points, hole)) return Stage::kBug;
+  if (!collect_edges(cavity, overlay, patch, hole)) return StageOutcome::kCapacity;
+  if (!list_by_point(overlay.points, hole)) return StageOutcome::kCapacity;
+  if (!walk(overlay.points, hole)) return StageOutcome::kBug;
   write_sorted(overlay.points, hole);
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

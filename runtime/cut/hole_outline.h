@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fourth stage of a cut: the rings around what went.
+// Fourth stage of a cut: the rings around the removed material.
 #pragma once
 
 #include <cstdint>
@@ -11,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// Rings around (cavity minus patch), that on their left: exactly what went. Simple rings, which
-/// may touch in vertices, each from its smallest vertex on, in ascending order.
+/// Rings with (cavity minus patch), that is, exactly the removed material, on their left. Simple
+/// rings, which may touch in vertices, each starting at its smallest vertex, in ascending order.
 struct HoleOutline {
   std::vector<LatticePoint> points;     ///< ring after ring
   std::vector<std::uint32_t> ring_end;  ///< of each, in `points`
@@ -23,7 +23,8 @@ struct HoleOutline {
     return std::span(points).subspan(start, ring_end[r] - start);
   }
 
-  /// Scratch: directed edges, in which opposite ones cancel, as lists by the point they leave.
+  /// Scratch: directed edges, of which opposite ones cancel, as lists by the point where they
+  /// start.
   struct Edge {
     std::uint32_t a, b;  ///< a < b, of the overlay's points
     std::int32_t count;  ///< from a to b, less b to a
@@ -41,8 +42,8 @@ struct HoleOutline {
   void allocate(std::size_t max_points, std::size_t max_edges);
 };
 
-/// kBug: rim and patch do not bound anything.
-Stage outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-                   HoleOutline& hole) noexcept;
+/// kBug: rim and patch do not bound an area.
+StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                          HoleOutline& hole) noexcept;
 
 }  // namespace trocar::runtime

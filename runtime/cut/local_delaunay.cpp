@@ -3,18 +3,9 @@
 
 #include <algorithm>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
-namespace {
-
-constexpr std::uint32_t next(std::uint32_t i) {
-  return i == 2 ? 0 : i + 1;
-}
-constexpr std::uint32_t before(std::uint32_t i) {
-  return i == 0 ? 2 : i - 1;
-}
-
-}  // namespace
-
 void LocalTriangulation::allocate(std::size_t max_points) {
   const std::size_t points = max_points + 4, cells = 2 * points;  // 2 n + 2 for n without the box
   reserve_touched(points_, points);
@@ -39,16 +30,15 @@ LocalTriangulation::Status LocalTriangulation::triangulate(std::span<const Latti
   return Status::kDone;
 }
 
-// Two cells over the box of the points, a step wider than they are. That is
-// still within what the predicates take.
+// Two cells over the box of the points, enlarged by one step. The predicates are still exact there.
 void LocalTriangulation::enclose(int first_corner) noexcept {
   LatticeBox box;
   if (!points_.empty()) box = box_around(points_);
   const auto n = static_cast<std::uint32_t>(points_.size());
-  const std::array<LatticePoint, 4> around = {{{box.lowest.x - 1, box.lowest.y - 1},
-                                               {box.highest.x + 1, box.lowest.y - 1},
-                                               {box.highest.x + 1, box.highest.y + 1},
-                                               {box.lowest.x - 1, box.highest.y + 1}}};
+  const std::array<LatticePoint, 4> around = {{{box.low.x - 1, box.low.y - 1},
+                                               {box.high.x + 1, box.low.y - 1},
+                                               {box.high.x + 1, box.high.y + 1},
+                                               {box.low.x - 1, box.high.y + 1}}};
   for (int k = 0; k < 4; ++k)
     points_.push_back(around[static_cast<std::size_t>((first_corner + k) % 4)]);
   constexpr std::array<std::uint32_t, 3> kFree{kNone, kNone, kNone};
@@ -66,7 +56,7 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
   for (bool moved = true; moved;) {
     moved = false;
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (turn(c, i, p) < 0) {
+      if (orientation(c, i, p) < 0) {
         c = cells_[c].across[i];
         moved = true;
         break;
@@ -77,13 +67,13 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
   for (std::uint32_t i = 0; i < 3; ++i) {
     if (points_[cells_[c].vertex[i]] == p) return false;
   }
-  std::uint32_t on_side = kNone;
+  std::uint32_t on_edge = kNone;
   for (std::uint32_t i = 0; i < 3; ++i) {
-    if (turn(c, i, p) == 0) on_side = i;
+    if (orientation(c, i, p) == 0) on_edge = i;
   }
   suspects_.clear();
-  if (on_side != kNone) {
-    split_side(c, on_side, v);
+  if (on_edge != kNone) {
+    split_edge(c, on_edge, v);
   } else {
     split_cell(c, v);
   }
@@ -94,11 +84,11 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
 LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::uint32_t b,
                                                          std::uint32_t name) noexcept {
   crossing_.clear();
-  Side s = find(a, b);
+  Edge s = find(a, b);
   if (s.cell == kNone) {
     if (!find_crossing(a, b)) return Status::kNotPlanar;
-    // Sloan: flip what crosses ab until nothing does, first in, first out. A queue that comes
-    // round more often than this has met input that it was not made for.
+    // Sloan: flip the edges that cross ab until none does, first in, first out. Valid input does
+    // not exhaust the budget.
     const std::size_t n = crossing_.size();
     std::size_t waiting = n, first = 0;
     for (std::size_t budget = 64 + 64 * n * n; waiting > 0; --budget) {
@@ -111,8 +101,8 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
         crossing_[at >= n ? at - n : at] = {from, to};
         ++waiting;
       };
-      const Side between = find(v, w);
-      if (between.cell == kNone || cells_[between.cell].constraint[between.side] != kNone)
+      const Edge between = find(v, w);
+      if (between.cell == kNone || cells_[between.cell].constraint[between.edge] != kNone)
         return Status::kNotPlanar;
       const std::uint32_t c = apex(between), d = apex(opposite(between));
       const std::int64_t at_v = orient2d(points_[c], points_[d], points_[v]);
@@ -127,9 +117,9 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
     s = find(a, b);
     if (s.cell == kNone) return Status::kNotPlanar;
   }
-  const Side o = opposite(s);
-  cells_[s.cell].constraint[s.side] = name;
-  cells_[o.cell].constraint[o.side] = name;
+  const Edge o = opposite(s);
+  cells_[s.cell].constraint[s.edge] = name;
+  cells_[o.cell].constraint[o.edge] = name;
   return Status::kDone;
 }
 
@@ -160,35 +150,32 @@ void LocalTriangulation::restore_delaunay(std::span<const std::uint8_t> part) no
   }
 }
 
-std::int64_t LocalTriangulation::turn(std::uint32_t c, std::uint32_t i,
-                                      LatticePoint p) const noexcept {
-  return orient2d(points_[cells_[c].vertex[i]], points_[cells_[c].vertex[next(i)]], p);
+std::int64_t LocalTriangulation::orientation(std::uint32_t c, std::uint32_t i,
+                                             LatticePoint p) const noexcept {
+  return orient2d(points_[cells_[c].vertex[i]], points_[cells_[c].vertex[next_corner(i)]], p);
 }
-std::uint32_t LocalTriangulation::apex(Side s) const noexcept {
-  return cells_[s.cell].vertex[before(s.side)];
-}
-
-// The same side seen from the cell beyond it, which must exist.
-LocalTriangulation::Side LocalTriangulation::opposite(Side s) const noexcept {
-  const std::uint32_t u = cells_[s.cell].across[s.side];
-  const std::uint32_t to = cells_[s.cell].vertex[next(s.side)];
-  for (std::uint32_t j = 0; j < 2; ++j) {
-    if (cells_[u].vertex[j] == to) return {u, j};
-  }
-  return {u, 2};
+std::uint32_t LocalTriangulation::apex(Edge s) const noexcept {
+  return cells_[s.cell].vertex[previous_corner(s.edge)];
 }
 
-void LocalTriangulation::link(Side s, std::uint32_t other, std::uint32_t constraint) noexcept {
-  cells_[s.cell].across[s.side] = other;
-  cells_[s.cell].constraint[s.side] = constraint;
+// The same edge, of the cell beyond it, which must exist.
+LocalTriangulation::Edge LocalTriangulation::opposite(Edge s) const noexcept {
+  const std::uint32_t u = cells_[s.cell].across[s.edge];
+  const std::uint32_t to = cells_[s.cell].vertex[next_corner(s.edge)];
+  return {u, corner_of(cells_[u].vertex, to)};
 }
 
-// Cell c now has `s`'s old side i; tell the neighbour.
-void LocalTriangulation::adopt(Side s, const Cell& old, std::uint32_t i) noexcept {
+void LocalTriangulation::link(Edge s, std::uint32_t other, std::uint32_t constraint) noexcept {
+  cells_[s.cell].across[s.edge] = other;
+  cells_[s.cell].constraint[s.edge] = constraint;
+}
+
+// `s` is now what edge i of the cell `old` was; updates the neighbour.
+void LocalTriangulation::adopt(Edge s, const Cell& old, std::uint32_t i) noexcept {
   link(s, old.across[i], old.constraint[i]);
   if (old.across[i] == kNone) return;
   Cell& beyond = cells_[old.across[i]];
-  const std::uint32_t to = old.vertex[next(i)];
+  const std::uint32_t to = old.vertex[next_corner(i)];
   for (std::uint32_t j = 0; j < 3; ++j) {
     if (beyond.vertex[j] == to) beyond.across[j] = s.cell;
   }
@@ -210,32 +197,32 @@ void LocalTriangulation::split_cell(std::uint32_t c, std::uint32_t v) noexcept {
   const Cell old = cells_[c];
   const std::array<std::uint32_t, 3> part = {c, new_cell(), new_cell()};
   for (std::uint32_t i = 0; i < 3; ++i)
-    set(part[i], old.vertex[i], old.vertex[next(i)], v);
+    set(part[i], old.vertex[i], old.vertex[next_corner(i)], v);
   for (std::uint32_t i = 0; i < 3; ++i) {
     adopt({part[i], 0}, old, i);
-    link({part[i], 1}, part[next(i)], kNone);
-    link({part[i], 2}, part[before(i)], kNone);
+    link({part[i], 1}, part[next_corner(i)], kNone);
+    link({part[i], 2}, part[previous_corner(i)], kNone);
     suspects_.push_back({part[i], 0});
   }
 }
 
-// v lies inside side i of cell c, which is never a side of the box.
-void LocalTriangulation::split_side(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept {
-  const Side o = opposite({c, i});
-  const std::uint32_t u = o.cell, j = o.side;
+// v lies inside edge i of cell c, which is never an edge of the box.
+void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept {
+  const Edge o = opposite({c, i});
+  const std::uint32_t u = o.cell, j = o.edge;
   const Cell oc = cells_[c], ou = cells_[u];
-  const std::uint32_t a = oc.vertex[i], b = oc.vertex[next(i)];
-  const std::uint32_t p = oc.vertex[before(i)], q = ou.vertex[before(j)];
+  const std::uint32_t a = oc.vertex[i], b = oc.vertex[next_corner(i)];
+  const std::uint32_t p = oc.vertex[previous_corner(i)], q = ou.vertex[previous_corner(j)];
   const std::uint32_t c2 = new_cell(), u2 = new_cell();
   const std::uint32_t constraint = oc.constraint[i];
-  set(c, p, a, v);   // sides: pa (old), av, vp
+  set(c, p, a, v);   // edges: pa (old), av, vp
   set(c2, b, p, v);  // bp (old), pv, vb
   set(u, q, b, v);   // qb (old), bv, vq
   set(u2, a, q, v);  // aq (old), qv, va
-  adopt({c, 0}, oc, before(i));
-  adopt({c2, 0}, oc, next(i));
-  adopt({u, 0}, ou, before(j));
-  adopt({u2, 0}, ou, next(j));
+  adopt({c, 0}, oc, previous_corner(i));
+  adopt({c2, 0}, oc, next_corner(i));
+  adopt({u, 0}, ou, previous_corner(j));
+  adopt({u2, 0}, ou, next_corner(j));
   link({c, 1}, u2, constraint);
   link({u2, 2}, c, constraint);
   link({c, 2}, c2, kNone);
@@ -248,36 +235,37 @@ void LocalTriangulation::split_side(std::uint32_t c, std::uint32_t i, std::uint3
     suspects_.push_back({k, 0});
 }
 
-// Turns the diagonal of the two cells at s. Afterwards s.cell is (p, a, q).
-void LocalTriangulation::flip(Side s) noexcept {
-  const Side o = opposite(s);
+// Exchanges the diagonal of the two cells at s. Afterwards s.cell is (p, a, q).
+void LocalTriangulation::flip(Edge s) noexcept {
+  const Edge o = opposite(s);
   const Cell oc = cells_[s.cell], ou = cells_[o.cell];
-  const std::uint32_t a = oc.vertex[s.side], b = oc.vertex[next(s.side)];
-  const std::uint32_t p = oc.vertex[before(s.side)], q = ou.vertex[before(o.side)];
+  const std::uint32_t a = oc.vertex[s.edge], b = oc.vertex[next_corner(s.edge)];
+  const std::uint32_t p = oc.vertex[previous_corner(s.edge)],
+                      q = ou.vertex[previous_corner(o.edge)];
   set(s.cell, p, a, q);
   set(o.cell, q, b, p);
-  adopt({s.cell, 0}, oc, before(s.side));
-  adopt({s.cell, 1}, ou, next(o.side));
-  adopt({o.cell, 0}, ou, before(o.side));
-  adopt({o.cell, 1}, oc, next(s.side));
+  adopt({s.cell, 0}, oc, previous_corner(s.edge));
+  adopt({s.cell, 1}, ou, next_corner(o.edge));
+  adopt({o.cell, 0}, ou, previous_corner(o.edge));
+  adopt({o.cell, 1}, oc, next_corner(s.edge));
   link({s.cell, 2}, o.cell, kNone);
   link({o.cell, 2}, s.cell, kNone);
 }
 
-bool LocalTriangulation::is_delaunay(Side s) const noexcept {
+bool LocalTriangulation::is_delaunay(Edge s) const noexcept {
   const Cell& c = cells_[s.cell];
-  return in_circle(points_[c.vertex[0]], points_[c.vertex[1]], points_[c.vertex[2]],
-                   points_[apex(opposite(s))]) <= 0;
+  return is_locally_delaunay(points_[apex(s)], points_[c.vertex[s.edge]],
+                             points_[c.vertex[next_corner(s.edge)]], points_[apex(opposite(s))]);
 }
 
-// The sides opposite to the new point, which every flip leaves at side 0 of a
-// cell that ends in the point.
+// Checks the edges opposite the new point; every flip makes them edge 0 of a cell whose last corner
+// is the point.
 void LocalTriangulation::legalise() noexcept {
   while (!suspects_.empty()) {
-    const Side s = suspects_.back();
+    const Edge s = suspects_.back();
     suspects_.pop_back();
-    if (cells_[s.cell].across[s.side] == kNone || is_delaunay(s)) continue;
-    const std::uint32_t u = cells_[s.cell].across[s.side];
+    if (cells_[s.cell].across[s.edge] == kNone || is_delaunay(s)) continue;
+    const std::uint32_t u = cells_[s.cell].across[s.edge];
     // The point is the first corner of s.cell and the last of u after the flip.
     flip(s);
     suspects_.push_back({s.cell, 1});
@@ -285,28 +273,28 @@ void LocalTriangulation::legalise() noexcept {
   }
 }
 
-// The side from v to w, of the cell on its left; of cell kNone if there is none.
-LocalTriangulation::Side LocalTriangulation::find(std::uint32_t v, std::uint32_t w) const noexcept {
-  Side found{kNone, 0};
+// The edge from v to w, of the cell on its left; of cell kNone if there is none.
+LocalTriangulation::Edge LocalTriangulation::find(std::uint32_t v, std::uint32_t w) const noexcept {
+  Edge found{kNone, 0};
   around(v, [&](std::uint32_t c, std::uint32_t i) {
-    if (cells_[c].vertex[next(i)] == w) found = {c, i};
+    if (cells_[c].vertex[next_corner(i)] == w) found = {c, i};
     return found.cell == kNone;
   });
   return found;
 }
 
-// Calls visit(cell, corner of v) for every cell at v until it says false. At
-// a corner of the box the cells do not close: then on from the start backwards.
+// Calls visit(cell, corner of v) for every cell at v until it returns false. At a corner of the box
+// the cells do not form a circle: then continues from the start in the other direction.
 template <typename Visit>
 void LocalTriangulation::around(std::uint32_t v, Visit visit) const noexcept {
   const std::uint32_t start = cell_at_[v];
-  for (const std::uint32_t turn : {2U, 0U}) {  // counter-clockwise, then clockwise
+  for (const bool counter_clockwise : {true, false}) {
     std::uint32_t c = start;
     do {
       const Cell& cell = cells_[c];
-      const std::uint32_t i = cell.vertex[0] == v ? 0 : cell.vertex[1] == v ? 1 : 2;
+      const std::uint32_t i = corner_of(cell.vertex, v);
       if (!visit(c, i)) return;
-      c = cell.across[(i + turn) % 3];
+      c = cell.across[counter_clockwise ? previous_corner(i) : i];
     } while (c != start && c != kNone);
     if (c == start) return;
   }
@@ -320,29 +308,29 @@ bool LocalTriangulation::crosses(std::uint32_t a, std::uint32_t b, std::uint32_t
   return (at_c < 0) != (at_d < 0);
 }
 
-// Walks from a to b and lists the sides in between, right end first.
+// Walks from a to b and lists the edges that it crosses, right end first.
 bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcept {
-  Side at{kNone, 0};
+  Edge at{kNone, 0};
   around(a, [&](std::uint32_t c, std::uint32_t i) {
-    const LatticePoint right = points_[cells_[c].vertex[next(i)]];
-    const LatticePoint left = points_[cells_[c].vertex[before(i)]];
+    const LatticePoint right = points_[cells_[c].vertex[next_corner(i)]];
+    const LatticePoint left = points_[cells_[c].vertex[previous_corner(i)]];
     if (orient2d(points_[a], points_[b], right) < 0 && orient2d(points_[a], points_[b], left) > 0)
-      at = {c, next(i)};
+      at = {c, next_corner(i)};
     return at.cell == kNone;
   });
   while (at.cell != kNone) {
-    if (!push_within(crossing_,
-                     {cells_[at.cell].vertex[at.side], cells_[at.cell].vertex[next(at.side)]}))
+    if (!push_within(crossing_, {cells_[at.cell].vertex[at.edge],
+                                 cells_[at.cell].vertex[next_corner(at.edge)]}))
       return false;
-    const Side o = opposite(at);
+    const Edge o = opposite(at);
     const std::uint32_t ahead = apex(o);
     if (ahead == b) return true;
     const std::int64_t side = orient2d(points_[a], points_[b], points_[ahead]);
     if (side == 0) return false;  // a point on the constraint
-    // o runs from the left end to the right end; go on through the side that
-    // has `ahead` and the end on the other side of ab.
-    at = Side{o.cell, side > 0 ? next(o.side) : before(o.side)};
-    if (cells_[at.cell].across[at.side] == kNone) return false;
+    // o runs from the left end to the right end; continue through the edge between `ahead` and the
+    // end on the other side of ab.
+    at = Edge{o.cell, side > 0 ? next_corner(o.edge) : previous_corner(o.edge)};
+    if (cells_[at.cell].across[at.edge] == kNone) return false;
   }
   return false;
 }

@@ -9,18 +9,18 @@
 #include <span>
 #include <vector>
 
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
 #include "runtime/mesh/flat_table.h"
-#include "runtime/mesh/lattice_box.h"
 #include "runtime/mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 
-/// A counter-clockwise triangle; side i runs from vertex[i] to vertex[i + 1 mod 3].
+/// A counter-clockwise triangle; its edges are numbered as in triangle_edge.h.
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
-  std::array<std::uint32_t, 3> across;      ///< cell beyond side i, kNone if there is none
-  std::array<std::uint32_t, 3> constraint;  ///< what constrain() called side i, or kNone
+  std::array<std::uint32_t, 3> across;      ///< cell beyond edge i, kNone if there is none
+  std::array<std::uint32_t, 3> constraint;  ///< the name that constrain() gave edge i, or kNone
 };
 
 /// Tiles a box around all points. The box's four corners are the last four points.
@@ -31,20 +31,20 @@ class LocalTriangulation {
   /// The only function that allocates.
   void allocate(std::size_t max_points);
 
-  /// Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate. kNotPlanar: a
-  /// point is there twice. Typically O(n^1.5), and less where neighbours follow each other.
-  /// `first_corner`: of the box, 0..3 counter-clockwise from the lower left, the one that is
-  /// listed first. Points and it turned alike by right angles give the same cells.
+  /// Delaunay triangulation of distinct points with |coordinate| <= kMaxCoordinate. kNotPlanar: two
+  /// points are equal. Typically O(n^1.5), and less where neighbours follow each other.
+  /// `first_corner`: the corner of the box, 0..3 counter-clockwise from the lower left, that is
+  /// listed first. Points and first corner rotated together by right angles give the same cells.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
-  /// Makes a side of the segment between two different points. The cells are no longer Delaunay
-  /// then: see restore_delaunay. kNotPlanar: another constraint or a point is in the way; the
-  /// triangulation is not to be used any further.
+  /// Makes the segment between two different points an edge. The cells are no longer Delaunay then:
+  /// see restore_delaunay. kNotPlanar: another constraint or a point is in the way; the
+  /// triangulation must not be used any further.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
-  /// Flips until every side between two cells of the same part, other than part 0, is locally
-  /// Delaunay; `part` has one entry a cell. Constraints within a part are flipped too: what parts
-  /// two cells is the boundary of their parts alone.
+  /// Flips until every edge between two cells of the same part, other than part 0, is locally
+  /// Delaunay; `part` has one entry per cell. Constraints within a part are flipped too: only the
+  /// boundaries between parts are kept.
   void restore_delaunay(std::span<const std::uint8_t> part) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }
@@ -53,36 +53,36 @@ class LocalTriangulation {
   std::uint32_t cell_at(std::uint32_t point) const noexcept { return cell_at_[point]; }
 
  private:
-  struct Side {
-    std::uint32_t cell, side;
+  struct Edge {
+    std::uint32_t cell, edge;
   };
   void enclose(int first_corner) noexcept;
   bool insert(std::uint32_t v) noexcept;
   bool find_crossing(std::uint32_t a, std::uint32_t b) noexcept;
-  Side find(std::uint32_t v, std::uint32_t w) const noexcept;
+  Edge find(std::uint32_t v, std::uint32_t w) const noexcept;
   template <typename Visit>
   void around(std::uint32_t v, Visit visit) const noexcept;
   bool crosses(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) const noexcept;
 
-  std::int64_t turn(std::uint32_t c, std::uint32_t i, LatticePoint p) const noexcept;
-  std::uint32_t apex(Side s) const noexcept;
-  Side opposite(Side s) const noexcept;
-  bool is_delaunay(Side s) const noexcept;
-  void link(Side s, std::uint32_t other, std::uint32_t constraint) noexcept;
-  void adopt(Side s, const Cell& old, std::uint32_t i) noexcept;
+  std::int64_t orientation(std::uint32_t c, std::uint32_t i, LatticePoint p) const noexcept;
+  std::uint32_t apex(Edge s) const noexcept;
+  Edge opposite(Edge s) const noexcept;
+  bool is_delaunay(Edge s) const noexcept;
+  void link(Edge s, std::uint32_t other, std::uint32_t constraint) noexcept;
+  void adopt(Edge s, const Cell& old, std::uint32_t i) noexcept;
   void set(std::uint32_t c, std::uint32_t v0, std::uint32_t v1, std::uint32_t v2) noexcept;
   std::uint32_t new_cell() noexcept;
   void split_cell(std::uint32_t c, std::uint32_t v) noexcept;
-  void split_side(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept;
-  void flip(Side s) noexcept;
+  void split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept;
+  void flip(Edge s) noexcept;
   void legalise() noexcept;
 
   std::vector<LatticePoint> points_;
   std::vector<Cell> cells_;
   std::vector<std::uint32_t> cell_at_;                  ///< one cell at each point
-  std::vector<Side> suspects_;                          ///< scratch
+  std::vector<Edge> suspects_;                          ///< scratch
   std::vector<std::uint8_t> waits_;                     ///< scratch, by cell
-  std::vector<std::array<std::uint32_t, 2>> crossing_;  ///< scratch: sides in the way
+  std::vector<std::array<std::uint32_t, 2>> crossing_;  ///< scratch: edges in the way
   std::uint32_t last_ = 0;
 };
 

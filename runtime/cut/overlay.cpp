@@ -5,12 +5,10 @@
 #include <optional>
 #include <utility>
 
+#include "formats/geometry/edge_predicates.h"
+
 namespace trocar::runtime {
 namespace {
-
-bool strictly_between(LatticePoint a, LatticePoint b, LatticePoint p) {
-  return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) < 0;
-}
 
 bool boxes_apart(const Strand& s, const Strand& t) {
   if (s.second.x < t.first.x || t.second.x < s.first.x) return true;
@@ -47,9 +45,9 @@ bool recedes(const Strand& s, LatticePoint p) {
   return s.rim > 0 ? side >= 0 : side <= 0;
 }
 
-// Of all corners of rim and tool (law 5).
-OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
-  return OwnTurn([&](auto&& visit) {
+// Of all corners of rim and tool (contract 5).
+CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexcept {
+  return rotation_by_moments([&](auto&& visit) {
     for (const std::uint32_t v : cavity.rim_vertices)
       visit(mesh.vertices[v]);
     for (const OutlineEdge& e : cavity.tool)
@@ -57,8 +55,8 @@ OwnTurn own_turn(const SheetMesh& mesh, const Cavity& cavity) noexcept {
   });
 }
 
-// The bend of law 1 for two segments that cross properly.
-LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
+// The bend of contract 1, for two segments that cross properly.
+LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotation& rotate) {
   const LatticePoint a = s.first, b = s.second, c = t.first, d = t.second;
   const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
   const std::int64_t dx = std::int64_t{d.x} - c.x, dy = std::int64_t{d.y} - c.y;
@@ -72,14 +70,14 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
   std::optional<LatticePoint> nearest, nearest_receding;
   Int128 best = 0, best_receding = 0;
   for (int i = 0; i < 4; ++i) {
-    // Without a remainder the lower corner alone stands for the coordinate.
+    // Without a remainder the crossing has this coordinate itself.
     const Int128 px = x0 + (x0 * m == x_num ? 0 : i / 2), py = y0 + (y0 * m == y_num ? 0 : i % 2);
     const Int128 ex = px * m - x_num, ey = py * m - y_num;
     const Int128 distance = ex * ex + ey * ey;
     const LatticePoint p{static_cast<std::int32_t>(a.x + px), static_cast<std::int32_t>(a.y + py)};
     const auto closer = [&](const std::optional<LatticePoint>& than, Int128 its_distance) {
       if (!than || distance != its_distance) return !than || distance < its_distance;
-      return turn(p) < turn(*than);
+      return rotate(p) < rotate(*than);
     };
     if (closer(nearest, best)) nearest = p, best = distance;
     if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding)) {
@@ -89,10 +87,11 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const OwnTurn& turn) {
   return nearest_receding ? *nearest_receding : *nearest;
 }
 
-// The work on one overlay. Whatever finds no room sets `full`, and all ends at once.
-class Settling {
+// The construction of one overlay. It stops as soon as a capacity is used up, which sets `full`.
+class OverlayBuilder {
  public:
-  Settling(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity, Overlay& out)
+  OverlayBuilder(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                 Overlay& out)
       : mesh_(mesh), grid_(grid), cavity_(cavity), out_(out) {
     out.points.clear();
     out.strands.clear();
@@ -102,7 +101,7 @@ class Settling {
     out.pending.clear();
     out.rim_point.clear();
     out.rim_strand.clear();
-    out.turn = own_turn(mesh, cavity);
+    out.rotation = rotation_of(mesh, cavity);
   }
 
   bool full() const { return full_; }
@@ -117,7 +116,7 @@ class Settling {
     return *at;
   }
 
-  // `like` says what runs from one point to the other. The strand that stands for it now.
+  // Adds a strand between two points, along which the same runs as along `like`; gives its number.
   std::uint32_t add(std::uint32_t from, std::uint32_t to, const Strand& like) {
     Strand strand = like;
     strand.gone = false;
@@ -135,7 +134,7 @@ class Settling {
     const auto fresh = static_cast<std::uint32_t>(out_.strands.size());
     std::uint32_t* at = out_.strand_at.insert(pair_key(strand.a, strand.b), fresh);
     if (at != nullptr && *at != fresh && !out_.strands[*at].gone) {
-      // Runs that cancel leave their edge: its ends stay points of the PSLG.
+      // A strand along which nothing runs any more stays: its ends are points of the PSLG.
       out_.strands[*at].rim += strand.rim;
       out_.strands[*at].tool += strand.tool;
     } else if (at == nullptr || !push_within(out_.strands, strand)) {
@@ -147,8 +146,8 @@ class Settling {
     return *at;
   }
 
-  // First in, first out; what has been taken out makes room when the list is full.
-  void wait(std::uint32_t strand) {
+  // First in, first out; a full list is compacted first.
+  void enqueue(std::uint32_t strand) {
     std::vector<std::uint32_t>& pending = out_.pending;
     if (pending.size() == pending.capacity() && next_ > 0) {
       pending.erase(pending.begin(), pending.begin() + static_cast<std::ptrdiff_t>(next_));
@@ -157,8 +156,8 @@ class Settling {
     if (!push_within(pending, strand)) full_ = true;
   }
 
-  // One strand after the other, each with the first in line of those that it meets.
-  void settle() {
+  // Resolves one strand after the other, each with the first of those that it meets.
+  void resolve_crossings() {
     std::sort(out_.pending.begin(), out_.pending.end(), [this](std::uint32_t s, std::uint32_t t) {
       return comes_before(out_.strands[s], out_.strands[t]);
     });
@@ -174,7 +173,7 @@ class Settling {
         LatticePoint p;
         const Meeting meeting = meet(one, other, p);
         if (meeting == Meeting::kApart) continue;
-        if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.turn);
+        if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.rotation);
         if (is_held(one, other, meeting, p)) continue;
         if (first != kNone && !comes_before(other, out_.strands[first])) continue;
         first = t, how = meeting, where = p;
@@ -188,16 +187,16 @@ class Settling {
     if (!push_within(out_.absorb, triangle)) full_ = true;
   }
 
-  // In the plane after its own turn.
+  // In the rotated plane.
   bool comes_before(const Strand& s, const Strand& t) const {
     const auto ends = [this](const Strand& strand) {
-      const LatticePoint a = out_.turn(strand.first), b = out_.turn(strand.second);
+      const LatticePoint a = out_.rotation(strand.first), b = out_.rotation(strand.second);
       return a < b ? std::pair(a, b) : std::pair(b, a);
     };
     return ends(s) < ends(t);
   }
 
-  // A shared edge stays; the bend waits for the next round, when its triangle has gone too.
+  // A shared edge is not bent: its triangle is added to the cavity for the next round.
   bool is_held(const Strand& s, const Strand& t, Meeting meeting, LatticePoint p) {
     bool held = false;
     for (const Strand* strand : {&s, &t}) {
@@ -209,15 +208,15 @@ class Settling {
     return held;
   }
 
-  // Makes an end of p, where the two cross or touch.
+  // Splits the two at p, where they cross or touch.
   void resolve(std::uint32_t i, std::uint32_t j, LatticePoint p) {
     const Strand s = out_.strands[i], t = out_.strands[j];  // copies: the list may grow
     const bool split_s = p != s.first && p != s.second;
     const bool split_t = p != t.first && p != t.second;
     if (split_s) split(i, s, p);
     if (split_t) split(j, t, p);
-    if (!split_s) wait(i);
-    if (!split_t) wait(j);
+    if (!split_s) enqueue(i);
+    if (!split_t) enqueue(j);
   }
 
   void split(std::uint32_t index, const Strand& s, LatticePoint p) {
@@ -225,15 +224,15 @@ class Settling {
     out_.strands[index].gone = true;
     const std::uint32_t middle = point(p);
     if (full_) return;
-    // The piece with the end that comes first.
-    const bool as_it_is = out_.turn(s.first) < out_.turn(s.second);
+    // First the piece with the end that comes first in the rotated plane.
+    const bool as_it_is = out_.rotation(s.first) < out_.rotation(s.second);
     for (const bool piece : {as_it_is, !as_it_is}) {
-      wait(piece ? add(s.a, middle, s) : add(middle, s.b, s));
+      enqueue(piece ? add(s.a, middle, s) : add(middle, s.b, s));
       if (full_) return;
     }
   }
 
-  // The rare bend outwards (law 1) must not run over material that stays.
+  // The rare bend outwards (contract 1) must not cover material that stays.
   void absorb_swept(const Strand& s, LatticePoint p) {
     std::array<LatticePoint, 3> swept = {s.first, p, s.second};
     if (orient2d(swept[0], swept[1], swept[2]) < 0) std::swap(swept[0], swept[2]);
@@ -244,9 +243,9 @@ class Settling {
     grid_.for_each(box_around(swept), [&](std::uint32_t k) {
       if (cavity_.contains(k)) return;
       const std::array<LatticePoint, 3> c = corners(mesh_, k);
-      for (std::size_t i = 0; i < 3; ++i) {
+      for (std::uint32_t i = 0; i < 3; ++i) {
         if (mesh_.across[k][i] != kNone) continue;
-        const LatticePoint a = c[i], b = c[(i + 1) % 3];
+        const LatticePoint a = c[i], b = c[next_corner(i)];
         if (inside(a) || inside(b) || segments_cross(a, b, s.first, p) ||
             segments_cross(a, b, p, s.second)) {
           absorb(k);
@@ -277,41 +276,41 @@ void Overlay::allocate(std::size_t max_triangles, std::size_t max_points, std::s
   strand_at.allocate(max_strands);
 }
 
-Stage settle_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
-                     Overlay& out) noexcept {
-  Settling settling(mesh, grid, cavity, out);
+StageOutcome build_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
+                           Overlay& out) noexcept {
+  OverlayBuilder builder(mesh, grid, cavity, out);
   for (const std::uint32_t v : cavity.rim_vertices)
-    out.rim_point.push_back(settling.point(mesh.vertices[v]));
+    out.rim_point.push_back(builder.point(mesh.vertices[v]));
   Strand rim;
   rim.rim = 1;
   rim.kept_right = true;
   for (const RimEdge& e : cavity.rim) {
-    if (settling.full()) return Stage::kCapacity;
+    if (builder.full()) return StageOutcome::kCapacity;
     rim.kept = e.kept;
-    out.rim_strand.push_back(settling.add(out.rim_point[e.from], out.rim_point[e.to], rim));
+    out.rim_strand.push_back(builder.add(out.rim_point[e.from], out.rim_point[e.to], rim));
   }
   Strand edge;
   edge.tool = 1;
   for (const OutlineEdge& e : cavity.tool) {
-    const std::uint32_t a = settling.point(e.a), b = settling.point(e.b);
-    if (settling.full()) return Stage::kCapacity;
-    settling.wait(settling.add(a, b, edge));
+    const std::uint32_t a = builder.point(e.a), b = builder.point(e.b);
+    if (builder.full()) return StageOutcome::kCapacity;
+    builder.enqueue(builder.add(a, b, edge));
   }
-  settling.settle();
-  if (settling.full()) return Stage::kCapacity;
-  if (!out.absorb.empty()) return Stage::kAgain;
+  builder.resolve_crossings();
+  if (builder.full()) return StageOutcome::kCapacity;
+  if (!out.absorb.empty()) return StageOutcome::kAgain;
 
-  // Vertices within the cavity that the tool does not cover stay for the mesh's
-  // sake, unless a bend ran through them.
+  // Vertices within the cavity that the tool does not cover stay, for the quality of the mesh,
+  // unless a bend runs through them.
   for (const std::uint32_t v : cavity.inner) {
     const LatticePoint p = mesh.vertices[v];
     if (!strictly_outside(p, cavity.tool)) continue;
     const bool on_edge = std::any_of(out.strands.begin(), out.strands.end(), [p](const Strand& s) {
-      return !s.gone && strictly_between(s.first, s.second, p);
+      return !s.gone && is_inside_segment(s.first, s.second, p);
     });
-    if (!on_edge) settling.point(p);
+    if (!on_edge) builder.point(p);
   }
-  return settling.full() ? Stage::kCapacity : Stage::kDone;
+  return builder.full() ? StageOutcome::kCapacity : StageOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

@@ -6,23 +6,23 @@ namespace {
 
 using Status = LocalTriangulation::Status;
 
-Stage triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
-  Status status = triangulation.triangulate(overlay.points, overlay.turn.lower_left());
+StageOutcome triangulate(const Overlay& overlay, LocalTriangulation& triangulation) noexcept {
+  Status status = triangulation.triangulate(overlay.points, overlay.rotation.lower_left());
   for (std::uint32_t s = 0; s < overlay.strands.size() && status == Status::kDone; ++s) {
     const Strand& strand = overlay.strands[s];
     if (strand.gone) continue;
-    // From the same end after the overlay's own turn.
-    const bool as_it_is = overlay.turn(strand.first) < overlay.turn(strand.second);
+    // From the end that comes first after the overlay's rotation.
+    const bool as_it_is = overlay.rotation(strand.first) < overlay.rotation(strand.second);
     status = as_it_is ? triangulation.constrain(strand.a, strand.b, s)
                       : triangulation.constrain(strand.b, strand.a, s);
   }
-  return status == Status::kDone       ? Stage::kDone
-         : status == Status::kCapacity ? Stage::kCapacity
-                                       : Stage::kBug;
+  return status == Status::kDone       ? StageOutcome::kDone
+         : status == Status::kCapacity ? StageOutcome::kCapacity
+                                       : StageOutcome::kBug;
 }
 
-// Which cells are material: the windings of rim and tool around each, spread from
-// the box's corner, around which nothing winds.
+// Which cells are material: the winding numbers of rim and tool around each, propagated from the
+// box's corner, where both are zero.
 void find_parts(const Overlay& overlay, Patch& patch) noexcept {
   const LocalTriangulation& t = patch.triangulation;
   constexpr std::uint8_t kNotYet = 2;
@@ -41,7 +41,7 @@ void find_parts(const Overlay& overlay, Patch& patch) noexcept {
       if (beyond == kNone || patch.part[beyond] != kNotYet) continue;
       Patch::Winding w = patch.windings[c];
       if (cell.constraint[i] != kNone) {
-        // This cell is on the left of side i; the right has one winding less.
+        // This cell is on the left of edge i; on the right the winding number is one less.
         const Strand& strand = overlay.strands[cell.constraint[i]];
         const std::int32_t sign = cell.vertex[i] == strand.a ? -1 : 1;
         w.rim += sign * strand.rim;
@@ -54,7 +54,7 @@ void find_parts(const Overlay& overlay, Patch& patch) noexcept {
   }
 }
 
-// The cells of part 1 as triangles, and what lies beyond each of their sides.
+// The cells of part 1 as triangles, and what lies beyond each of their edges.
 void collect(const Overlay& overlay, Patch& patch) noexcept {
   const std::span<const Cell> cells = patch.triangulation.cells();
   patch.triangles.clear();
@@ -102,13 +102,14 @@ void Patch::allocate(std::size_t max_points) {
   reserve_touched(pending, cells);
 }
 
-Stage make_patch(const Overlay& overlay, Patch& patch) noexcept {
-  if (const Stage stage = triangulate(overlay, patch.triangulation); stage != Stage::kDone)
+StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept {
+  if (const StageOutcome stage = triangulate(overlay, patch.triangulation);
+      stage != StageOutcome::kDone)
     return stage;
   find_parts(overlay, patch);
   patch.triangulation.restore_delaunay(patch.part);
   collect(overlay, patch);
-  return patch.absorb.empty() ? Stage::kDone : Stage::kAgain;
+  return patch.absorb.empty() ? StageOutcome::kDone : StageOutcome::kAgain;
 }
 
 }  // namespace trocar::runtime

@@ -11,12 +11,13 @@
 
 namespace trocar::runtime {
 
-/// The new triangles. Side i runs from corner i to corner i + 1 (mod 3).
+/// The new triangles; their edges are numbered as in triangle_edge.h.
 struct Patch {
   std::vector<Triangle> triangles;                   ///< into Overlay::points
   std::vector<std::array<std::uint32_t, 3>> across;  ///< triangle of the patch beyond, or kNone
   std::vector<std::array<std::uint32_t, 3>> kept;    ///< triangle of the sheet beyond, or kNone
-  std::vector<std::uint32_t> absorb;  ///< kAgain: the patch lies over these triangles that stay
+  std::vector<std::uint32_t>
+      absorb;  ///< kAgain: the patch covers these triangles, which were to stay
 
   struct Winding {
     std::int32_t rim, tool;
@@ -30,8 +31,8 @@ struct Patch {
   void allocate(std::size_t max_points);
 };
 
-/// Constrained Delaunay triangles of the overlay where the rim winds around the
-/// material and the tool does not. kAgain: only `absorb` is valid. kBug: the overlay is not a PSLG.
-Stage make_patch(const Overlay& overlay, Patch& patch) noexcept;
+/// Constrained Delaunay triangles of the overlay that lie inside the rim and outside the tool.
+/// kAgain: only `absorb` is valid. kBug: the overlay is not a PSLG.
+StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept;
 
 }  // namespace trocar::runtime

@@ -6,24 +6,24 @@ namespace {
 
 using Segment = ProofSpace::Segment;
 
-// Law 2, towards another new triangle; the corner of that one beyond the side.
-bool mutual(const Patch& patch, std::uint32_t t, std::size_t i, std::uint32_t& apex) {
+// Proof 2, for another new triangle; gives the apex of that one.
+bool mutual(const Patch& patch, std::uint32_t t, std::uint32_t i, std::uint32_t& apex) {
   const std::uint32_t u = patch.across[t][i];
-  const std::uint32_t from = patch.triangles[t][i], to = patch.triangles[t][(i + 1) % 3];
-  for (std::size_t j = 0; j < 3; ++j) {
-    if (patch.triangles[u][j] != to || patch.triangles[u][(j + 1) % 3] != from) continue;
-    apex = patch.triangles[u][(j + 2) % 3];
+  const std::uint32_t from = patch.triangles[t][i], to = patch.triangles[t][next_corner(i)];
+  for (std::uint32_t j = 0; j < 3; ++j) {
+    if (patch.triangles[u][j] != to || patch.triangles[u][next_corner(j)] != from) continue;
+    apex = patch.triangles[u][previous_corner(j)];
     return patch.across[u][j] == t;
   }
   return false;
 }
 
-// Law 2, towards a triangle that stays.
+// Proof 2, for a triangle that stays.
 bool takes_rim_edge(const SheetMesh& mesh, std::uint32_t kept, LatticePoint from, LatticePoint to,
                     ProofSpace& space) {
   for (std::uint32_t j = 0; j < 3; ++j) {
     if (mesh.vertices[mesh.triangles[kept][j]] != to ||
-        mesh.vertices[mesh.triangles[kept][(j + 1) % 3]] != from)
+        mesh.vertices[mesh.triangles[kept][next_corner(j)]] != from)
       continue;
     if (!space.rim_at.contains(pair_key(kept, j))) return false;
     std::uint32_t& used = *space.rim_at.insert(pair_key(kept, j), 0);
@@ -37,7 +37,7 @@ bool list_rim(const Cavity& cavity, const Overlay& overlay, ProofSpace& space) {
   space.boundary_at.clear();
   for (const RimEdge& e : cavity.rim) {
     if (e.kept != kNone) {
-      if (space.rim_at.insert(pair_key(e.kept, e.kept_side), 0) == nullptr) return false;
+      if (space.rim_at.insert(pair_key(e.kept, e.kept_edge), 0) == nullptr) return false;
     } else {
       const std::uint64_t key = pair_key(overlay.rim_point[e.from], overlay.rim_point[e.to]);
       if (space.boundary_at.insert(key, 0) == nullptr) return false;
@@ -46,24 +46,25 @@ bool list_rim(const Cavity& cavity, const Overlay& overlay, ProofSpace& space) {
   return true;
 }
 
-// The boundary to be of the triangles that stay: shared rim edges that no new triangle has taken
-// are laid bare, and there is what was the boundary before near the new boundary edges.
+// The new boundary of the triangles that stay: shared rim edges beyond which there is no new
+// triangle, and the old boundary near the new boundary edges.
 bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
                         ProofSpace& space) {
   bool fits = true;
   for (const RimEdge& e : cavity.rim) {
-    if (e.kept != kNone && space.rim_at.find(pair_key(e.kept, e.kept_side)) == 0)
+    if (e.kept != kNone && space.rim_at.find(pair_key(e.kept, e.kept_edge)) == 0)
       fits = fits && push_within(space.old, {mesh.vertices[cavity.rim_vertices[e.to]],
                                              mesh.vertices[cavity.rim_vertices[e.from]]});
   }
   LatticeBox box{space.fresh.front().a, space.fresh.front().a};
   for (const Segment& s : space.fresh)
-    box = box_around(std::array<LatticePoint, 4>{box.lowest, box.highest, s.a, s.b});
+    box = box_around(std::array<LatticePoint, 4>{box.low, box.high, s.a, s.b});
   const auto list_boundary = [&](std::uint32_t t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
       if (mesh.across[t][i] != kNone || cavity.contains(t)) continue;
       const Triangle& v = mesh.triangles[t];
-      fits = fits && push_within(space.old, {mesh.vertices[v[i]], mesh.vertices[v[(i + 1) % 3]]});
+      fits =
+          fits && push_within(space.old, {mesh.vertices[v[i]], mesh.vertices[v[next_corner(i)]]});
     }
   };
   if (contains(cavity.tool_box, box)) {
@@ -104,24 +105,24 @@ std::int64_t doubled_area_removed(const SheetMesh& mesh, const Cavity& cavity,
   return sum;
 }
 
-// Laws 1 to 3; lists the new edges of the boundary. Null if all holds.
-const char* disprove_patch(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
-                           ProofSpace& space, bool& full) {
+// Proofs 1 to 3; lists the new boundary edges. Null if all holds.
+const char* find_defect(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
+                        ProofSpace& space, bool& full) {
   for (std::uint32_t t = 0; t < patch.triangles.size() && !full; ++t) {
     const std::array<LatticePoint, 3> p = {overlay.points[patch.triangles[t][0]],
                                            overlay.points[patch.triangles[t][1]],
                                            overlay.points[patch.triangles[t][2]]};
     if (orient2d(p[0], p[1], p[2]) <= 0) return "a new triangle is not counter-clockwise";
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t j = i == 2 ? 0 : i + 1;
+      const std::uint32_t j = next_corner(i);
       if (patch.across[t][i] != kNone) {
         std::uint32_t apex = 0;
-        if (!mutual(patch, t, i, apex)) return "a side of two new triangles is not mutual";
+        if (!mutual(patch, t, i, apex)) return "an edge of two new triangles is not mutual";
         if (t < patch.across[t][i] && in_circle(p[0], p[1], p[2], overlay.points[apex]) > 0)
           return "the patch is not constrained Delaunay";
       } else if (patch.kept[t][i] != kNone) {
         if (!takes_rim_edge(mesh, patch.kept[t][i], p[i], p[j], space))
-          return "a new triangle does not fit on the one that stays beside it";
+          return "a new triangle does not match the one that stays beside it";
       } else {
         const bool was_there =
             space.boundary_at.contains(pair_key(patch.triangles[t][i], patch.triangles[t][j]));
@@ -159,7 +160,7 @@ Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavit
   space.old.clear();
   proof.full = !list_rim(cavity, overlay, space);
   if (proof.full) return proof;
-  proof.bug = disprove_patch(mesh, overlay, patch, space, proof.full);
+  proof.bug = find_defect(mesh, overlay, patch, space, proof.full);
   if (proof.full || proof.bug != nullptr) return proof;
   if (!space.fresh.empty()) {
     proof.full = !list_kept_boundary(mesh, grid, cavity, space);
@@ -168,7 +169,7 @@ Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavit
   }
   proof.doubled_area_removed = doubled_area_removed(mesh, cavity, overlay, patch);
   if (doubled_area(hole) != proof.doubled_area_removed)
-    proof.bug = "the hole's area is not what the sheet has lost";
+    proof.bug = "the hole's area is not the area that the sheet has lost";
   return proof;
 }
 

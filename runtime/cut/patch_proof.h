@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fifth stage of a cut: the proof that a valid sheet will be valid with the patch in place of the
-// cavity, by looking at nothing but the cavity and what lies beside it.
+// Fifth stage of a cut: the proof that a valid sheet stays valid with the patch in place of the
+// cavity, from the cavity and its neighbourhood alone.
 //
 // What is proved, exactly, and what of formats/geometry/mesh_validity.h follows from it:
 //  1. Every new triangle is strictly counter-clockwise.
-//  2. Every side of a new triangle has one partner: a new triangle with the same side, or the
-//     triangle that stays beyond a rim edge, each of these at most once. So no directed edge occurs
-//     twice. (One fan at each vertex holds by the way in which stitch() numbers them.)
-//  3. Sides between two new triangles are locally Delaunay.
-//  4. New edges of the sheet's boundary cross neither each other nor an edge of the boundary near
-//     them; edges that were there already and the sides laid bare do not, since the sheet was
-//     valid.
+//  2. Beyond every inner edge of a new triangle lies one triangle: a new one with the same edge, or
+//     one that stays beyond a rim edge, each of these at most once. So no directed edge occurs
+//     twice. (One fan at each vertex follows from how stitch() numbers them.)
+//  3. Edges between two new triangles are locally Delaunay.
+//  4. New boundary edges of the sheet cross neither each other nor a boundary edge near them. Old
+//     boundary edges, and inner edges that become boundary, do not cross since the sheet was valid.
 //  5. The cavity's area less the patch's is that of the hole's rings.
 #pragma once
 
@@ -25,17 +24,17 @@ struct ProofSpace {
   struct Segment {
     LatticePoint a, b;
   };
-  std::vector<Segment> fresh, old;  ///< edges of the boundary to be
-  FlatTable rim_at;                 ///< of shared rim edges, by kept triangle and side; 1: used
+  std::vector<Segment> fresh, old;  ///< edges of the new boundary: new ones, and former edges
+  FlatTable rim_at;                 ///< shared rim edges, by kept triangle and edge; 1: used
   FlatTable boundary_at;            ///< rim edges on the sheet's boundary, by the overlay's points
 
   void allocate(std::size_t max_edges);
 };
 
 struct Proof {
-  const char* bug = nullptr;              ///< null if all holds; else what does not, in words
-  bool full = false;                      ///< the workspace was too small to tell
-  std::int64_t doubled_area_removed = 0;  ///< of (cavity minus patch); only if all holds
+  const char* bug = nullptr;              ///< null if all is proved; else what does not hold
+  bool full = false;                      ///< the workspace was too small for the proof
+  std::int64_t doubled_area_removed = 0;  ///< of (cavity minus patch); only if all is proved
 };
 Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
             const Overlay& overlay, const Patch& patch, const HoleOutline& hole,

@@ -3,27 +3,25 @@
 
 #include <numeric>
 
+#include "formats/geometry/triangle_edge.h"
+
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint32_t kPlanned = kNone - 1;  // the group's vertex will be made
-
-std::uint32_t corner_of(const Triangle& t, std::uint32_t v) {
-  return t[0] == v ? 0 : t[1] == v ? 1 : 2;
-}
+constexpr std::uint32_t kPlanned = kNone - 1;  // the group gets a new vertex
 
 // Lists the run around v that the kept triangle belongs to.
 bool list_run(const SheetMesh& mesh, const Cavity& cavity, std::uint32_t v, std::uint32_t triangle,
               StitchSpace& space) {
   StitchSpace::Run run{v, static_cast<std::uint32_t>(space.corners.size()), 0};
   const auto number = static_cast<std::uint32_t>(space.runs.size());
-  for (const std::uint32_t turn : {2U, 0U}) {  // counter-clockwise, then clockwise
+  for (const bool counter_clockwise : {true, false}) {
     std::uint32_t t = triangle, last = triangle;
     do {
       const std::uint32_t i = corner_of(mesh.triangles[t], v);
-      if ((t != triangle || turn == 2) && !push_within(space.corners, {t, i})) return false;
+      if ((t != triangle || counter_clockwise) && !push_within(space.corners, {t, i})) return false;
       last = t;
-      t = mesh.across[t][(i + turn) % 3];
+      t = mesh.across[t][counter_clockwise ? previous_corner(i) : i];
     } while (t != kNone && t != triangle && !cavity.contains(t));
     // Only the ends of a run lie beside the cavity.
     if (space.run_at.insert(pair_key(last, v), number) == nullptr) return false;
@@ -64,7 +62,7 @@ std::uint32_t node(const StitchSpace& space, std::uint32_t t, std::uint32_t i) {
   return static_cast<std::uint32_t>(space.runs.size()) + 3 * t + i;
 }
 
-// Corners that meet across a side are the same vertex.
+// Corners that meet across an edge are the same vertex.
 bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& patch,
                    StitchSpace& space) {
   const std::size_t nodes = space.runs.size() + 3 * patch.triangles.size();
@@ -73,9 +71,9 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
   std::iota(space.parent.begin(), space.parent.end(), 0U);
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t j = (i + 1) % 3;
+      const std::uint32_t j = next_corner(i);
       if (const std::uint32_t u = patch.across[t][i]; u != kNone) {
-        if (u < t) continue;  // seen from there
+        if (u < t) continue;  // joined already
         const Triangle& beyond = patch.triangles[u];
         join(space, node(space, t, i), node(space, u, corner_of(beyond, patch.triangles[t][i])));
         join(space, node(space, t, j), node(space, u, corner_of(beyond, patch.triangles[t][j])));
@@ -93,7 +91,7 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
   return true;
 }
 
-// A vertex a group: the sheet's own if no other group has it, else a new one.
+// One vertex for each group: the sheet's own if no other group has it, else a new one.
 bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                    const Patch& patch, StitchSpace& space) {
   space.vertex.assign(space.parent.size(), kNone);
@@ -130,9 +128,9 @@ void release(SheetMesh& mesh, const Cavity& cavity, const StitchSpace& space, Sh
   for (const RimEdge& e : cavity.rim) {
     if (e.kept == kNone) continue;
     edit.touch_triangle(mesh, e.kept);
-    mesh.across[e.kept][e.kept_side] = kNone;
+    mesh.across[e.kept][e.kept_edge] = kNone;
   }
-  // From the back: the lowest slots are the first to be taken again.
+  // In descending order, so that the lowest slots are the first to be used again.
   for (std::size_t i = cavity.triangles.size(); i-- > 0;)
     edit.release_triangle(mesh, cavity.triangles[i]);
   for (std::size_t i = cavity.inner.size(); i-- > 0;)
@@ -160,7 +158,7 @@ void number_vertices(SheetMesh& mesh, StitchSpace& space, SheetEdit& edit) {
 
 void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& edit) {
   space.created.clear();
-  space.rim_sides.clear();
+  space.rim_edges.clear();
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     Triangle v{};
     for (std::uint32_t i = 0; i < 3; ++i)
@@ -174,8 +172,8 @@ void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& 
         mesh.across[slot][i] = space.created[patch.across[t][i]];
       } else if (const std::uint32_t k = patch.kept[t][i]; k != kNone) {
         mesh.across[slot][i] = k;
-        space.rim_sides.push_back({slot, i});
-        const std::uint32_t to = mesh.triangles[slot][(i + 1) % 3];
+        space.rim_edges.push_back({slot, i});
+        const std::uint32_t to = mesh.triangles[slot][next_corner(i)];
         mesh.across[k][corner_of(mesh.triangles[k], to)] = slot;
       }
     }
@@ -194,18 +192,18 @@ void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
   taken.allocate(3 * max_triangles);
   reserve_touched(fresh, 3 * max_created);
   reserve_touched(created, max_created);
-  reserve_touched(rim_sides, 3 * max_created);
+  reserve_touched(rim_edges, 3 * max_created);
 }
 
-Stage stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-             StitchSpace& space, SheetEdit& edit) noexcept {
+StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept {
   if (!list_runs(mesh, cavity, space) || !group_corners(mesh, overlay, patch, space) ||
       !plan_vertices(mesh, cavity, overlay, patch, space))
-    return Stage::kCapacity;
+    return StageOutcome::kCapacity;
   release(mesh, cavity, space, edit);
   number_vertices(mesh, space, edit);
   put_in(mesh, patch, space, edit);
-  return Stage::kDone;
+  return StageOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sixth stage of a cut: the patch takes the cavity's place in the sheet.
+// Sixth stage of a cut: replaces the cavity by the patch in the sheet.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct StitchSpace {
     std::uint32_t vertex;
     std::uint32_t first, end;  ///< of its corners
   };
-  /// A vertex to be made, for a group of corners.
+  /// A new vertex, for a group of corners.
   struct NewVertex {
     std::uint32_t group;
     LatticePoint point;
@@ -33,16 +33,16 @@ struct StitchSpace {
   FlatTable taken;                    ///< vertices of the rim that keep their slot
   std::vector<NewVertex> fresh;
   std::vector<std::uint32_t> created;   ///< result: the patch's triangles, as slots of the sheet
-  std::vector<TriangleSide> rim_sides;  ///< result: theirs towards triangles that stayed
+  std::vector<TriangleEdge> rim_edges;  ///< result: their edges towards triangles that stayed
 
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };
 
 /// Replaces the cavity's triangles by the patch. The vertices of triangles that stay keep their
 /// slots, except where the cut leaves several fans of triangles at one: then each but the first
-/// gets a slot of its own, so the mesh stays manifold. Vertices without a triangle are released.
+/// gets a new slot, so that the mesh stays manifold. Vertices without a triangle are released.
 /// kCapacity: the workspace, or the sheet's free slots, do not suffice; nothing has been done.
-Stage stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-             StitchSpace& space, SheetEdit& edit) noexcept;
+StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;
 
 }  // namespace trocar::runtime

@@ -6,11 +6,11 @@
 #include <string>
 #include <utility>
 
+#include "formats/geometry/canonical_rotation.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/region_sides.h"
 #include "runtime/cut/cavity.h"
 #include "runtime/cut/cut.h"
-#include "runtime/cut/own_turn.h"
 #include "runtime/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
@@ -102,7 +102,7 @@ void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, doubl
   options.size = size;
   options.max_new_vertices = grading.max_new_vertices;
   options.split_outline = true;
-  options.keep_side = is_ring;
+  options.keep_edge = is_ring;
   refine_locally(mesh, work.edit, work.queue, options, *work.refinement);
 }
 
@@ -134,7 +134,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   // From here on places are relative to the tool, and turned by right angles as the part itself
   // decides: what rounding makes of them then does not depend on where in the slice it is, nor on
   // how the slice was turned (law 5).
-  const OwnTurn turn([&](auto&& visit) {
+  const CanonicalRotation turn = rotation_by_moments([&](auto&& visit) {
     for (const LatticePoint p : part.mesh.vertices)
       visit(p);
     for (const LatticePoint p : tool_in_sheet)
@@ -143,7 +143,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   Ring tool;
   for (const LatticePoint p : tool_in_sheet)
     tool.push_back(turn(p));
-  const LatticePoint here = box_around(tool).lowest;
+  const LatticePoint here = box_around(tool).low;
   move_by({-here.x, -here.y}, tool);
   const Circle circle = circle_around(tool);
   const LatticePoint middle{static_cast<std::int32_t>(std::lround(circle.centre.x())),

@@ -14,7 +14,7 @@
 //  3. `borne` is the part of the sheet under the tool: its area is exactly what the cut removed.
 //  4. Time in proportion to the region, not to the sheet.
 //  5. Sheet and tool moved by lattice steps or turned by right angles give the same region, moved
-//     and turned, to the bit (but where remesh/own_turn.h is undecided).
+//     and turned, to the bit (but where formats/geometry/canonical_rotation.h is undecided).
 #pragma once
 
 #include <Eigen/Core>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the stages of a cut keep their work in: memory that is taken once and never grows.
+// Containers for code that must not allocate: memory that is allocated once and never grows.
 #pragma once
 
 #include <algorithm>
@@ -10,14 +10,15 @@
 
 namespace trocar::runtime {
 
-/// Room for `size` elements, with the pages behind it touched, so that no later use is the first.
+/// Reserves capacity for `size` elements and writes to all of it, so that no later use causes a
+/// page fault.
 template <typename T>
 void reserve_touched(std::vector<T>& list, std::size_t size) {
   list.resize(size);
   list.clear();
 }
 
-/// False, and nothing done, where the list's room is used up.
+/// False, and nothing done, if the list's capacity is used up.
 template <typename T>
 bool push_within(std::vector<T>& list, const T& element) noexcept {
   if (list.size() == list.capacity()) return false;
@@ -26,13 +27,13 @@ bool push_within(std::vector<T>& list, const T& element) noexcept {
 }
 
 /// A map from 64-bit keys to 32-bit values: open addressing with linear probing over indices into
-/// a dense list of entries. What is in use of it is as large as what it holds, not as what it could
-/// hold, so that small contents stay in the cache. Keys are never removed one by one.
+/// a dense list of entries. The memory in use is proportional to the content, not to the capacity,
+/// so that small contents stay in the cache. Keys cannot be removed one by one.
 class FlatTable {
  public:
   static constexpr std::uint32_t kAbsent = 0xffffffff;
 
-  /// Room for `capacity` keys; what was in it is forgotten.
+  /// Allocates for `capacity` keys; the content is dropped.
   void allocate(std::size_t capacity) {
     reserve_touched(entries_, capacity);
     slots_.assign(std::bit_ceil(std::max<std::size_t>(2 * capacity, kFewest)), 0);
@@ -58,8 +59,8 @@ class FlatTable {
   }
   bool contains(std::uint64_t key) const noexcept { return find(key) != kAbsent; }
 
-  /// The value at the key, which is `value` from now on if there was none; null if there is no room
-  /// for another key. Valid until the next insert().
+  /// The value at the key, after inserting `value` if there was none; null if the capacity is used
+  /// up. Valid until the next insert().
   std::uint32_t* insert(std::uint64_t key, std::uint32_t value) noexcept {
     std::size_t slot = home(key);
     for (; slots_[slot] != 0; slot = (slot + 1) & mask_) {
@@ -92,7 +93,7 @@ class FlatTable {
   }
 
   void grow() noexcept {
-    if (2 * (mask_ + 1) > slots_.size()) return;  // all in use: half of them at the most are taken
+    if (2 * (mask_ + 1) > slots_.size()) return;  // at most half of all slots are taken
     use_slots(std::min(8 * (mask_ + 1), slots_.size()));
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       std::size_t slot = home(entries_[i].key);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A function as an argument, without allocation: what std::function_ref will be.
+// A function as an argument, without allocation; std::function_ref of C++26 is the same.
 #pragma once
 
 namespace trocar::runtime {
 
-/// A reference to a function; it must outlive what it is given to. Empty by default.
+/// A reference to a function, which must outlive it. Empty by default.
 template <typename Signature>
 class FunctionView;
 template <typename R, typename... Arguments>
@@ -17,7 +17,7 @@ class FunctionView<R(Arguments...)> {
           return (*static_cast<const F*>(g))(arguments...);
         }) {}
   template <typename F>
-  FunctionView(const F&&) = delete;  // would be gone before it is called
+  FunctionView(const F&&) = delete;  // a temporary would not live until the call
   explicit operator bool() const noexcept { return call_ != nullptr; }
   R operator()(Arguments... arguments) const noexcept { return call_(f_, arguments...); }
 

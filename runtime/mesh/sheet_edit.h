@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an edit of a SheetMesh has written: so that it can be undone, or made once more on a
+// Lists what an edit of a SheetMesh has written, so that the edit can be undone, or repeated on a
 // replica of the mesh, in time proportional to the edit.
 //
-// Laws (tests/runtime/mesh/sheet_edit_test.cpp):
-//  1. Whoever edits calls touch_*() before he writes a slot, or uses the four functions below
-//     that take and release slots, which do that themselves.
+// Contract (tests/runtime/mesh/sheet_edit_test.cpp):
+//  1. An editing function calls touch_*() before it writes a slot, or uses the four functions below
+//     that take and release slots and call touch_*() themselves.
 //  2. undo() leaves the mesh as it was at begin(), in every slot and in the order of the free ones.
-//  3. copy_to() leaves a replica that was equal at begin() equal again, likewise.
-//  4. No function but the constructor allocates; none can run out of room: a slot is listed once.
+//  3. copy_to() makes a replica that was equal at begin() equal again, in the same sense.
+//  4. No function but the constructor allocates. A slot is listed once, so the capacity suffices.
 #pragma once
 
 #include <array>
@@ -34,10 +34,10 @@ class SheetEdit {
   };
 
   SheetEdit() = default;
-  /// Room for edits of meshes with the slots of `mesh` (or fewer). O(slots).
+  /// For edits of meshes with no more slots than `mesh`. O(slots).
   explicit SheetEdit(const SheetMesh& mesh);
 
-  /// Forgets what was listed: from here on counts what is done to `mesh`. O(1).
+  /// Starts a new edit of `mesh`: drops what was listed. O(1).
   void begin(const SheetMesh& mesh) noexcept;
 
   void touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept;
@@ -46,22 +46,22 @@ class SheetEdit {
   /// A free slot, now with these contents; kNone if there is none.
   std::uint32_t take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept;
   std::uint32_t take_vertex(SheetMesh& mesh, LatticePoint point) noexcept;
-  /// The slot is free afterwards. Nobody names it any more, or will not at the edit's end.
+  /// The slot is free afterwards. At the end of the edit nothing may refer to it.
   void release_triangle(SheetMesh& mesh, std::uint32_t t) noexcept;
   void release_vertex(SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// Every slot written, once, in the order of the first writing.
+  /// Every slot written, once, in the order in which they were first written.
   std::span<const OldTriangle> triangles() const noexcept { return triangles_; }
   std::span<const OldVertex> vertices() const noexcept { return vertices_; }
 
-  /// Law 2; then as after begin().
+  /// Contract 2; afterwards the edit is as after begin().
   void undo(SheetMesh& mesh) noexcept;
-  /// Law 3. `from` is the mesh that was edited; it is only read.
+  /// Contract 3. `from` is the mesh that was edited; it is only read.
   void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept;
 
  private:
-  // The stack of free slots: entries below `untouched` are as they were; `popped` is what stood
-  // above it, the topmost first.
+  // The stack of free slots: entries below `untouched` are unchanged; `popped` lists the former
+  // entries above, the topmost first.
   struct Stack {
     std::size_t untouched = 0;
     std::vector<std::uint32_t> popped;

@@ -45,8 +45,8 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   out.triangles = mesh.triangles;
   out.across.assign(mesh.triangles.size(), {kNone, kNone, kNone});
 
-  std::unordered_map<std::uint64_t, std::uint32_t> side_of;  // directed edge -> 3 triangle + side
-  side_of.reserve(3 * mesh.triangles.size());
+  std::unordered_map<std::uint64_t, std::uint32_t> edge_of;  // directed edge -> 3 triangle + edge
+  edge_of.reserve(3 * mesh.triangles.size());
   const auto key = [](std::uint32_t from, std::uint32_t to) {
     return std::uint64_t{from} << 32 | to;
   };
@@ -57,11 +57,11 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
         return refused("triangle " + std::to_string(t) + " names vertex " + std::to_string(from) +
                        " of " + std::to_string(mesh.vertices.size()));
       }
-      if (const auto [at, is_new] = side_of.emplace(key(from, to), 3 * t + i); !is_new) {
+      if (const auto [at, is_new] = edge_of.emplace(key(from, to), 3 * t + i); !is_new) {
         return refused("triangles " + std::to_string(at->second / 3) + " and " + std::to_string(t) +
                        " use an edge in the same direction");
       }
-      if (const auto beyond = side_of.find(key(to, from)); beyond != side_of.end()) {
+      if (const auto beyond = edge_of.find(key(to, from)); beyond != edge_of.end()) {
         out.across[t][i] = beyond->second / 3;
         out.across[beyond->second / 3][beyond->second % 3] = t;
       }
@@ -140,14 +140,14 @@ Result<void> check_sheet_mesh(const SheetMesh& mesh) {
                             mesh.triangles[u][(j + 1) % 3] == from);
       }
       if (!mutual) {
-        return invalid("side " + std::to_string(i) + " of triangle " + std::to_string(t) +
+        return invalid("edge " + std::to_string(i) + " of triangle " + std::to_string(t) +
                        " is not mutual");
       }
     }
   }
   const SliceMesh used = to_slice_mesh(mesh);
   if (Result<void> valid = check_mesh(used); !valid) return valid;
-  // A boundary side must be one in truth: the mesh's own edges say so.
+  // An edge without a neighbour must be boundary by the triangles' vertices too.
   std::size_t open = 0, edges_open = 0;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     if (is_free[t] == 0) {
@@ -157,7 +157,7 @@ Result<void> check_sheet_mesh(const SheetMesh& mesh) {
   }
   for (const Ring& ring : boundary_rings(used).rings)
     edges_open += ring.size();
-  if (open != edges_open) return invalid("a side between two triangles has no neighbour");
+  if (open != edges_open) return invalid("an edge between two triangles has no neighbour");
   return {};
 }
 

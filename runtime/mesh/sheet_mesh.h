@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh of a sheet that can be edited in place: slots of fixed capacity with the triangles'
-// neighbours beside them, so that an edit costs what it touches and never allocates.
+// The mesh of a sheet that can be edited in place: slots of fixed capacity, with the neighbours of
+// each triangle, so that an edit takes time proportional to what it touches and never allocates.
 //
-// A structure of our own rather than OpenMesh 9: reserve() spares its arrays the growing, but a
-// deleted vertex, edge or face is only marked, and its place comes back by a garbage collection
-// that goes through the whole mesh and renumbers it, so a mesh that is cut again and again must
-// allocate or do that; a half-edge mesh has one fan of faces at a vertex, so where a cut leaves
-// several, faces must be deleted and added anew; and nothing lists what an edit has written, which
-// is what undoing it and making it on a replica take. Here all three are one array access each.
+// Why not OpenMesh 9: a deleted vertex, edge or face is only marked there, and its slot is reused
+// only after a garbage collection that visits and renumbers the whole mesh, so a mesh that is cut
+// repeatedly must do that or allocate. A half-edge mesh has one fan of faces at a vertex, so where
+// a cut leaves several, faces must be deleted and added again. And nothing lists what an edit has
+// written, which is needed to undo it and to repeat it on a replica.
 #pragma once
 
 #include <array>
@@ -17,28 +16,28 @@
 
 #include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
+#include "formats/geometry/triangle_edge.h"
 
 namespace trocar::runtime {
 
 inline constexpr std::uint32_t kNone = 0xffffffff;
 inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 
-/// Laws (check_sheet_mesh proves them):
+/// Invariants (check_sheet_mesh verifies 1 to 3):
 ///  1. A triangle in use is strictly counter-clockwise and has three vertices in use; a free one
-///     is kFreeSlot, and `free_triangles` names each of these exactly once.
-///  2. across[t][i] is the triangle beyond the side from corner i to corner i + 1 (mod 3) of t,
-///  with
-///     the same two vertices in the other direction; kNone on the sheet's boundary.
+///     is kFreeSlot, and `free_triangles` lists each of these exactly once.
+///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNone on the sheet's
+///     boundary.
 ///  3. A vertex in use belongs to a triangle, and its triangles form one fan (a pinch is two
-///     vertices at one point); `free_vertices` names every other slot exactly once.
-///  4. Nothing but add_slots() changes the size of the three first arrays; the two stacks have room
+///     vertices at one point); `free_vertices` lists every other slot exactly once.
+///  4. Only add_slots() changes the size of the three first arrays; the two stacks have capacity
 ///     for every slot, in a copy too.
 struct SheetMesh {
   std::vector<LatticePoint> vertices;
   std::vector<Triangle> triangles;
   std::vector<std::array<std::uint32_t, 3>> across;
   std::vector<std::uint32_t> free_vertices;   ///< the last is the next to be used
-  std::vector<std::uint32_t> free_triangles;  ///< likewise
+  std::vector<std::uint32_t> free_triangles;  ///< in the same order
 
   SheetMesh() = default;
   ~SheetMesh() = default;
@@ -54,7 +53,7 @@ struct SheetMesh {
   }
   SheetMesh& operator=(const SheetMesh& other) { return *this = SheetMesh(other); }
 
-  /// Law 4. The memory is written to, so that no later edit is the first to touch it.
+  /// Invariant 4. The memory is written to, so that no later edit causes a page fault.
   void reserve_stacks() {
     const std::size_t vertices_free = free_vertices.size(), triangles_free = free_triangles.size();
     free_vertices.resize(vertices.size());
@@ -62,16 +61,12 @@ struct SheetMesh {
     free_triangles.resize(triangles.size());
     free_triangles.resize(triangles_free);
   }
-  /// So many free slots more, to be handed out after those there are: equal meshes stay equal.
-  /// O(n), and allocates; nobody else may read the mesh meanwhile.
+  /// Adds free slots, which are used after the existing ones, so that equal meshes stay equal.
+  /// O(n), and allocates; no other thread may read the mesh meanwhile.
   void add_slots(std::size_t more_vertices, std::size_t more_triangles);
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
-};
-
-struct TriangleSide {
-  std::uint32_t triangle, side;
 };
 
 inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t t) noexcept {
@@ -79,16 +74,16 @@ inline std::array<LatticePoint, 3> corners(const SheetMesh& mesh, std::uint32_t 
   return {mesh.vertices[v[0]], mesh.vertices[v[1]], mesh.vertices[v[2]]};
 }
 
-/// `mesh` (valid, check_mesh) in its own order in the first slots, and room for `spare_vertices`
-/// and `spare_triangles` more; the free slots are handed out in ascending order. O(n). Refused: an
-/// index out of range, a directed edge used twice.
+/// `mesh` (valid by check_mesh) in the same order in the first slots, and `spare_vertices` and
+/// `spare_triangles` free slots, which are used in ascending order. O(n). Refused: an index out of
+/// range, a directed edge used twice.
 Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_vertices,
                                   std::size_t spare_triangles);
 
-/// The triangles in use, in the order of their slots, and their vertices, likewise. O(n).
+/// The triangles in use and their vertices, both in the order of their slots. O(n).
 SliceMesh to_slice_mesh(const SheetMesh& mesh);
 
-/// Proves the laws, or names the first that fails and where. O(n log n): for tests.
+/// Verifies the invariants, or says which is violated first and where. O(n log n): for tests.
 Result<void> check_sheet_mesh(const SheetMesh& mesh);
 
 }  // namespace trocar::runtime

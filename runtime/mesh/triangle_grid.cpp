@@ -13,15 +13,15 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size())
     if (!mesh.in_use(t)) continue;
     const LatticeBox own = bounding_box(mesh, t);
     if (count++ == 0) all = own;
-    all.lowest = {std::min(all.lowest.x, own.lowest.x), std::min(all.lowest.y, own.lowest.y)};
-    all.highest = {std::max(all.highest.x, own.highest.x), std::max(all.highest.y, own.highest.y)};
+    widen(all, own.low);
+    widen(all, own.high);
   }
   if (count == 0) return;
-  origin_ = all.lowest;
-  const std::int64_t width = std::int64_t{all.highest.x} - all.lowest.x + 1;
-  const std::int64_t height = std::int64_t{all.highest.y} - all.lowest.y + 1;
+  origin_ = all.low;
+  const std::int64_t width = std::int64_t{all.high.x} - all.low.x + 1;
+  const std::int64_t height = std::int64_t{all.high.y} - all.low.y + 1;
 
-  // The finest cells hold about two triangles; coarser ones follow until one holds all.
+  // The finest cells hold about two triangles; the coarsest grid has one cell.
   const double wanted = std::sqrt(2.0 * static_cast<double>(width) * static_cast<double>(height) /
                                   static_cast<double>(count));
   int shift = static_cast<int>(std::bit_width(static_cast<std::uint64_t>(wanted) | 1)) - 1;
@@ -50,7 +50,7 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh) : link_(mesh.triangles.size())
 
 void TriangleGrid::update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
   for (const SheetEdit::OldTriangle& old : edit.triangles()) {
-    // Even with the same corners: their slots may hold other points now.
+    // Even if the corners are the same: their slots may hold other points now.
     if (old.corners != kFreeSlot) remove(old.slot);
     if (mesh.in_use(old.slot)) insert(mesh, old.slot);
   }
@@ -58,15 +58,14 @@ void TriangleGrid::update(const SheetEdit& edit, const SheetMesh& mesh) noexcept
 
 void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
   const LatticeBox box = bounding_box(mesh, t);
-  const std::int64_t extent = std::max(std::int64_t{box.highest.x} - box.lowest.x,
-                                       std::int64_t{box.highest.y} - box.lowest.y);
+  const std::int64_t extent =
+      std::max(std::int64_t{box.high.x} - box.low.x, std::int64_t{box.high.y} - box.low.y);
   const int fits = static_cast<int>(std::bit_width(static_cast<std::uint64_t>(extent - 1)));
   const int index =
       std::clamp(fits - levels_.front().shift, 0, static_cast<int>(levels_.size()) - 1);
   Level& level = levels_[static_cast<std::size_t>(index)];
   ++level.triangles;
-  const std::size_t cell =
-      level.cell(level.row(*this, box.lowest.y), level.column(*this, box.lowest.x));
+  const std::size_t cell = level.cell(level.row(*this, box.low.y), level.column(*this, box.low.x));
   const std::uint32_t next = head_[cell];
   link_[t] = {box, next, kNone, static_cast<std::uint32_t>(cell)};
   if (next != kNone) link_[next].before = t;

@@ -7,8 +7,11 @@
 #include <numbers>
 #include <optional>
 
-#include "runtime/refine/outline_split.h"
-#include "runtime/refine/triangle_shape.h"
+#include "formats/geometry/edge_predicates.h"
+#include "formats/geometry/split_places.h"
+#include "formats/geometry/steiner_places.h"
+#include "formats/geometry/triangle_shape.h"
+#include "runtime/refine/split_aim.h"
 
 namespace trocar::runtime {
 
@@ -27,44 +30,32 @@ LocalRefinementWorkspace::LocalRefinementWorkspace(std::size_t vertex_slots,
 
 namespace {
 
-// With larger angles the method might not end before its budget.
+// With larger angles the method might not end before it has used max_new_vertices.
 constexpr double kLargestAngle_deg = 30;
-// A shorter side is not improved upon: rounding to the lattice would decide the angles.
-constexpr double kShortestSide = 4;
-// Boundary sides are not split into shorter ones.
+// A triangle whose shortest edge is shorter, in steps, is left as it is: rounding to the lattice
+// would decide the angles.
+constexpr double kShortestEdge = 4;
+// Boundary edges are not split into shorter ones.
 constexpr double kShortestPiece = 1;
-// By how many steps an off-centre is drawn nearer to its side, for rounding not to make its angle
-// too small.
-constexpr double kRounding = 1.5;
-// New sides for the sake of size are no longer than this times the side that they start from.
-constexpr double kLargestStep = 2;
-// A boundary side longer than this times the wanted length is split.
-constexpr double kLongSide = 1.5;
-// A lattice point exactly on a side is taken if it is off the place aimed at by no more than this
-// part of the side; else one beside the side, if that is allowed.
+// New edges for the sake of size are no longer than this times the edge that they start from.
+constexpr double kLargestGrowth = 2;
+// A boundary edge longer than this times the wanted length is split.
+constexpr double kLongEdge = 1.5;
+// A lattice point exactly on an edge is taken if its distance from the aim is no more than this
+// share of the edge; else one beside the edge, if that is allowed.
 constexpr double kNearEnough = 0.02;
-// Two boundary sides of a triangle whose lengths differ by no more than this are on one shell: the
-// angle between one of them and the third side is above 90 degrees by rounding alone.
-constexpr double kSameShell = 2;
 
-// What is known of a triangle, by bits.
-constexpr std::uint8_t kLookedAt = 1, kSidesLeft = 2, kAtOutline = 4, kAtLattice = 8,
+// What is known of a triangle, by bits: it was looked at; its boundary edges are left as they are;
+// it is left because of the outline, of the lattice, of its size; its apex is not removed.
+constexpr std::uint8_t kLookedAt = 1, kEdgesLeft = 2, kAtOutline = 4, kAtLattice = 8,
                        kSizeLeft = 16, kApexStays = 32;
 constexpr std::uint8_t kLeft = kAtOutline | kAtLattice | kSizeLeft;
 
-// Other places for a new point, on the shortest side's bisector and turned away from it about the
-// centre of the circle that sees the side under the wanted angle: in parts of that circle's radius,
-// by the turn's sine and cosine.
+// Other places for a new point, on the AngleCircle over the shortest edge and nearer to the edge:
+// the factor by which they are nearer, and the sine and cosine of the angle from the off-centre.
 constexpr std::array<double, 3> kReaches{0.95, 0.66, 0.4};
-constexpr std::array<std::array<double, 2>, 5> kTurns{
+constexpr std::array<std::array<double, 2>, 5> kDirections{
     {{0, 1}, {-0.5, 0.8660254}, {0.5, 0.8660254}, {-0.8660254, 0.5}, {0.8660254, 0.5}}};
-
-// The lattice point nearest to p + (x, y), of two the farther from p: rounded from p on, which is
-// alike wherever p lies and however the plane is turned by right angles.
-LatticePoint nearest(LatticePoint p, double x, double y) noexcept {
-  return {p.x + static_cast<std::int32_t>(std::lround(x)),
-          p.y + static_cast<std::int32_t>(std::lround(y))};
-}
 
 }  // namespace
 
@@ -84,13 +75,12 @@ class LocalRefiner {
     const double angle =
         std::min(options.min_angle_deg, kLargestAngle_deg) * std::numbers::pi / 180;
     cos2_ = std::cos(angle) * std::cos(angle);
-    radius_ = 0.5 / std::sin(angle);
-    centre_ = 0.5 / std::tan(angle);
+    circle_ = AngleCircle(angle);
   }
 
-  RefinementResult run(std::span<const std::uint32_t> seeds) noexcept {
+  LocalRefinementResult run(std::span<const std::uint32_t> seeds) noexcept {
     if (mesh_.triangles.size() > marks_.size() || mesh_.vertices.size() > is_new_.size()) {
-      result_.outcome = RefinementOutcome::kNoRoom;
+      result_.outcome = LocalRefinementOutcome::kCapacity;
       return result_;
     }
     for (const std::uint32_t t : seeds) {
@@ -98,13 +88,13 @@ class LocalRefiner {
     }
     while (!queue_.empty()) {
       if (result_.vertices_added >= options_.max_new_vertices) {
-        result_.outcome = RefinementOutcome::kBudget;
+        result_.outcome = LocalRefinementOutcome::kBudget;
         break;
       }
       const std::uint32_t t = queue_.top();
-      const bool has_room = queue_.top_key() < 0 ? work_at_sides(t) : work_at_triangle(t);
-      if (!has_room) {
-        result_.outcome = RefinementOutcome::kNoRoom;
+      const bool fits = queue_.top_key() < 0 ? work_at_edges(t) : work_at_triangle(t);
+      if (!fits) {
+        result_.outcome = LocalRefinementOutcome::kCapacity;
         break;
       }
     }
@@ -114,22 +104,24 @@ class LocalRefiner {
   }
 
  private:
-  enum class Step { kDone, kOutline, kLattice, kLargeEnough, kNoRoom };
+  enum class Step { kDone, kOutline, kLattice, kLargeEnough, kCapacity };
 
-  struct Side {
-    std::uint32_t triangle, side;
-  };
-
-  LatticePoint start_of(Side s) const noexcept {
-    return mesh_.vertices[mesh_.triangles[s.triangle][s.side]];
+  LatticePoint start_of(TriangleEdge e) const noexcept {
+    return mesh_.vertices[mesh_.triangles[e.triangle][e.edge]];
   }
-  LatticePoint end_of(Side s) const noexcept {
-    return mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 1) % 3]];
+  LatticePoint end_of(TriangleEdge e) const noexcept {
+    return mesh_.vertices[mesh_.triangles[e.triangle][next_corner(e.edge)]];
   }
-  bool is_boundary(Side s) const noexcept { return mesh_.across[s.triangle][s.side] == kNone; }
-  bool is_kept(Side s) const noexcept {
-    return options_.keep_side && options_.keep_side(mesh_.triangles[s.triangle][s.side],
-                                                    mesh_.triangles[s.triangle][(s.side + 1) % 3]);
+  LatticePoint apex_of(TriangleEdge e) const noexcept {
+    return mesh_.vertices[mesh_.triangles[e.triangle][previous_corner(e.edge)]];
+  }
+  bool is_boundary(TriangleEdge e) const noexcept {
+    return mesh_.across[e.triangle][e.edge] == kNone;
+  }
+  bool is_kept(TriangleEdge e) const noexcept {
+    return options_.keep_edge &&
+           options_.keep_edge(mesh_.triangles[e.triangle][e.edge],
+                              mesh_.triangles[e.triangle][next_corner(e.edge)]);
   }
   double wanted_length(double x, double y) const noexcept {
     return options_.size ? options_.size(x, y) : std::numeric_limits<double>::infinity();
@@ -137,61 +129,63 @@ class LocalRefiner {
 
   // ---- what is wrong with a triangle ----
 
-  bool is_obtuse(Side s) const noexcept {
-    const LatticePoint apex = mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 2) % 3]];
-    return diametral_dot(start_of(s), end_of(s), apex) < 0;
+  bool is_obtuse(TriangleEdge e) const noexcept {
+    return encroaches(start_of(e), end_of(e), apex_of(e));
   }
 
-  // Of an obtuse side: by more than what the lattice does to two sides on one shell around their
-  // corner?
-  bool is_encroached(Side s) const noexcept {
-    const double own = side_length(start_of(s), end_of(s));
-    for (const std::uint32_t other : {(s.side + 1) % 3, (s.side + 2) % 3}) {
-      const Side o{s.triangle, other};
-      if (is_boundary(o) && own - side_length(start_of(o), end_of(o)) <= kSameShell) return false;
+  // Of an obtuse edge: is it so by more than rounding to the lattice can make of two edges on one
+  // shell around their corner?
+  bool is_encroached(TriangleEdge e) const noexcept {
+    const double own = edge_length(start_of(e), end_of(e));
+    for (const std::uint32_t other : {next_corner(e.edge), previous_corner(e.edge)}) {
+      const TriangleEdge o{e.triangle, other};
+      if (is_boundary(o) && own - edge_length(start_of(o), end_of(o)) <= kSameShell_steps)
+        return false;
     }
     return true;
   }
 
-  // Into how many sides of the wanted length a side should be split.
-  int pieces(Side s) const noexcept {
+  // Into how many edges of the wanted length an edge should be split.
+  int pieces(TriangleEdge e) const noexcept {
     if (!options_.size) return 1;
-    const LatticePoint a = start_of(s), b = end_of(s);
+    const LatticePoint a = start_of(e), b = end_of(e);
     const double wanted = wanted_length(0.5 * (static_cast<double>(a.x) + b.x),
                                         0.5 * (static_cast<double>(a.y) + b.y));
-    const double ratio = side_length(a, b) / wanted;
-    return ratio >= kLongSide ? static_cast<int>(std::lrint(std::min(ratio, 1e6))) : 1;
+    const double ratio = edge_length(a, b) / wanted;
+    return ratio >= kLongEdge ? static_cast<int>(std::lrint(std::min(ratio, 1e6))) : 1;
   }
 
   struct Task {
     enum What { kSplit, kClear } what;
-    std::uint32_t side;
+    std::uint32_t edge;
     std::int64_t length2;
   };
 
-  // What is to be done for the sake of a boundary side of the triangle, the longest first: clear it
-  // of the vertex that makes it obtuse, if that is an inner one and not ours; else split it.
-  std::optional<Task> task_at_sides(std::uint32_t t) const noexcept {
+  // What is to be done about the longest boundary edge of the triangle that is too long or obtuse:
+  // remove the vertex that makes it obtuse, if that is an inner one and not new; else split it.
+  std::optional<Task> task_at_edges(std::uint32_t t) const noexcept {
     std::optional<Task> task;
     for (std::uint32_t i = 0; i < 3; ++i) {
-      const Side s{t, i};
-      if (!is_boundary(s)) continue;
-      const std::int64_t length2 = distance2(start_of(s), end_of(s));
+      const TriangleEdge e{t, i};
+      if (!is_boundary(e)) continue;
+      const std::int64_t length2 = distance2(start_of(e), end_of(e));
       if (task && task->length2 >= length2) continue;
-      const bool may_split = options_.split_outline && (marks_[t] & kSidesLeft) == 0;
-      const bool is_long = may_split && pieces(s) > 1, is_obtuse = this->is_obtuse(s);
-      if ((!is_long && !is_obtuse) || is_kept(s)) continue;
+      const bool may_split = options_.split_outline && (marks_[t] & kEdgesLeft) == 0;
+      const bool is_long = may_split && pieces(e) > 1, is_obtuse = this->is_obtuse(e);
+      if ((!is_long && !is_obtuse) || is_kept(e)) continue;
       if (!is_long && (marks_[t] & kApexStays) == 0 &&
-          is_new_[mesh_.triangles[t][(i + 2) % 3]] == 0) {
+          is_new_[mesh_.triangles[t][previous_corner(i)]] == 0) {
         task = {Task::kClear, i, length2};
-      } else if (is_long || (may_split && is_encroached(s))) {
+      } else if (is_long || (may_split && is_encroached(e))) {
         task = {Task::kSplit, i, length2};
       }
     }
     return task;
   }
 
-  bool is_too_large(const Corners& v) const noexcept {
+  bool is_sharp(const TriangleCorners& v) const noexcept { return is_angle_below_cosine(v, cos2_); }
+
+  bool is_too_large(const TriangleCorners& v) const noexcept {
     if (!options_.size) return false;
     const double x = (static_cast<double>(v[0].x) + v[1].x + v[2].x) / 3,
                  y = (static_cast<double>(v[0].y) + v[1].y + v[2].y) / 3;
@@ -199,19 +193,19 @@ class LocalRefiner {
     return circumradius2(v) > largest * largest;
   }
 
-  // Queues the triangle if something is wrong with it and worth a try. Sides come first, the
-  // longest before others; then triangles, the finest first: so size grows outwards from what is
-  // fine.
+  // Queues the triangle if something is wrong with it that has not been given up. Boundary edges
+  // come first, the longest before others; then triangles, the finest first, so that sizes grow
+  // outwards from what is fine.
   void look_at(std::uint32_t t) noexcept {
     marks_[t] |= kLookedAt;
-    if (const std::optional<Task> task = task_at_sides(t)) {
+    if (const std::optional<Task> task = task_at_edges(t)) {
       queue_.put(t, -task->length2);
       return;
     }
     if ((marks_[t] & kLeft) == 0) {
-      const Corners v = corners(mesh_, t);
-      if (is_sharp(v, cos2_) || is_too_large(v)) {
-        queue_.put(t, shortest_side(v).length2);
+      const TriangleCorners v = corners(mesh_, t);
+      if (is_sharp(v) || is_too_large(v)) {
+        queue_.put(t, shortest_edge(v).length2);
         return;
       }
     }
@@ -232,10 +226,10 @@ class LocalRefiner {
 
   Step insert(LatticePoint p, std::uint32_t split) noexcept {
     switch (insertion_.insert(mesh_, edit_, p, split)) {
-      case Insertion::kNotInSight:
+      case Insertion::kNotVisible:
         return Step::kLattice;
-      case Insertion::kNoRoom:
-        return Step::kNoRoom;
+      case Insertion::kCapacity:
+        return Step::kCapacity;
       case Insertion::kDone:
         break;
     }
@@ -246,21 +240,21 @@ class LocalRefiner {
     return Step::kDone;
   }
 
-  // False if there is no room.
-  bool work_at_sides(std::uint32_t t) noexcept {
-    const std::optional<Task> task = task_at_sides(t);
+  // False if the capacity does not suffice.
+  bool work_at_edges(std::uint32_t t) noexcept {
+    const std::optional<Task> task = task_at_edges(t);
     if (!task || task->what == Task::kClear) {
-      if (task && removal_.plan(mesh_, t, (task->side + 2) % 3)) {
+      if (task && removal_.plan(mesh_, t, previous_corner(task->edge))) {
         remove_vertex();
       } else {
         give_up(t, kApexStays);
       }
       return true;
     }
-    const Side s{t, task->side};
-    const Step step = split(s, std::max(pieces(s), 2), kShortestPiece);
-    if (step != Step::kDone && step != Step::kNoRoom) give_up(t, kSidesLeft);
-    return step != Step::kNoRoom;
+    const TriangleEdge e{t, task->edge};
+    const Step step = split(e, std::max(pieces(e), 2), kShortestPiece);
+    if (step != Step::kDone && step != Step::kCapacity) give_up(t, kEdgesLeft);
+    return step != Step::kCapacity;
   }
 
   bool work_at_triangle(std::uint32_t t) noexcept {
@@ -268,25 +262,26 @@ class LocalRefiner {
     if (step == Step::kOutline) give_up(t, kAtOutline);
     if (step == Step::kLattice) give_up(t, kAtLattice);
     if (step == Step::kLargeEnough) give_up(t, kSizeLeft);
-    return step != Step::kNoRoom;
+    return step != Step::kCapacity;
   }
 
-  // Removes an end of a sharp triangle's shortest side, if that is an inner vertex and not ours and
-  // fewer sharp triangles are left so.
+  // Removes an end of a sharp triangle's shortest edge, if that is an inner vertex and not new, and
+  // if this leaves fewer sharp triangles.
   bool remove_crowding(std::uint32_t t) noexcept {
-    const Corners v = corners(mesh_, t);
-    if (!is_sharp(v, cos2_)) return false;
-    const std::uint32_t side = shortest_side(v).side;
-    for (const std::uint32_t corner : {side, (side + 1) % 3}) {
+    const TriangleCorners v = corners(mesh_, t);
+    if (!is_sharp(v)) return false;
+    const std::uint32_t edge = shortest_edge(v).edge;
+    for (const std::uint32_t corner : {edge, next_corner(edge)}) {
       if (is_new_[mesh_.triangles[t][corner]] != 0 || !removal_.plan(mesh_, t, corner)) continue;
       int growth = 0;
       for (std::size_t k = 0; k < removal_.ears(); ++k) {
         const Triangle& ear = removal_.ear(k);
-        const Corners e{mesh_.vertices[ear[0]], mesh_.vertices[ear[1]], mesh_.vertices[ear[2]]};
-        growth += is_sharp(e, cos2_) ? 1 : 0;
+        const TriangleCorners e{mesh_.vertices[ear[0]], mesh_.vertices[ear[1]],
+                                mesh_.vertices[ear[2]]};
+        growth += is_sharp(e) ? 1 : 0;
       }
       for (const std::uint32_t s : removal_.star())
-        growth -= is_sharp(corners(mesh_, s), cos2_) ? 1 : 0;
+        growth -= is_sharp(corners(mesh_, s)) ? 1 : 0;
       if (growth >= 0) continue;
       remove_vertex();
       return true;
@@ -305,57 +300,52 @@ class LocalRefiner {
       look_at_new(t);
   }
 
-  // Splits a boundary side, unless a piece would be shorter than `shortest`.
-  Step split(Side s, int into, double shortest) noexcept {
-    if (is_kept(s)) return Step::kOutline;
-    const LatticePoint a = start_of(s), b = end_of(s);
-    const SplitAim aim = aim_split(mesh_, s.triangle, s.side, into);
-    std::optional<LatticePoint> p = point_on_side(a, b, aim);
+  // Splits a boundary edge, unless a piece would be shorter than `shortest`.
+  Step split(TriangleEdge e, int into, double shortest) noexcept {
+    if (is_kept(e)) return Step::kOutline;
+    const LatticePoint a = start_of(e), b = end_of(e);
+    const SplitAim aim = aim_split(mesh_, e, into);
+    std::optional<LatticePoint> p = split_on_edge(a, b, aim);
     if (options_.split_outline) {
-      const double full = side_length(a, b);
-      if (!p || std::abs(side_length(a, *p) - aim.fraction * full) > kNearEnough * full) {
-        const LatticePoint apex = mesh_.vertices[mesh_.triangles[s.triangle][(s.side + 2) % 3]];
-        p = point_beside_side(a, b, apex, aim);
-      }
+      const double full = edge_length(a, b);
+      if (!p || std::abs(edge_length(a, *p) - aim.fraction * full) > kNearEnough * full)
+        p = split_beside_edge(a, b, apex_of(e), aim);
     }
     if (!p) return Step::kOutline;
-    if (std::min(side_length(a, *p), side_length(*p, b)) < shortest) return Step::kOutline;
-    if (!insertion_.find(mesh_, s.triangle, *p)) return Step::kLattice;
+    if (std::min(edge_length(a, *p), edge_length(*p, b)) < shortest) return Step::kOutline;
+    if (!insertion_.find(mesh_, e.triangle, *p)) return Step::kLattice;
     std::uint32_t number = kNone;
-    const std::span<const RimSide> rim = insertion_.rim();
+    const std::span<const CavityEdge> rim = insertion_.rim();
     for (std::uint32_t k = 0; k < rim.size(); ++k) {
-      if (rim[k].inside == s.triangle && rim[k].side == s.side) {
+      if (rim[k].inside.triangle == e.triangle && rim[k].inside.edge == e.edge) {
         number = k;
-      } else if (!options_.split_outline && encroaches(rim[k], *p)) {
+      } else if (!options_.split_outline && is_in_the_way(rim[k], *p)) {
         return Step::kOutline;
       }
     }
     const Step step = insert(*p, number);
     if (step == Step::kDone) {
-      ++result_.sides_split;
+      ++result_.edges_split;
       result_.doubled_area_lost += orient2d(a, b, *p);
     }
     return step;
   }
 
-  // Would p lie in the diametral circle of a boundary side, or on its other side?
-  bool encroaches(const RimSide& r, LatticePoint p) const noexcept {
-    if (r.beyond != kNone) return false;
-    const LatticePoint a = mesh_.vertices[r.from], b = mesh_.vertices[r.to];
-    return diametral_dot(a, b, p) < 0 || orient2d(a, b, p) <= 0;
+  bool is_in_the_way(const CavityEdge& r, LatticePoint p) const noexcept {
+    return r.beyond == kNone && blocks(mesh_.vertices[r.from], mesh_.vertices[r.to], p);
   }
 
-  // A new point on the bisector of the shortest side: as far out as angle and size allow, but no
-  // farther than the circumcentre. If a boundary side is in its way, that is split instead.
+  // Inserts a point on the bisector of the shortest edge: as far out as angle and size allow, but
+  // no farther than the circumcentre. A boundary edge that is in its way is split instead.
   Step improve(std::uint32_t t) noexcept {
-    const Corners v = corners(mesh_, t);
-    const auto [side, shortest2] = shortest_side(v);
+    const TriangleCorners v = corners(mesh_, t);
+    const auto [edge, shortest2] = shortest_edge(v);
     const double shortest = std::sqrt(static_cast<double>(shortest2));
-    if (shortest < kShortestSide) return Step::kLattice;
-    const bool is_too_sharp = is_sharp(v, cos2_);
+    if (shortest < kShortestEdge) return Step::kLattice;
+    const bool is_too_sharp = is_sharp(v);
 
-    const LatticePoint p = v[side], q = v[(side + 1) % 3], r = v[(side + 2) % 3];
-    // From the side's middle, in units of the side: along it and out from it.
+    const LatticePoint p = v[edge], q = v[next_corner(edge)], r = v[previous_corner(edge)];
+    // From the edge's middle, in units of the edge: along it and out from it.
     const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
     const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
     const double along = (qx * rx + qy * ry) / (shortest * shortest) - 0.5;
@@ -363,53 +353,53 @@ class LocalRefiner {
     const double circumcentre = (along * along + out * out - 0.25) / (2 * out);
     double height = circumcentre;
     if (is_too_sharp)
-      height = std::min(height, (centre_ + radius_) * (1 - std::min(0.4, kRounding / shortest)));
+      height = std::min(height, circle_.off_centre() * rounding_allowance(shortest));
     const double mx = 0.5 * qx, my = 0.5 * qy;
     if (is_too_large(v)) {
       const double guess = std::min(height, 1.0);
       const double wanted =
           wanted_length(p.x + (mx - guess * qy), p.y + (my + guess * qx)) / shortest;
-      if (wanted * kLongSide >= 1) {
-        const double legs = std::clamp(wanted, std::numbers::sqrt2 / 2, kLargestStep);
+      if (wanted * kLongEdge >= 1) {
+        const double legs = std::clamp(wanted, std::numbers::sqrt2 / 2, kLargestGrowth);
         height = std::min(height, std::sqrt(legs * legs - 0.25));
       }
     }
     const double x = mx - height * qy, y = my + height * qx;
     if (!(std::abs(p.x + x) < kMaxCoordinate && std::abs(p.y + y) < kMaxCoordinate))
       return Step::kOutline;
-    const LatticePoint place = nearest(p, x, y);
+    const LatticePoint place = round_half_away(p, x, y);
     if (!insertion_.find(mesh_, t, place)) return Step::kLattice;
 
-    std::optional<Side> in_the_way;
+    std::optional<TriangleEdge> in_the_way;
     std::int64_t longest2 = 0;
-    for (const RimSide& s : insertion_.rim()) {
-      if (!encroaches(s, place)) continue;
-      const std::int64_t length2 = distance2(mesh_.vertices[s.from], mesh_.vertices[s.to]);
-      if (length2 > longest2) in_the_way = Side{s.inside, s.side}, longest2 = length2;
+    for (const CavityEdge& e : insertion_.rim()) {
+      if (!is_in_the_way(e, place)) continue;
+      const std::int64_t length2 = distance2(mesh_.vertices[e.from], mesh_.vertices[e.to]);
+      if (length2 > longest2) in_the_way = e.inside, longest2 = length2;
     }
     if (!in_the_way) return insert(place, kNone);
-    // For size alone no side is split that is not too long itself.
+    // For size alone, no boundary edge is split that is not too long itself.
     if (!is_too_sharp) return Step::kLargeEnough;
-    // Nor one into sides shorter than the triangle has: at sharp corners that would go on and on.
+    // No piece may be shorter than the triangle's edges: at acute corners this would not end.
     const Step step = split(*in_the_way, 2, shortest);
     if (step != Step::kOutline) return step;
     return remove_crowding(t) ? Step::kDone : insert_elsewhere(t);
   }
 
-  // Another place that sees the shortest side under the wanted angle or a wider one, is in no
-  // boundary side's way, and leaves fewer sharp triangles; of such the one that leaves the fewest.
+  // Tries other places that see the shortest edge under the wanted angle or a wider one, have no
+  // boundary edge in the way and leave fewer sharp triangles; takes the one that leaves the fewest.
   Step insert_elsewhere(std::uint32_t t) noexcept {
-    const Corners v = corners(mesh_, t);
-    const std::uint32_t side = shortest_side(v).side;
-    const LatticePoint p = v[side], q = v[(side + 1) % 3];
+    const TriangleCorners v = corners(mesh_, t);
+    const std::uint32_t edge = shortest_edge(v).edge;
+    const LatticePoint p = v[edge], q = v[next_corner(edge)];
     const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
     std::optional<LatticePoint> best;
     int least = 0;
     for (const double reach : kReaches) {
-      for (const auto [sine, cosine] : kTurns) {
-        const double along = 0.5 + reach * radius_ * sine;
-        const double out = reach * (centre_ + radius_ * cosine);
-        const LatticePoint at = nearest(p, along * qx - out * qy, along * qy + out * qx);
+      for (const auto [sine, cosine] : kDirections) {
+        const double along = 0.5 + reach * circle_.radius * sine;
+        const double out = reach * (circle_.centre + circle_.radius * cosine);
+        const LatticePoint at = round_half_away(p, along * qx - out * qy, along * qy + out * qx);
         if (!insertion_.find(mesh_, t, at)) continue;
         if (const std::optional<int> growth = growth_of_sharp(at); growth && *growth < least)
           best = at, least = *growth;
@@ -420,15 +410,15 @@ class LocalRefiner {
     return insert(*best, kNone);
   }
 
-  // How many sharp triangles more there would be with p; none if p is in a boundary side's way.
+  // How many more sharp triangles there would be with p; none if a boundary edge is in the way.
   std::optional<int> growth_of_sharp(LatticePoint p) const noexcept {
     int growth = 0;
-    for (const RimSide& r : insertion_.rim()) {
-      if (encroaches(r, p)) return std::nullopt;
-      growth += is_sharp({mesh_.vertices[r.from], mesh_.vertices[r.to], p}, cos2_) ? 1 : 0;
+    for (const CavityEdge& r : insertion_.rim()) {
+      if (is_in_the_way(r, p)) return std::nullopt;
+      growth += is_sharp({mesh_.vertices[r.from], mesh_.vertices[r.to], p}) ? 1 : 0;
     }
     for (const std::uint32_t t : insertion_.cavity())
-      growth -= is_sharp(corners(mesh_, t), cos2_) ? 1 : 0;
+      growth -= is_sharp(corners(mesh_, t)) ? 1 : 0;
     return growth;
   }
 
@@ -442,8 +432,9 @@ class LocalRefiner {
       count(old.slot);
     for (const SheetEdit::OldVertex& old : edit_.vertices())
       is_new_[old.slot] = 0;
-    if (result_.outcome == RefinementOutcome::kDone && result_.sharp + result_.obtuse_sides > 0)
-      result_.outcome = RefinementOutcome::kOutlineInTheWay;
+    if (result_.outcome == LocalRefinementOutcome::kDone &&
+        result_.sharp + result_.obtuse_edges > 0)
+      result_.outcome = LocalRefinementOutcome::kLimitedByOutline;
   }
 
   void count(std::uint32_t t) noexcept {
@@ -451,15 +442,15 @@ class LocalRefiner {
     marks_[t] = 0;
     if ((marks & kLookedAt) == 0) return;
     ++result_.looked_at;
-    const Corners v = corners(mesh_, t);
-    if (is_sharp(v, cos2_)) {
+    const TriangleCorners v = corners(mesh_, t);
+    if (is_sharp(v)) {
       ++result_.sharp;
       result_.sharp_at_outline += (marks & kAtOutline) != 0 ? 1 : 0;
       result_.sharp_at_lattice += (marks & kAtLattice) != 0 ? 1 : 0;
     }
     result_.too_large += is_too_large(v) ? 1 : 0;
     for (std::uint32_t i = 0; i < 3; ++i)
-      result_.obtuse_sides += is_boundary({t, i}) && is_obtuse({t, i}) && !is_kept({t, i}) ? 1 : 0;
+      result_.obtuse_edges += is_boundary({t, i}) && is_obtuse({t, i}) && !is_kept({t, i}) ? 1 : 0;
   }
 
   SheetMesh& mesh_;
@@ -469,16 +460,15 @@ class LocalRefiner {
   VertexRemoval& removal_;
   TriangleQueue& queue_;
   std::vector<std::uint8_t>&marks_, &is_new_;
-  // Of the wanted angle the squared cosine; and of the circle that sees a side of length 1 under it
-  // the radius, and the centre's distance from the side.
-  double cos2_ = std::numeric_limits<double>::infinity(), radius_ = 0, centre_ = 0;
-  RefinementResult result_;
+  double cos2_ = std::numeric_limits<double>::infinity();  // of the wanted angle, squared
+  AngleCircle circle_;                                     // for the wanted angle
+  LocalRefinementResult result_;
 };
 
-RefinementResult refine_locally(SheetMesh& mesh, SheetEdit& edit,
-                                std::span<const std::uint32_t> seeds,
-                                const LocalRefinementOptions& options,
-                                LocalRefinementWorkspace& workspace) noexcept {
+LocalRefinementResult refine_locally(SheetMesh& mesh, SheetEdit& edit,
+                                     std::span<const std::uint32_t> seeds,
+                                     const LocalRefinementOptions& options,
+                                     LocalRefinementWorkspace& workspace) noexcept {
   return LocalRefiner(mesh, edit, options, workspace).run(seeds);
 }
 

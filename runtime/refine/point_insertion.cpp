@@ -24,7 +24,7 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
   cavity_.clear();
   rim_.clear();
   if (!holds(mesh, start, p)) return false;
-  if (++search_ == 0) {  // the count has come round: old marks could be taken for new ones
+  if (++search_ == 0) {  // the counter has wrapped around: old marks could equal new ones
     std::fill(visited_.begin(), visited_.end(), 0);
     search_ = 1;
   }
@@ -42,7 +42,7 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
         continue;
       }
       if (rim_.size() == kMaxCavity + 2) return false;
-      rim_.push_back({mesh.triangles[t][i], mesh.triangles[t][(i + 1) % 3], beyond, t, i});
+      rim_.push_back({mesh.triangles[t][i], mesh.triangles[t][next_corner(i)], beyond, {t, i}});
     }
   }
   return true;
@@ -50,16 +50,16 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
 
 Insertion PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                                  std::uint32_t split) noexcept {
-  // A border that is one loop seen from p has two sides more than the cavity has triangles.
-  if (rim_.size() != cavity_.size() + 2) return Insertion::kNotInSight;
+  // A rim that is one loop has two edges more than the cavity has triangles.
+  if (rim_.size() != cavity_.size() + 2) return Insertion::kNotVisible;
   for (std::uint32_t k = 0; k < rim_.size(); ++k) {
     if (k == split) continue;
     if (orient2d(mesh.vertices[rim_[k].from], mesh.vertices[rim_[k].to], p) <= 0)
-      return Insertion::kNotInSight;
+      return Insertion::kNotVisible;
   }
   const std::size_t star_size = rim_.size() - (split == kNone ? 0 : 1);
   if (mesh.free_vertices.empty() || mesh.free_triangles.size() + cavity_.size() < star_size)
-    return Insertion::kNoRoom;
+    return Insertion::kCapacity;
 
   vertex_ = edit.take_vertex(mesh, p);
   star_.clear();
@@ -69,20 +69,17 @@ Insertion PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint 
   }
   while (star_.size() < star_size)
     star_.push_back(edit.take_triangle(mesh, {vertex_, vertex_, vertex_}));
-  // From outside in first: the rim's `inside` is overwritten below.
+  // The neighbours outside first: the triangles in the cavity are overwritten below.
   if (split != kNone) {
     starting_[rim_[split].from] = kNone;  // nothing else starts there
     rim_.erase(rim_.begin() + split);
   }
   for (std::size_t k = 0; k < star_size; ++k) {
-    const RimSide& r = rim_[k];
+    const CavityEdge& r = rim_[k];
     starting_[r.from] = star_[k];
     if (r.beyond == kNone) continue;
     edit.touch_triangle(mesh, r.beyond);
-    for (std::uint32_t j = 0; j < 3; ++j) {
-      if (mesh.triangles[r.beyond][j] == r.to && mesh.triangles[r.beyond][(j + 1) % 3] == r.from)
-        mesh.across[r.beyond][j] = star_[k];
-    }
+    mesh.across[r.beyond][corner_of(mesh.triangles[r.beyond], r.to)] = star_[k];
   }
   for (std::size_t k = 0; k < star_size; ++k) {
     mesh.triangles[star_[k]] = {rim_[k].from, rim_[k].to, vertex_};
@@ -90,7 +87,7 @@ Insertion PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint 
   }
   for (std::size_t k = 0; k < star_size; ++k) {
     const std::uint32_t next = starting_[rim_[k].to];
-    if (next == kNone) continue;  // the side that was split
+    if (next == kNone) continue;  // the edge that was split
     mesh.across[star_[k]][1] = next;
     mesh.across[next][2] = star_[k];
   }

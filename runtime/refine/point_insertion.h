@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A new point in a SheetMesh that is constrained Delaunay, which it stays: the triangles whose
-// circumcircles hold the point make way for its star (Bowyer; Watson, 1981). Exact integers.
+// Inserts a point into a SheetMesh that is constrained Delaunay, and keeps it so: the star of the
+// point replaces the triangles whose circumcircles hold it (Bowyer; Watson, 1981). Exact integers.
 #pragma once
 
 #include <cstddef>
@@ -13,24 +13,24 @@
 
 namespace trocar::runtime {
 
-/// A side of the cavity's border, the cavity on its left.
-struct RimSide {
-  std::uint32_t from, to;      ///< vertices
-  std::uint32_t beyond;        ///< the triangle outside the cavity; kNone on the sheet's boundary
-  std::uint32_t inside, side;  ///< the triangle in the cavity and which side of it this is
+/// An edge of the cavity's rim, the cavity on its left.
+struct CavityEdge {
+  std::uint32_t from, to;  ///< vertices
+  std::uint32_t beyond;    ///< the triangle outside the cavity; kNone on the sheet's boundary
+  TriangleEdge inside;     ///< the same edge, of the triangle in the cavity
 };
 
 enum class Insertion {
   kDone,
-  kNotInSight,  ///< part of the border cannot be seen from the point
-  kNoRoom,      ///< no free slots
+  kNotVisible,  ///< part of the rim cannot be seen from the point
+  kCapacity,    ///< no free slots
 };
 
-/// find() looks, insert() acts on what was found last. Only the constructor allocates. Both cost
-/// what the cavity is large.
+/// find() finds a cavity, insert() fills the one found last. Only the constructor allocates. Both
+/// take time proportional to the cavity.
 class PointInsertion {
  public:
-  /// Larger cavities are refused.
+  /// Triangles; larger cavities are refused.
   static constexpr std::size_t kMaxCavity = 1024;
 
   PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots);
@@ -38,13 +38,13 @@ class PointInsertion {
   /// The cavity of `p`, searched from triangle `start`. False if the circumcircle of `start` does
   /// not hold p, or the cavity is too large. The mesh is only read.
   bool find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept;
-  std::span<const RimSide> rim() const noexcept { return rim_; }
+  std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
-  /// Puts the star of p in the cavity's place. `split` is kNone, or the number in rim() of a side
-  /// on the sheet's boundary that p splits: it gives way to two sides to p, wherever on it or on
-  /// its inner side p lies; what lies between the three is no longer part of the sheet. Changes
-  /// nothing unless it is done.
+  /// Replaces the cavity by the star of p. `split` is kNone, or the number in rim() of a boundary
+  /// edge that p splits, where p lies on the edge or on its inner side: two edges to p replace it,
+  /// and what lies between the three is no longer part of the sheet. Changes nothing unless the
+  /// result is kDone.
   Insertion insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p, std::uint32_t split) noexcept;
   /// After insert(): the star's triangles, each with p as its last corner.
   std::span<const std::uint32_t> star() const noexcept { return star_; }
@@ -52,10 +52,11 @@ class PointInsertion {
 
  private:
   std::vector<std::uint32_t> cavity_, star_;
-  std::vector<RimSide> rim_;
+  std::vector<CavityEdge> rim_;
   std::uint32_t vertex_ = kNone;
-  std::vector<std::uint32_t> visited_;   // by triangle slot: == search_ if it is in the cavity
-  std::vector<std::uint32_t> starting_;  // by vertex slot: the star's triangle that starts there
+  std::vector<std::uint32_t> visited_;  // by triangle slot: == search_ if it is in the cavity
+  std::vector<std::uint32_t>
+      starting_;  // by vertex slot: the star's triangle whose edge 0 starts there
   std::uint32_t search_ = 0;
 };
 

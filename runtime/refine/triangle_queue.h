@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A priority queue of triangle slots, each in it at most once: a heap that knows where each slot
-// stands, so that a slot's key can be changed or taken out, and so that it never runs out of room.
+// A priority queue of triangle slots, each in it at most once: a heap with the position of each
+// slot, so that a slot's key can be changed or removed, and the capacity always suffices.
 #pragma once
 
 #include <cstddef>
@@ -24,7 +24,7 @@ class TriangleQueue {
   std::uint32_t top() const noexcept { return heap_.front().slot; }
   std::int64_t top_key() const noexcept { return heap_.front().key; }
 
-  /// Puts the slot in, or changes its key.
+  /// Inserts the slot, or changes its key.
   void put(std::uint32_t slot, std::int64_t key) noexcept {
     if (place_[slot] == kNone) {
       place_[slot] = static_cast<std::uint32_t>(heap_.size());

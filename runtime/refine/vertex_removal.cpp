@@ -6,20 +6,18 @@
 namespace trocar::runtime {
 
 bool VertexRemoval::plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept {
-  // Around the vertex, counter-clockwise: each triangle gives the side opposite it.
+  // Around the vertex, counter-clockwise; each triangle gives the edge opposite it.
   vertex_ = mesh.triangles[t][corner];
   degree_ = 0;
   std::uint32_t at = t;
   do {
     if (degree_ == kMaxDegree) return false;
-    const std::uint32_t i = mesh.triangles[at][0] == vertex_   ? 0
-                            : mesh.triangles[at][1] == vertex_ ? 1
-                                                               : 2;
+    const std::uint32_t i = corner_of(mesh.triangles[at], vertex_);
     star_[degree_] = at;
-    polygon_[degree_] = mesh.triangles[at][(i + 1) % 3];
-    beyond_[degree_] = {false, mesh.across[at][(i + 1) % 3]};
+    polygon_[degree_] = mesh.triangles[at][next_corner(i)];
+    beyond_[degree_] = {false, mesh.across[at][next_corner(i)]};
     ++degree_;
-    at = mesh.across[at][(i + 2) % 3];
+    at = mesh.across[at][previous_corner(i)];
     if (at == kNone) return false;
   } while (at != t);
   if (degree_ < 3) return false;
@@ -60,22 +58,18 @@ void VertexRemoval::remove(SheetMesh& mesh, SheetEdit& edit) noexcept {
   const std::size_t ears = degree_ - 2;
   for (std::size_t k = 0; k < ears; ++k)
     edit.touch_triangle(mesh, star_[k]);
-  const auto link = [&](std::uint32_t ear, std::uint32_t side, Beyond beyond) {
+  const auto link = [&](std::uint32_t ear, std::uint32_t edge, Beyond beyond) {
     const std::uint32_t own = star_[ear];
     if (beyond.is_ear) {
-      mesh.across[own][side] = star_[beyond.number];
+      mesh.across[own][edge] = star_[beyond.number];
       mesh.across[star_[beyond.number]][2] = own;
       return;
     }
-    mesh.across[own][side] = beyond.number;
+    mesh.across[own][edge] = beyond.number;
     if (beyond.number == kNone) return;
     edit.touch_triangle(mesh, beyond.number);
-    const std::uint32_t from = ears_[ear].corners[side], to = ears_[ear].corners[(side + 1) % 3];
-    for (std::uint32_t j = 0; j < 3; ++j) {
-      if (mesh.triangles[beyond.number][j] == to &&
-          mesh.triangles[beyond.number][(j + 1) % 3] == from)
-        mesh.across[beyond.number][j] = own;
-    }
+    const std::uint32_t to = ears_[ear].corners[next_corner(edge)];
+    mesh.across[beyond.number][corner_of(mesh.triangles[beyond.number], to)] = own;
   };
   for (std::uint32_t ear = 0; ear < ears; ++ear)
     mesh.triangles[star_[ear]] = ears_[ear].corners;

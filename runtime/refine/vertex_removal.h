@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Takes an inner vertex out of a SheetMesh that is constrained Delaunay, which it stays: the
+// Removes an inner vertex from a SheetMesh that is constrained Delaunay, and keeps it so: the
 // polygon around the vertex is filled by ears whose circumcircles are empty (the simple form of
 // Devillers, 1999). Exact integers.
 #pragma once
@@ -14,38 +14,38 @@
 
 namespace trocar::runtime {
 
-/// plan() looks, remove() does what was planned last. Neither allocates. O(k^3) for k triangles
-/// around the vertex.
+/// plan() plans a removal, remove() carries out the one planned last. Neither allocates. O(k^3) for
+/// k triangles around the vertex.
 class VertexRemoval {
  public:
-  /// Vertices with more triangles around them stay.
+  /// Vertices with more triangles around them are not removed.
   static constexpr std::size_t kMaxDegree = 24;
 
-  /// Can corner `corner` of triangle t be removed? No if it lies on the sheet's boundary, has too
-  /// many triangles, or there are no such ears (where boundary sides block the view). The mesh is
-  /// only read.
+  /// Can the vertex at corner `corner` of triangle t be removed? No if it lies on the sheet's
+  /// boundary, has too many triangles, or there are no such ears (boundary edges can prevent
+  /// them). The mesh is only read.
   bool plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t corner) noexcept;
-  /// After plan(): the triangles around it, and what would be in their place.
+  /// After plan(): the triangles around the vertex, and those that would replace them.
   std::span<const std::uint32_t> star() const noexcept { return {star_.data(), degree_}; }
   std::size_t ears() const noexcept { return degree_ - 2; }
   const Triangle& ear(std::size_t number) const noexcept { return ears_[number].corners; }
 
-  /// Removes it. The two triangles that go are free afterwards, as is the vertex.
+  /// Removes the vertex; its slot and those of two triangles are free afterwards.
   void remove(SheetMesh& mesh, SheetEdit& edit) noexcept;
 
-  /// After remove(): the triangles in its place, and the slots that are free now.
+  /// After remove(): the triangles that fill the polygon, and the two slots that are free now.
   std::span<const std::uint32_t> filled() const noexcept { return {star_.data(), degree_ - 2}; }
   std::span<const std::uint32_t> freed() const noexcept { return {&star_[degree_ - 2], 2}; }
 
  private:
-  // What lies beyond a side: a triangle of the mesh (or kNone), or side 2 of ear `number`.
+  // What lies beyond an edge: a triangle of the mesh (or kNone), or edge 2 of ear `number`.
   struct Beyond {
     bool is_ear;
     std::uint32_t number;
   };
   struct Ear {
     Triangle corners;
-    std::array<Beyond, 2> across;  // sides 0 and 1
+    std::array<Beyond, 2> across;  // edges 0 and 1
   };
 
   bool is_ear(const SheetMesh& mesh, std::size_t previous, std::size_t at, std::size_t next,
@@ -54,12 +54,12 @@ class VertexRemoval {
   std::size_t degree_ = 0;
   std::uint32_t vertex_ = kNone;
   std::array<std::uint32_t, kMaxDegree> star_{};  // triangles
-  // The polygon that is left, counter-clockwise, and what lies beyond the side from each corner to
-  // the next.
+  // The polygon that is not filled yet, counter-clockwise, and what lies beyond the edge from each
+  // corner to the next.
   std::array<std::uint32_t, kMaxDegree> polygon_{};
   std::array<Beyond, kMaxDegree> beyond_{};
   std::array<Ear, kMaxDegree> ears_{};
-  Beyond last_{};  // beyond side 2 of the last ear
+  Beyond last_{};  // beyond edge 2 of the last ear
 };
 
 }  // namespace trocar::runtime

@@ -77,10 +77,10 @@ void Remesher::improve(Lane& lane, Sheet& sheet, CutRecord& record) noexcept {
   if (options_.min_angle_deg <= 0) return;
   LocalRefinementOptions options;
   options.min_angle_deg = options_.min_angle_deg;
-  const RefinementResult result =
+  const LocalRefinementResult result =
       refine_locally(sheet.mesh, lane.edit, work_->stitch.created, options, *refinement_);
   record.quality_vertices = result.vertices_added;
-  record.cut.obtuse_boundary_sides = count_obtuse_boundary_sides(sheet.mesh, lane.edit);
+  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, lane.edit);
 }
 
 void Remesher::keep_hole(CutRecord& record) noexcept {

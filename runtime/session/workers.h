@@ -30,7 +30,7 @@ struct CutRecord {
   CutRequest request;
   std::optional<Error> error;  ///< the cut failed; the sheet keeps its mesh, the hole counts as
                                ///< open. Refused: there was no room for it; else a bug
-  CutReport cut;               ///< obtuse_boundary_sides: after the quality pass
+  CutReport cut;               ///< obtuse_boundary_edges: after the quality pass
   std::int64_t doubled_area_before = 0;     ///< steps^2
   std::uint32_t quality_vertices = 0;       ///< added by the quality pass
   std::uint32_t hole_vertices = 0;          ///< of the rings around what went

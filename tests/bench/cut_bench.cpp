@@ -118,7 +118,7 @@ class Subject {
     const double is_cut = thread_us();
     LocalRefinementOptions options;
     options.min_angle_deg = kMinAngle_deg;
-    const RefinementResult refined =
+    const LocalRefinementResult refined =
         refine_locally(mesh_, edit_, work_.stitch.created, options, refinement_);
     const double is_refined = thread_us();
     grid_.update(edit_, mesh_);

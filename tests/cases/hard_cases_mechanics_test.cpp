@@ -100,8 +100,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
     EXPECT_EQ(doubled_area(sheet_) - doubled_area(done->mesh), done->doubled_area_removed);
     if (closely) {
-      EXPECT_EQ(broken_law(sheet_, *done), "");
-      EXPECT_EQ(broken_outline(*done), "");
+      EXPECT_EQ(contract_violation(sheet_, *done), "");
+      EXPECT_EQ(outline_violation(*done), "");
       cut_in_place_too(tool, *done);
     }
     if (closely && is_convex(tool)) {

@@ -15,7 +15,7 @@
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh/quarter_turn.h"
+#include "formats/geometry/canonical_rotation.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
 #include "pipeline/mesh_slice.h"
@@ -213,7 +213,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
                           const test::Motion& motion) const {
     const auto there = triangulate(motion(case_.outline));
     ASSERT_TRUE(there) << there.error().message;
-    Lopsidedness own;
+    CentroidOffset own;
     for (const Ring& ring : case_.outline.rings) {
       for (const LatticePoint p : ring)
         own.add(p);

@@ -54,7 +54,7 @@ bool cut_and_check(SliceMesh& sheet, const Ring& tool, std::size_t little) {
       fail("a tool to one and none to the other");
     return false;
   }
-  if (const std::string law = broken_law(sheet, *done); !law.empty()) fail(law);
+  if (const std::string law = contract_violation(sheet, *done); !law.empty()) fail(law);
   const CutReport tight = cut_with(little, sheet, tool, in_place);
   if (tight.outcome != CutOutcome::kCapacity && tight.outcome != done->outcome)
     fail("another outcome with little room");

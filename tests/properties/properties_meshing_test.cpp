@@ -9,7 +9,7 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
-#include "pipeline/mesh/quarter_turn.h"
+#include "formats/geometry/canonical_rotation.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/contour/simplification.h"
 #include "pipeline/mesh/triangulation.h"
@@ -180,7 +180,7 @@ RefinementOptions any_refinement() {
 // Where ties must be broken or points be rounded, no rule can be the same after a turn that brings
 // the outline onto itself: a square's diagonals change places. Those are moved only.
 Motion any_motion_of(const Pslg& outline, bool has_choices) {
-  Lopsidedness sum;
+  CentroidOffset sum;
   for (const Ring& ring : outline.rings) {
     for (const LatticePoint p : ring)
       sum.add(p);

@@ -247,7 +247,7 @@ void expect_alike(const SliceMesh& sheet, const Ring& tool, const CutResult& her
   RC_ASSERT(here.doubled_area_removed == there.doubled_area_removed);
   RC_ASSERT(canonical(hole) == canonical(there.hole));
   if (up_to_ties) {
-    RC_ASSERT(test::decided_sides(mesh) == test::decided_sides(there.mesh));
+    RC_ASSERT(test::decided_edges(mesh) == test::decided_edges(there.mesh));
   } else {
     RC_ASSERT(canonical(mesh) == canonical(there.mesh));
   }
@@ -324,7 +324,7 @@ RC_GTEST_PROP(QualityPass, LosesNothingInWhateverOrderTheSheetIs, ()) {
   const SliceMesh here = improved(sheet, tool), there = improved(given_otherwise(sheet).mesh, tool);
   RC_ASSERT(doubled_area(there) == doubled_area(here));
   RC_ASSERT(is_constrained_delaunay(there));
-  RC_TAG(std::string(test::decided_sides(there) == test::decided_sides(here) ? "the same"
+  RC_TAG(std::string(test::decided_edges(there) == test::decided_edges(here) ? "the same"
                                                                              : "as well"));
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What must hold of every cut, whatever the sheet and the tool: shared by the
-// tests of the cut.
+// The contract of a cut, which holds for every sheet and tool; shared by the tests of the cut.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +17,7 @@ namespace trocar::runtime {
 
 using Corners = std::array<LatticePoint, 3>;
 
-/// A triangle by its points, the smallest first, so that vertex numbers do not count.
+/// A triangle by its points, the smallest first, independent of vertex numbers.
 inline Corners corners_of(const SliceMesh& mesh, std::size_t t) {
   Corners c{};
   for (std::size_t i = 0; i < 3; ++i)
@@ -27,7 +26,7 @@ inline Corners corners_of(const SliceMesh& mesh, std::size_t t) {
   return c;
 }
 
-/// The ring turned so that it starts at its smallest vertex.
+/// The ring from its smallest vertex on.
 inline Ring from_smallest(Ring ring) {
   std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
   return ring;
@@ -42,12 +41,12 @@ inline std::vector<Corners> triangles_of(const SliceMesh& mesh) {
   return all;
 }
 
-/// Empty, or the first law that the result breaks.
-inline std::string broken_law(const SliceMesh& before, const CutResult& cut) {
+/// Empty, or the first part of the contract that the result violates.
+inline std::string contract_violation(const SliceMesh& before, const CutResult& cut) {
   const SliceMesh& after = cut.mesh;
   if (auto ok = check_mesh(after); !ok) return ok.error().message;
 
-  // The books balance, exactly.
+  // Areas and counts add up exactly.
   const std::int64_t lost = doubled_area(before) - doubled_area(after);
   if (lost != cut.doubled_area_removed) return "doubled_area_removed is not the area lost";
   std::int64_t of_hole = 0;
@@ -59,7 +58,7 @@ inline std::string broken_law(const SliceMesh& before, const CutResult& cut) {
     return "triangle counts do not add up";
   }
 
-  // Of the triangles, those alone have changed that the cut replaced or flipped, two a flip.
+  // Only triangles that the cut replaced or flipped have changed, two for each flip.
   const std::vector<Corners> was = triangles_of(before), is = triangles_of(after);
   std::vector<Corners> gone;
   std::set_difference(was.begin(), was.end(), is.begin(), is.end(), std::back_inserter(gone));
@@ -71,9 +70,9 @@ inline std::string broken_law(const SliceMesh& before, const CutResult& cut) {
   return {};
 }
 
-/// Is the outline of what went made of proper rings? Holds wherever no two
+/// Empty, or why the outline of the removed material is not a valid PSLG. It is one wherever no two
 /// bends of the sheet's boundary cross, see overlay.h.
-inline std::string broken_outline(const CutResult& cut) {
+inline std::string outline_violation(const CutResult& cut) {
   if (auto ok = check_pslg({cut.hole}); !ok) return "hole: " + ok.error().message;
   if (cut.doubled_area_removed < 0) return "material was added";
   return {};

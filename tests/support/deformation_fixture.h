@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sheets and tools for the tests of runtime/deformation, and the three scans' assets where there
-// are such.
+// Sheets and tools for the tests of runtime/deformation, and the assets of the three scans where
+// they are available.
 #pragma once
 
 #include <algorithm>
@@ -94,7 +94,7 @@ struct ScanAsset {
   std::vector<const AssetSlice*> slices;  ///< those with material
 };
 
-/// sample, l3 and head, as far as they are there.
+/// sample, l3 and head, as far as they are available.
 inline std::vector<ScanAsset> scan_assets() {
   std::vector<ScanAsset> out;
   const char* folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
@@ -114,14 +114,14 @@ inline std::vector<ScanAsset> scan_assets() {
   return out;
 }
 
-/// How many cases a test looks at: `usual`, or the environment's TROCAR_CASES for a long run.
+/// How many cases a test runs: `usual`, or the environment's TROCAR_CASES for a long run.
 inline int cases(int usual) {
   const char* wanted = std::getenv("TROCAR_CASES");  // NOLINT(concurrency-mt-unsafe)
   return wanted == nullptr ? usual : std::max(1, std::atoi(wanted));
 }
 
-/// A place with material under it: in a random triangle of the slice, so that thin parts, rims and
-/// holes come up often.
+/// A place over material: in a random triangle of the slice, so that thin parts and places near
+/// boundaries and holes are frequent.
 inline LatticePoint place_in(const SliceMesh& mesh, std::mt19937_64& random) {
   const Triangle& t = mesh.triangles[random() % mesh.triangles.size()];
   double a = uniform(random), b = uniform(random);

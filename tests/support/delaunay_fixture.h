@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sheets that are constrained Delaunay, for tests: any mesh made so by flips over the whole of it,
-// and random ones with holes, needles and features of the lattice's size.
+// Sheets that are constrained Delaunay, for tests: any mesh, made so by flips, and random ones with
+// holes, needles and features of the lattice's size.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@
 
 namespace trocar::runtime {
 
-/// Flips sides (Lawson, 1977) until every interior one is locally Delaunay.
+/// Flips edges (Lawson, 1977) until every inner one is locally Delaunay.
 inline void flip_all(SheetMesh& mesh) {
   const auto replace = [&mesh](std::uint32_t t, std::uint32_t from, std::uint32_t to) {
     if (t != kNone) std::replace(mesh.across[t].begin(), mesh.across[t].end(), from, to);
@@ -53,7 +53,7 @@ inline void flip_all(SheetMesh& mesh) {
   }
 }
 
-/// A square sheet with up to four random polygons cut out, and room for so much more.
+/// A square sheet with up to four random polygons cut out, and so many free slots.
 inline SheetMesh random_sheet(Random& random, std::size_t spare_vertices,
                               std::size_t spare_triangles) {
   const int cells = random.between(1, 8), cell = random.between(30, 800);
@@ -79,7 +79,7 @@ inline std::vector<std::uint32_t> all_triangles(const SheetMesh& mesh) {
   return out;
 }
 
-/// A triangle by its points, the smallest first, so that slots do not count.
+/// A triangle by its points, the smallest first, independent of slots.
 using Points = std::array<LatticePoint, 3>;
 inline Points points_of(const SheetMesh& mesh, std::uint32_t t) {
   Points p = corners(mesh, t);
@@ -95,7 +95,7 @@ inline std::vector<Points> points_of(const SheetMesh& mesh) {
   return out;
 }
 
-/// How many cases a test looks at: `usual`, or the environment's TROCAR_CASES for a long run.
+/// How many cases a test runs: `usual`, or the environment's TROCAR_CASES for a long run.
 inline int cases(int usual) {
   const char* const wanted = std::getenv("TROCAR_CASES");  // NOLINT(concurrency-mt-unsafe)
   return wanted == nullptr ? usual : std::max(1, std::atoi(wanted));
@@ -112,7 +112,7 @@ inline Ring hexagon(LatticePoint centre, double radius, double turn_rad) {
   return ring;
 }
 
-/// Slots and their order included.
+/// Are the meshes equal, including slots and their order?
 inline bool same(const SheetMesh& a, const SheetMesh& b) {
   return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
          a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated device pressed into one made-up sheet by a simulated hand, tick by tick: for tests
-// and figures of what the loop does to a hand.
+// A simulated hand presses a simulated device into one synthetic sheet, tick by tick: for tests and
+// figures of the loop's effect on the hand.
 #pragma once
 
 #include <algorithm>
@@ -8,9 +8,9 @@
 #include <memory>
 #include <vector>
 
-#include "runtime/simulation/simulated_device.h"
 #include "runtime/control/haptic_loop.h"
 #include "runtime/session/session.h"
+#include "runtime/simulation/simulated_device.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::test {
@@ -20,9 +20,9 @@ struct RigOptions {
   Tissue tissue{5000, 1e6, 0, {}};
   double hand_stiffness_N_per_m = 200;
   double hand_damping_N_s_per_m = 0;
-  double pressed_N = 35;      ///< by the hand, once it has gone down
+  double pressed_N = 35;      ///< by the hand, once it has moved down
   double going_down_s = 0.5;  ///< from the surface; constant speed
-  double lifted_at_s = 0;     ///< if not 0: from here on up again, as fast
+  double lifted_at_s = 0;     ///< if not 0: from this time on the hand moves up, at the same speed
   bool passivity = true;
   double joint_friction_Nms_per_rad = 0.005;
   runtime::CouplingOptions coupling;
@@ -30,7 +30,7 @@ struct RigOptions {
 
 inline constexpr double kRigSheet_m = 0.15;
 
-/// The sheet at kRigSheet_m, the tool 1 mm above it at first.
+/// The sheet is at kRigSheet_m; the tool starts 1 mm above it.
 class Rig {
  public:
   explicit Rig(const RigOptions& options) : options_(options) {
@@ -64,7 +64,7 @@ class Rig {
     model_.rate_Hz = options.rate_Hz;
     model_.passivity.on = options.passivity;
     model_.coupling = options.coupling;
-    // What is looked at here is what the loop does, not when it stops.
+    // Limits are off: the tests look at the loop, not at when it stops.
     model_.limits.speed_max_m_per_s = model_.limits.turn_rate_max_rad_per_s = 1e6;
     model_.limits.encoder_rate_max_rad_per_s = 1e6;
     model_.limits.torque_rise_time_max_s = 1e6;
@@ -91,7 +91,7 @@ class Rig {
     }
     return high_m - low_m;
   }
-  /// Of the device along z where it is, joint friction only, in N s/m.
+  /// Damping of the device along z at its present pose, by joint friction only, in N s/m.
   double damping() const {
     return description_.joint_viscous_friction_Nms_per_rad * state_.G.col(2).squaredNorm();
   }

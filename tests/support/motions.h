@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motions that the lattice has, and what of a mesh or an outline does not depend on the order
-// in which it is given.
+// The motions that map the lattice onto itself, and properties of meshes and outlines that do not
+// depend on the order in which they are given.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace trocar::test {
 
-/// A quarter of a turn, so many times, and then a translation.
+/// A rotation by a multiple of 90 degrees, then a translation.
 struct Motion {
   int quarters = 0;
   LatticePoint by;
@@ -40,8 +40,7 @@ struct Motion {
     return mesh;
   }
 };
-/// Each ring from its smallest vertex, the rings in order: what does not depend on how they were
-/// given.
+/// Each ring from its smallest vertex, the rings in ascending order.
 inline std::vector<Ring> canonical(std::vector<Ring> rings) {
   for (Ring& ring : rings)
     std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
@@ -50,7 +49,7 @@ inline std::vector<Ring> canonical(std::vector<Ring> rings) {
 }
 
 using Corners = std::array<LatticePoint, 3>;
-/// The triangles by their points, in order, likewise.
+/// The triangles by their points, each from its smallest point, in ascending order.
 inline std::vector<Corners> canonical(const SliceMesh& mesh) {
   std::vector<Corners> out;
   for (const Triangle& t : mesh.triangles) {
@@ -62,18 +61,18 @@ inline std::vector<Corners> canonical(const SliceMesh& mesh) {
   return out;
 }
 
-/// The sides that Delaunay leaves no choice of: those on the boundary and those whose four points
-/// are not on one circle. Of one outline and its vertices they are the same in whatever order.
-inline std::vector<std::array<LatticePoint, 2>> decided_sides(const SliceMesh& mesh) {
+/// The edges that every Delaunay triangulation of the outline and its vertices has: those on the
+/// boundary, and those whose four points are not on one circle.
+inline std::vector<std::array<LatticePoint, 2>> decided_edges(const SliceMesh& mesh) {
   std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> apex;
   for (const Triangle& t : mesh.triangles) {
     for (std::size_t i = 0; i < 3; ++i)
       apex[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
   }
   std::vector<std::array<LatticePoint, 2>> out;
-  for (const auto& [side, inner] : apex) {
-    const auto beyond = apex.find({side.second, side.first});
-    const LatticePoint a = mesh.vertices[side.first], b = mesh.vertices[side.second];
+  for (const auto& [edge, inner] : apex) {
+    const auto beyond = apex.find({edge.second, edge.first});
+    const LatticePoint a = mesh.vertices[edge.first], b = mesh.vertices[edge.second];
     if (beyond == apex.end() ||
         in_circle(a, b, mesh.vertices[inner], mesh.vertices[beyond->second]) != 0)
       out.push_back({a, b});
@@ -82,9 +81,9 @@ inline std::vector<std::array<LatticePoint, 2>> decided_sides(const SliceMesh& m
   return out;
 }
 
-/// Does Delaunay leave a choice?
+/// Is there more than one Delaunay triangulation?
 inline bool has_ties(const SliceMesh& mesh) {
-  return decided_sides(mesh).size() != 3 * mesh.triangles.size();
+  return decided_edges(mesh).size() != 3 * mesh.triangles.size();
 }
 
 }  // namespace trocar::test

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random polygons, the same with every standard library, and plane geometry in
-// floating point that shares nothing with the code under test.
+// Random polygons, the same with every standard library, and plane geometry in floating point,
+// independent of the code under test.
 #pragma once
 
 #include <algorithm>
@@ -35,8 +35,8 @@ inline bool is_tool(const Ring& ring) {
   return std::set<LatticePoint>(ring.begin(), ring.end()).size() == ring.size();
 }
 
-// Rings in polar order around a centre, with random radii: convex or not. Fewer
-// vertices, and larger, where the lattice is too coarse for what was asked.
+// Rings in polar order around a centre, with random radii: convex or not. With fewer vertices, and
+// larger, where the lattice is too coarse for the wanted ones.
 inline Ring star(Random& random, LatticePoint centre, double low, double high, int n) {
   for (int tries = 1;; ++tries) {
     if (tries % 20 == 0 && n > 3) --n;
@@ -81,7 +81,7 @@ inline Ring convex(Random& random, LatticePoint centre, int radius, int points) 
   }
 }
 
-// Any simple polygon of a few random points, in whichever order makes it one.
+// A simple polygon of a few random points, in an order that makes it simple.
 inline Ring tangled(Random& random, LatticePoint centre, int radius, int n) {
   while (true) {
     Ring ring;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Made-up slices and scenes for the tests of contact, loop and program.
+// Synthetic slices and scenes for the tests of contact, control and sessions.
 #pragma once
 
 #include <cmath>

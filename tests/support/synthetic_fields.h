@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Fields with known or awkward outlines, for the pipeline's tests.
+// Fields with known or difficult outlines, for the pipeline's tests.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// A disc times 100; iso 50 is its rim. Sharp: the share of each pixel that it covers (exact in v,
-/// by 64 strips in u). Blurred: as read across a Gaussian edge of that many pixels.
+/// A disc of value 100; iso 50 is its boundary. Sharp: the share of each pixel that it covers
+/// (exact in v, by 64 strips in u). Blurred: a Gaussian edge of that many pixels.
 inline Field disc_field(int size, double cx, double cy, double radius, double blur_px = 0) {
   Field field{{size, size, {}}, 50};
   for (int y = 0; y < size; ++y) {
@@ -35,9 +35,9 @@ inline Field disc_field(int size, double cx, double cy, double radius, double bl
   return field;
 }
 
-/// White noise smoothed by `passes` 3 x 3 box filters; iso 0 lies in the middle of it. Few passes
-/// give specks and one-pixel necks, many give blobs. `rounded` values are integers, so that many
-/// sit exactly on the iso-value.
+/// White noise smoothed by `passes` 3 x 3 box filters; its mean is near iso 0. Few passes give
+/// specks and one-pixel necks, many give blobs. `rounded` values are integers, so that many sit
+/// exactly on the iso-value.
 inline Field noise_field(int size, int passes, std::uint64_t seed, bool rounded = false) {
   std::mt19937_64 rng(seed);
   std::vector<float> v(static_cast<std::size_t>(size) * size);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder of a test's own, gone with it.
+// A temporary folder for one test, removed with the object.
 #pragma once
 
 #include <cstdlib>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of formats/geometry/lattice.h, against 512-bit integers.
+// The laws of formats/geometry/lattice.h, compared with 512-bit integers.
 #include "formats/geometry/lattice.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ Big big_orient(LatticePoint a, LatticePoint b, LatticePoint c) {
   return (Big(b.x) - a.x) * (Big(c.y) - a.y) - (Big(b.y) - a.y) * (Big(c.x) - a.x);
 }
 
-// The lifted 4 x 4 determinant, expanded along its column of ones: other arithmetic than ours.
+// The lifted 4 x 4 determinant, expanded along its column of ones: not the formula under test.
 Big big_in_circle(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   const auto lift = [](LatticePoint p) { return Big(p.x) * p.x + Big(p.y) * p.y; };
   const auto minor = [&](LatticePoint p, LatticePoint q, LatticePoint r) {
@@ -50,7 +50,7 @@ class Points {
 
 class Predicates : public testing::TestWithParam<std::int32_t> {};
 
-TEST_P(Predicates, AgreeWithBigIntegersAndKeepTheirLaws) {
+TEST_P(Predicates, AgreeWithBigIntegersAndAreAntisymmetric) {
   Points points(GetParam());
   for (int i = 0; i < 20'000; ++i) {
     const LatticePoint a = points.next(), b = points.next(), c = points.next(), d = points.next();
@@ -74,7 +74,7 @@ TEST(Predicates, TheCornersOfASquareAreCocircular) {
   EXPECT_EQ(in_circle({-m, -m + 1}, {m, -m}, {m, m}, {-m, m}), -1);
 }
 
-TEST(SegmentsCross, SharedEndsDoNotCountEverythingElseDoes) {
+TEST(SegmentsCross, CountsAllCommonPointsButSharedEnds) {
   EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {0, 4}, {4, 0}));   // proper
   EXPECT_FALSE(segments_cross({0, 0}, {4, 4}, {4, 4}, {8, 0}));  // shared end
   EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {2, 2}, {8, 0}));   // end in the other's inside

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Each way in which a mesh or an outline can be wrong, one by one.
+// Each way in which a mesh or an outline can be invalid, one by one.
 #include "formats/geometry/mesh_validity.h"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ TEST(CheckMesh, AcceptsASquareAndTheEmptyMesh) {
   EXPECT_TRUE(check_mesh_against_pslg(square(), square_outline()));
 }
 
-TEST(CheckMesh, NamesWhatIsWrong) {
+TEST(CheckMesh, NamesEachDefect) {
   SliceMesh m = square();
   m.triangles[1] = {0, 2, 4};
   expect_refused(check_mesh(m), "vertex index 4 of 4");
@@ -46,7 +46,7 @@ TEST(CheckMesh, NamesWhatIsWrong) {
   expect_refused(check_mesh(m), "outside the lattice's range");
 }
 
-TEST(CheckMesh, APinchNeedsTwoVertices) {
+TEST(CheckMesh, RequiresTwoVerticesAtAPinch) {
   SliceMesh bow_tie{{{0, 0}, {10, 0}, {5, 5}, {10, 10}, {0, 10}}, {{0, 1, 2}, {2, 3, 4}}};
   expect_refused(check_mesh(bow_tie), "share a vertex");
   bow_tie.vertices.push_back({5, 5});
@@ -55,7 +55,7 @@ TEST(CheckMesh, APinchNeedsTwoVertices) {
   EXPECT_EQ(boundary_rings(bow_tie).rings.size(), 2U);
 }
 
-TEST(CheckMesh, OverlappingTrianglesCrossAtTheirBoundary) {
+TEST(CheckMesh, RefusesOverlappingTriangles) {
   const SliceMesh m{{{0, 0}, {10, 0}, {0, 10}, {1, 1}, {12, 1}, {1, 12}}, {{0, 1, 2}, {3, 4, 5}}};
   expect_refused(check_mesh(m), "boundary edges cross");
 }
@@ -75,7 +75,7 @@ TEST(CheckMeshAgainstPslg, FindsMissingEdgesAndOverlap) {
   expect_refused(check_mesh_against_pslg(twice, outline), "an outer ring inside material");
 }
 
-TEST(CheckPslg, NamesWhatIsWrong) {
+TEST(CheckPslg, NamesEachDefect) {
   EXPECT_TRUE(check_pslg({}));
   expect_refused(check_pslg({{{{0, 0}, {1, 0}}}}), "fewer than three");
   expect_refused(check_pslg({{{{0, 0}, {4, 0}, {0, 4}, {0, 0}}}}), "vertex twice");
@@ -120,7 +120,7 @@ void add_boxes(LatticePoint low, LatticePoint high, bool hole, std::mt19937_64& 
   }
 }
 
-TEST(CheckPslg, NestingIsFoundWhateverTheOrderOfTheRings) {
+TEST(CheckPslg, ChecksNestingInAnyOrderOfTheRings) {
   std::mt19937_64 rng(3);
   std::size_t most = 0;
   for (int i = 0; i < 200; ++i) {
@@ -149,8 +149,8 @@ TEST(BoundaryRings, SplitWhereTheBoundaryMeetsItself) {
   EXPECT_EQ(doubled_area(rings), doubled_area(m));
 }
 
-// A band of width w wound round and round a square spiral over the whole lattice. The parts of the
-// area's sum pass 64 bits; the whole, by long division in 128 bits, does not.
+// A band wound into a square spiral over the whole lattice. Partial sums of the area exceed 64
+// bits; the whole, summed in 128 bits, does not.
 TEST(DoubledArea, IsExactForASpiralOverTheWholeLattice) {
   constexpr std::int32_t kTurns = 40, kStep = kMaxCoordinate / kTurns, kWidth = kStep / 2;
   Ring outer, inner;
@@ -179,7 +179,7 @@ TEST(DoubledArea, IsExactForASpiralOverTheWholeLattice) {
   EXPECT_TRUE(check_pslg(Pslg{{spiral}}));
 }
 
-TEST(IsConstrainedDelaunay, SeesAFlippedDiagonal) {
+TEST(IsConstrainedDelaunay, DetectsAFlippedDiagonal) {
   const std::vector<LatticePoint> kite = {{0, 0}, {10, -1}, {20, 0}, {10, 1}};
   EXPECT_TRUE(is_constrained_delaunay({kite, {{0, 1, 3}, {1, 2, 3}}}));
   EXPECT_FALSE(is_constrained_delaunay({kite, {{0, 1, 2}, {0, 2, 3}}}));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Simplification, triangulation and refinement, on random outlines and on awkward ones.
+// Simplification, triangulation and refinement, on random outlines and on difficult ones.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,12 +11,12 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
-#include "pipeline/mesh/mesh_quality.h"
-#include "pipeline/mesh_slice.h"
-#include "pipeline/mesh/refinement.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/read/slice_stack.h"
+#include "pipeline/mesh/mesh_quality.h"
+#include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
+#include "pipeline/mesh_slice.h"
+#include "pipeline/read/slice_stack.h"
 #include "tests/support/synthetic_fields.h"
 
 namespace trocar::pipeline {
@@ -77,8 +77,8 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Combine(testing::Values(1, 3, 8), testing::Values(0.1, 0.5, 1.0, 3.0),
                      testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
 
-TEST(Simplification, ASmallIslandIsNotJumpedOver) {
-  // A bay one tolerance deep with an island in it: cutting the bay off would swallow the island.
+TEST(Simplification, KeepsASmallIslandInABay) {
+  // A bay one tolerance deep with an island in it: cutting off the bay would cover the island.
   const std::int32_t s = 256;
   const Pslg full{{{{0, 0},
                     {20 * s, 0},
@@ -95,8 +95,9 @@ TEST(Simplification, ASmallIslandIsNotJumpedOver) {
   EXPECT_EQ(simple.rings.size(), 2U);
 }
 
-// The mesh must be valid, conforming and Delaunay, with exact area, whatever the outline.
-void expect_sound(const Pslg& pslg, const RefinementOptions& options, const std::string& what) {
+// For every outline the mesh is valid, conforming and Delaunay, with exact area.
+void expect_valid_refinement(const Pslg& pslg, const RefinementOptions& options,
+                             const std::string& what) {
   const auto cdt = triangulate(pslg);
   ASSERT_TRUE(cdt) << what << ": " << cdt.error().message;
   auto ok = check_mesh_against_pslg(cdt->mesh, pslg);
@@ -142,34 +143,35 @@ TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
         const MeshQuality quality = measure_quality(refined, kLattice, angle);
         EXPECT_EQ(quality.below_min_angle, 0U) << radius << ' ' << angle << ' ' << area;
         EXPECT_LE(quality.max_area_mm2, area);
-        expect_sound(disc, options, "disc");
+        expect_valid_refinement(disc, options, "disc");
       }
     }
   }
 }
 
-TEST(Refinement, EndsSoundlyOnNoise) {
+TEST(Refinement, GivesValidMeshesOnNoise) {
   for (const int passes : {1, 2, 4, 8}) {
     for (std::uint64_t seed = 0; seed < 15; ++seed) {
       const Pslg full = drop_small_rings(
           contours(noise_field(64, passes, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
-      expect_sound(simplify(full, kLattice, {0.25}), {},
-                   "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
+      expect_valid_refinement(simplify(full, kLattice, {0.25}), {},
+                              "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
     }
   }
 }
 
-TEST(Refinement, EndsSoundlyOnPixelChains) {
+TEST(Refinement, GivesValidMeshesOnPixelChains) {
   for (std::uint64_t seed = 0; seed < 15; ++seed) {
     const Pslg full = drop_small_rings(
         contours(noise_field(64, 3, seed), kGrid, ContourKind::kPixel), 0.25, kLattice);
-    expect_sound(simplify(full, kLattice, {0.4}), {}, "chains, seed " + std::to_string(seed));
+    expect_valid_refinement(simplify(full, kLattice, {0.4}), {},
+                            "chains, seed " + std::to_string(seed));
   }
 }
 
-// Up to 33 degrees all ends well; beyond, within the budget, with the steepest mesh that does and a
-// word about it.
-TEST(Refinement, SteepAnglesEnd) {
+// Up to 33 degrees refinement reaches the wanted angle; beyond, it reports the largest angle that
+// it reached within its budget.
+TEST(Refinement, EndsForLargeAngles) {
   int unreached = 0;
   for (std::uint64_t seed = 0; seed < 8; ++seed) {
     const Pslg full = drop_small_rings(
@@ -201,7 +203,7 @@ TEST(Refinement, SteepAnglesEnd) {
   EXPECT_GT(unreached, 0);
 }
 
-// Every slice of the scans at hand: refined in full, and a network of true springs.
+// Every slice of the available scans is refined completely, without negative stiffness.
 TEST(Refinement, EndsOnScans) {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
   const char* const folder = std::getenv("TROCAR_REAL_CT");
@@ -211,7 +213,7 @@ TEST(Refinement, EndsOnScans) {
   if (folder != nullptr) scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
   if (head != nullptr) scans.emplace_back(head);
   std::erase_if(scans, [](const std::string& s) { return !std::filesystem::exists(s); });
-  if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT is there";
+  if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT names a scan";
   for (const std::string& scan : scans) {
     const auto stack = open_stack({scan}, {});
     ASSERT_TRUE(stack) << stack.error().message;
@@ -229,7 +231,7 @@ TEST(Refinement, EndsOnScans) {
   }
 }
 
-// With too few vertices allowed the mesh is what refinement had reached: valid, and it says so.
+// With too small a vertex budget the mesh is valid, and the outcome says that it is incomplete.
 TEST(Refinement, StopsAtItsVertexBudget) {
   const Pslg disc = simplify(
       contours(disc_field(64, 31.3, 31.8, 25), kGrid, ContourKind::kSubpixel), kLattice, {0.1});
@@ -246,19 +248,18 @@ TEST(Refinement, StopsAtItsVertexBudget) {
   }
 }
 
-TEST(Refinement, SmallInputAnglesEnd) {
+TEST(Refinement, EndsAtSmallInputAngles) {
   for (const double degrees : {45.0, 29.0, 10.0, 1.0, 0.1}) {
     const double a = degrees * std::numbers::pi / 180;
     const Pslg needle{{{{0, 0},
                         {100'000, 0},
                         {static_cast<std::int32_t>(100'000 * std::cos(a)),
                          static_cast<std::int32_t>(std::ceil(100'000 * std::sin(a)))}}}};
-    expect_sound(needle, {}, "needle of " + std::to_string(degrees));
+    expect_valid_refinement(needle, {}, "needle of " + std::to_string(degrees));
   }
 }
 
-// A star of needles all meeting in the middle of a square hole's corner, and nested squares.
-TEST(Refinement, NestedRingsAndTouchingHoles) {
+TEST(Refinement, RefinesNestedAndTouchingRings) {
   Pslg nested;
   for (std::int32_t k = 0; k < 6; ++k) {
     const std::int32_t d = k * 700;
@@ -266,18 +267,17 @@ TEST(Refinement, NestedRingsAndTouchingHoles) {
     if (k % 2 == 1) std::reverse(ring.begin(), ring.end());
     nested.rings.push_back(ring);
   }
-  expect_sound(nested, {}, "nested");
-  expect_sound(
+  expect_valid_refinement(nested, {}, "nested");
+  expect_valid_refinement(
       {{{{0, 0}, {8000, 0}, {8000, 8000}, {0, 8000}}, {{0, 0}, {2000, 4000}, {4000, 2000}}}}, {},
       "touching hole");
-  expect_sound({{{{0, 0}, {4000, 0}, {4000, 4000}, {0, 4000}},
-                 {{4000, 4000}, {8000, 4000}, {8000, 8000}, {4000, 8000}}}},
-               {}, "touching islands");
+  expect_valid_refinement({{{{0, 0}, {4000, 0}, {4000, 4000}, {0, 4000}},
+                            {{4000, 4000}, {8000, 4000}, {8000, 8000}, {4000, 8000}}}},
+                          {}, "touching islands");
 }
 
-// The carved triangulation is *the* constrained Delaunay triangulation, not only locally so: no
-// vertex that a triangle sees lies in its circle. Brute force on convex outlines, where all see
-// all.
+// No vertex that is visible from a triangle lies in its circumcircle. By brute force on a convex
+// outline, where all vertices are visible.
 TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
   Ring ring;
   std::set<LatticePoint> seen;
@@ -298,7 +298,7 @@ TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
   }
 }
 
-// Against cotangents in floating point; an unrefined mesh has such edges.
+// Compared with cotangents in floating point; an unrefined mesh has such edges.
 TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 3}}, {{0, 1, 2}}}), 1U);
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 4}}, {{0, 1, 2}}}), 0U);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Our constrained Delaunay triangulation against CGAL's, triangle by triangle.
+// The constrained Delaunay triangulation compared with CGAL's, triangle by triangle.
 #include <CGAL/Constrained_Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
-#include "pipeline/mesh/mesh_adjacency.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/mesh/mesh_adjacency.h"
 #include "pipeline/mesh/triangulation.h"
 #include "tests/support/synthetic_fields.h"
 
@@ -30,7 +30,7 @@ Corners rotated(Corners c) {
   return c;
 }
 
-// The material's triangles of CGAL's triangulation: crossing a constraint changes sides.
+// The triangles of CGAL's triangulation in the material: every constraint separates it from void.
 std::set<Corners> by_cgal(const Pslg& pslg) {
   Cdt cdt;
   // Lattice integers are exact in a double, so the filtered kernel decides exactly.
@@ -65,7 +65,7 @@ std::set<Corners> by_cgal(const Pslg& pslg) {
   return out;
 }
 
-// Equal but where four points lie on one circle and either diagonal will do.
+// Equal except where four points lie on one circle and both diagonals are Delaunay.
 void expect_as_cgal(const Pslg& pslg, const std::string& what) {
   const auto triangulation = triangulate(pslg);
   ASSERT_TRUE(triangulation) << what << ": " << triangulation.error().message;
@@ -82,9 +82,9 @@ void expect_as_cgal(const Pslg& pslg, const std::string& what) {
     const Corners c = {mesh->vertices[v[0]], mesh->vertices[v[1]], mesh->vertices[v[2]]};
     if (theirs.contains(rotated(c))) continue;
     bool cocircular = false;
-    for (const Side s : beyond[t]) {
-      if (s == kNoSide) continue;
-      for (const std::uint32_t w : mesh->triangles[triangle_of(s)]) {
+    for (const EdgeId e : beyond[t]) {
+      if (e == kNoEdge) continue;
+      for (const std::uint32_t w : mesh->triangles[triangle_of(e)]) {
         if (std::find(v.begin(), v.end(), w) == v.end() &&
             in_circle(c[0], c[1], c[2], mesh->vertices[w]) == 0)
           cocircular = true;
@@ -94,7 +94,7 @@ void expect_as_cgal(const Pslg& pslg, const std::string& what) {
   }
 }
 
-TEST(Triangulation, IsCgalsOnNoise) {
+TEST(Triangulation, AgreesWithCgalOnNoise) {
   constexpr Lattice kLattice{8};
   for (const double pixel_mm : {0.5, 0.3711}) {
     const PixelGrid grid{pixel_mm, pixel_mm, 0, 0, kLattice};
@@ -110,7 +110,7 @@ TEST(Triangulation, IsCgalsOnNoise) {
   }
 }
 
-TEST(Triangulation, IsCgalsOnVerticalsTouchesAndCocircularPoints) {
+TEST(Triangulation, AgreesWithCgalOnVerticalsTouchesAndCocircularPoints) {
   // A comb of verticals, with holes that touch its teeth and each other.
   Ring comb = {{0, 0}, {900, 0}, {900, 500}};
   for (std::int32_t x = 800; x > 0; x -= 200)
@@ -129,7 +129,7 @@ TEST(Triangulation, IsCgalsOnVerticalsTouchesAndCocircularPoints) {
                  "the lattice's corners");
 }
 
-TEST(Triangulation, WrongOutlinesAreRefused) {
+TEST(Triangulation, RefusesInvalidOutlines) {
   EXPECT_FALSE(triangulate({{{{0, 0}, {10, 10}, {10, 0}, {0, 10}}}}));  // crosses itself
   EXPECT_FALSE(triangulate({{{{0, 0}, {0, 10}, {10, 10}, {10, 0}}}}));  // clockwise
   EXPECT_FALSE(triangulate(

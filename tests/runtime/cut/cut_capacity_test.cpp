@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every outcome of a cut in place: what it leaves of the sheet, with every amount of room from none
-// to enough; and that none of it allocates.
+// Every outcome of a cut in place and the sheet afterwards, with every capacity from zero to
+// sufficient; and that no outcome allocates.
 #include <gtest/gtest.h>
 
+#include "runtime/cut/cut.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/workers.h"
-#include "runtime/cut/cut.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -26,7 +26,7 @@ SheetMesh sheet(std::size_t spare_vertices, std::size_t spare_triangles) {
 }
 
 const Ring kInside = {{310, 290}, {520, 300}, {610, 480}, {500, 650}, {290, 640}, {205, 470}};
-// Over the hole and the sheet's edge.
+// Over the hole and the sheet's boundary.
 const Ring kAcross = {{900, 950},   {1150, 880},  {2100, 1010},
                       {2050, 1290}, {1300, 1150}, {950, 1230}};
 
@@ -43,7 +43,7 @@ class Outcomes : public testing::Test {
   SheetEdit edit_;
 };
 
-TEST_F(Outcomes, TooLittleRoomAnywhereIsSaidAndLeavesTheSheetAsItWas) {
+TEST_F(Outcomes, TooSmallACapacityIsReportedAndLeavesTheSheetUnchanged) {
   const SheetMesh start = sheet(60, 120);
   for (const Ring& tool : {kInside, kAcross}) {
     const CutCapacity enough = capacity_for(start);
@@ -53,17 +53,17 @@ TEST_F(Outcomes, TooLittleRoomAnywhereIsSaidAndLeavesTheSheetAsItWas) {
     for (std::size_t CutCapacity::*what :
          {&CutCapacity::triangles, &CutCapacity::points, &CutCapacity::edges}) {
       int too_little = 0;
-      for (std::size_t room = 0; room < 200; ++room) {
+      for (std::size_t size = 0; size < 200; ++size) {
         CutCapacity capacity = enough;
-        capacity.*what = room;
+        capacity.*what = size;
         const CutReport report = cut_with(capacity, start, tool);
         if (report.outcome == CutOutcome::kCapacity) {
           ++too_little;
-          ASSERT_TRUE(same(mesh_, start)) << room;
+          ASSERT_TRUE(same(mesh_, start)) << size;
           ASSERT_TRUE(edit_.triangles().empty() && edit_.vertices().empty());
         } else {
-          ASSERT_EQ(report.outcome, CutOutcome::kCut) << room;
-          ASSERT_TRUE(same(mesh_, cut_through)) << room;
+          ASSERT_EQ(report.outcome, CutOutcome::kCut) << size;
+          ASSERT_TRUE(same(mesh_, cut_through)) << size;
         }
       }
       EXPECT_GT(too_little, 10);
@@ -72,7 +72,7 @@ TEST_F(Outcomes, TooLittleRoomAnywhereIsSaidAndLeavesTheSheetAsItWas) {
   }
 }
 
-TEST_F(Outcomes, TooFewFreeSlotsLikewise) {
+TEST_F(Outcomes, TooFewFreeSlotsAreReportedAndLeaveTheSheetUnchanged) {
   for (const Ring& tool : {kInside, kAcross}) {
     int too_few = 0;
     for (std::size_t spare = 0; spare < 40; ++spare) {
@@ -88,7 +88,7 @@ TEST_F(Outcomes, TooFewFreeSlotsLikewise) {
         }
       }
     }
-    EXPECT_TRUE(tool != kInside || too_few == 0) << "more goes than comes";
+    EXPECT_TRUE(tool != kInside || too_few == 0) << "more triangles are removed than created";
   }
   // A small hole in a single triangle: six vertices and eight triangles more.
   const SliceMesh one{{{0, 0}, {1000, 0}, {0, 1000}}, {{0, 1, 2}}};
@@ -104,7 +104,7 @@ TEST_F(Outcomes, TooFewFreeSlotsLikewise) {
   }
 }
 
-TEST_F(Outcomes, NothingMetAndNotAToolChangeNothing) {
+TEST_F(Outcomes, NothingMetAndNotAToolLeaveTheSheetUnchanged) {
   const SheetMesh start = sheet(60, 120);
   const CutCapacity enough = capacity_for(start);
   EXPECT_EQ(cut_with(enough, start, {{3000, 0}, {3100, 0}, {3050, 90}}).outcome,
@@ -115,18 +115,18 @@ TEST_F(Outcomes, NothingMetAndNotAToolChangeNothing) {
       << "touches";
   EXPECT_TRUE(same(mesh_, start));
   Random random(3);
-  Ring corners_33;
+  Ring ring_33;
   do {
-    corners_33 = star(random, {1000, 1000}, 300, 500, 33);
-  } while (corners_33.size() != 33);
+    ring_33 = star(random, {1000, 1000}, 300, 500, 33);
+  } while (ring_33.size() != 33);
   for (const Ring& tool :
-       {Ring{}, Ring{{0, 0}, {10, 0}}, Ring{{0, 0}, {0, 10}, {10, 0}}, corners_33}) {
+       {Ring{}, Ring{{0, 0}, {10, 0}}, Ring{{0, 0}, {0, 10}, {10, 0}}, ring_33}) {
     EXPECT_EQ(cut_with(enough, start, tool).outcome, CutOutcome::kNotATool);
     EXPECT_TRUE(same(mesh_, start));
   }
-  corners_33.pop_back();
-  if (is_tool(corners_33)) {
-    EXPECT_EQ(cut_with(enough, start, corners_33).outcome, CutOutcome::kCut);
+  ring_33.pop_back();
+  if (is_tool(ring_33)) {
+    EXPECT_EQ(cut_with(enough, start, ring_33).outcome, CutOutcome::kCut);
   }
 }
 
@@ -142,7 +142,7 @@ std::uint64_t counted(Act&& act) {
   return allocations_in_scopes() - before;
 }
 
-TEST(CutAllocations, NoOutcomeMakesOne) {
+TEST(CutAllocations, NoOutcomeAllocates) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
   SheetMesh mesh = sheet(2000, 4000), replica = mesh;
   TriangleGrid grid(mesh), replica_grid(replica);
@@ -174,7 +174,7 @@ TEST(CutAllocations, NoOutcomeMakesOne) {
   EXPECT_GT(too_little, 20);
 }
 
-TEST(CutAllocations, NorDoesTheRemesher) {
+TEST(CutAllocations, TheRemesherDoesNotAllocate) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
   const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
@@ -196,7 +196,7 @@ TEST(CutAllocations, NorDoesTheRemesher) {
   EXPECT_TRUE(check_sheet_mesh(remesher.last_version(0).mesh));
 }
 
-TEST(Remeshing, ASheetGetsMoreSlotsBeforeItRunsOutOfThem) {
+TEST(Remeshing, ASheetGetsMoreSlotsBeforeTheyAreUsedUp) {
   Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
   scene.tool.radius_m = 0.0004;
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
@@ -215,17 +215,17 @@ TEST(Remeshing, ASheetGetsMoreSlotsBeforeItRunsOutOfThem) {
       ASSERT_FALSE(record.error) << cut << ": " << record.error->message;
       ASSERT_EQ(record.cut.outcome, CutOutcome::kCut);
       removed += record.cut.doubled_area_removed;
-      ASSERT_EQ(remesher.current(0)->cuts, cut - 1) << "what is read is not written to";
+      ASSERT_EQ(remesher.current(0)->cuts, cut - 1) << "the version that is read must not change";
       ASSERT_TRUE(remesher.publish_next());
       ASSERT_EQ(remesher.current(0)->cuts, cut);
     }
   }
   const SheetMesh last = remesher.last_version(0).mesh;
-  EXPECT_GT(last.triangles.size(), slots) << "the test is to need more";
+  EXPECT_GT(last.triangles.size(), slots) << "the test must need more slots";
   EXPECT_TRUE(check_sheet_mesh(last));
   EXPECT_EQ(doubled_area(to_slice_mesh(remesher.first_version(0).mesh)),
             doubled_area(to_slice_mesh(last)) + removed);
-  // The other replica, which had to follow: one more cut is made in it.
+  // One more cut, which is made in the other replica: that has followed all cuts.
   Pose away;
   away.p_m = {0.5, 0.5, 0.1};
   const Sheet* sheet = remesher.current(0);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The cut and its triangulation on thousands of random sheets and tools, held
-// against CGAL's constrained Delaunay triangulation and against clipping in
-// floating point. The seeds are fixed; coordinates that are small on purpose
-// make every degenerate case common.
+// The cut and its triangulation on thousands of random sheets and tools, compared with CGAL's
+// constrained Delaunay triangulation and with clipping in floating point. The seeds are fixed;
+// small coordinates make every degenerate case common.
 #include <CGAL/Constrained_Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Triangulation_vertex_base_with_info_2.h>
@@ -135,18 +134,18 @@ void report(const Count& n) {
       n.cuts, n.empty, n.inside, n.crossing, n.outline_broken, n.points);
 }
 
-// Outlines cross themselves only where bent boundaries crossed: hardly ever.
+// Outlines cross themselves only where bent boundaries crossed, which is rare.
 void expect_simple_outlines(const Count& n) {
   EXPECT_LE(n.outline_broken * 50, n.cuts);
 }
 
-// One cut with all that can be said about it without the code under test.
+// One cut, with all checks that do not need the code under test.
 void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count& n,
                  SliceMesh* after = nullptr) {
   const Result<CutResult> r = cut(sheet, tool);
   ASSERT_TRUE(r) << r.error().message;
-  ASSERT_EQ(broken_law(sheet, *r), "");
-  ASSERT_EQ(broken_outline(*r), "");
+  ASSERT_EQ(contract_violation(sheet, *r), "");
+  ASSERT_EQ(outline_violation(*r), "");
   ++n.cuts;
   const std::vector<Ring> old_rings = boundary_rings(sheet).rings;
   const std::vector<Ring> new_rings = boundary_rings(r->mesh).rings;
@@ -178,13 +177,13 @@ void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count
   if (after != nullptr) *after = r->mesh;
 }
 
-// A cut where rounding decides everything: laws only, and that the mesh winds
-// around every point at most once (no overlaps, which areas alone would not show).
+// A cut where rounding decides everything: checks only the contract, and that the mesh winds around
+// every point at most once (areas alone would not show overlaps).
 void small_cut(SliceMesh& sheet, const Ring& tool, int size, Random& random, Count& n) {
   const Result<CutResult> r = cut(sheet, tool);
   ASSERT_TRUE(r) << r.error().message;
-  ASSERT_EQ(broken_law(sheet, *r), "");
-  if (!broken_outline(*r).empty()) ++n.outline_broken;
+  ASSERT_EQ(contract_violation(sheet, *r), "");
+  if (!outline_violation(*r).empty()) ++n.outline_broken;
   ++n.cuts;
   if (r->triangles_removed == 0) {
     ++n.empty;
@@ -241,9 +240,9 @@ TEST(CutProperty, ManyCutsInOneSheet) {
   report(n);
 }
 
-TEST(CutProperty, SteppingAlongByOne) {
-  // The same hexagon, one step further each time: the rim is crossed at grazing
-  // angles, where rounding is at its worst.
+TEST(CutProperty, ToolsMovedByOneStep) {
+  // The same hexagon, moved by one step each time: it crosses the rim at grazing angles, where
+  // rounding errors are largest.
   Count n;
   for (std::uint64_t seed = 0; seed < 8; ++seed) {
     Random random(200 + seed);
@@ -283,7 +282,7 @@ TEST(CutProperty, CoarseLattice) {
   expect_simple_outlines(n);
 }
 
-TEST(CutProperty, Needles) {
+TEST(CutProperty, NeedlesInNeedles) {
   // Long thin tools in long thin sheets: crossings far from where they round to.
   Count n;
   for (std::uint64_t seed = 0; seed < 300; ++seed) {
@@ -313,7 +312,7 @@ TEST(CutProperty, Needles) {
   expect_simple_outlines(n);
 }
 
-TEST(CutProperty, TheWholeLattice) {
+TEST(CutProperty, SheetsOverTheWholeLattice) {
   Count n;
   Random random(7000);
   for (int s = 0; s < 20; ++s) {
@@ -398,8 +397,8 @@ TEST(LocalDelaunayProperty, AgreesWithCgal) {
   EXPECT_GT(constraints_seen, 3000);
 }
 
-TEST(LocalDelaunayProperty, RestoredPartsAreCgalsUpToCocircularPoints) {
-  // The inside of a random ring is one part: its edges are CGAL's, or are ties.
+TEST(LocalDelaunayProperty, RestoredPartsAgreeWithCgalExceptForCocircularPoints) {
+  // The inside of a random ring is one part: its edges are CGAL's, or ties between diagonals.
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     Random random(20000 + seed);
@@ -461,7 +460,7 @@ TEST(LocalDelaunayProperty, RestoredPartsAreCgalsUpToCocircularPoints) {
   }
 }
 
-TEST(LocalDelaunayProperty, RefusesWhatIsNoPslg) {
+TEST(LocalDelaunayProperty, RefusesInputThatIsNoPslg) {
   LocalTriangulation t;
   EXPECT_EQ(triangulated({{0, 0}, {0, 0}}, {}, t), Status::kNotPlanar);
   EXPECT_EQ(triangulated({{0, 0}, {2, 0}, {4, 0}}, {{0, 2}}, t), Status::kNotPlanar);

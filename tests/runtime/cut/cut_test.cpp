@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cut on small meshes made by hand: every way in which a tool can meet a
-// sheet, with the result that pencil and paper give.
+// The cut on small meshes: every way in which a tool can meet a sheet, with hand-computed results.
 #include "runtime/cut/cut.h"
 
 #include <gtest/gtest.h>
@@ -15,7 +14,7 @@ namespace trocar::runtime {
 namespace {
 
 // Cells of `size` steps, columns x rows, each two triangles; cells for which
-// `solid` says no are left out. Pinched vertices are split as a valid mesh's are.
+// `solid` is false are left out.
 SliceMesh grid(
     int columns, int rows, int size,
     const std::function<bool(int, int)>& solid = [](int, int) { return true; }) {
@@ -64,18 +63,18 @@ std::size_t fans_at(const SliceMesh& mesh, LatticePoint p) {
   return static_cast<std::size_t>(std::count(mesh.vertices.begin(), mesh.vertices.end(), p));
 }
 
-// Cuts, holds the result against the laws and hands it on.
+// Cuts, checks the result and returns it.
 CutResult good_cut(const SliceMesh& sheet, const Ring& tool) {
   EXPECT_TRUE(check_mesh(sheet)) << "the test's sheet is not valid";
   Result<CutResult> result = cut(sheet, tool);
   EXPECT_TRUE(result) << result.error().message;
   if (!result) return {};
-  EXPECT_EQ(broken_law(sheet, *result), "");
-  EXPECT_EQ(broken_outline(*result), "");
+  EXPECT_EQ(contract_violation(sheet, *result), "");
+  EXPECT_EQ(outline_violation(*result), "");
   return *result;
 }
 
-// The tool lies over material alone: the hole is the tool, to the step.
+// The tool lies wholly over material: the hole is exactly the tool.
 CutResult whole_cut(const SliceMesh& sheet, const Ring& tool) {
   CutResult result = good_cut(sheet, tool);
   EXPECT_EQ(result.hole, rings({tool}));
@@ -96,7 +95,7 @@ TEST(Cut, OverManyTriangles) {
   EXPECT_LT(r.triangles_removed, 100U);
 }
 
-TEST(Cut, VerticesInsideTheCavityButNotUnderTheToolStay) {
+TEST(Cut, KeepsVerticesInTheCavityThatAreNotUnderTheTool) {
   // A U around the middle vertex meets all of its triangles and does not cover it.
   const Ring u = {{30, 30}, {70, 30}, {70, 70}, {60, 70}, {60, 40}, {40, 40}, {40, 70}, {30, 70}};
   const CutResult r = whole_cut(grid(2, 2, 50), u);
@@ -133,7 +132,7 @@ TEST(Cut, ThinnestTool) {
   EXPECT_EQ(r.doubled_area_removed, 1);
 }
 
-TEST(Cut, MeetsNothing) {
+TEST(Cut, LeavesTheSheetUnchangedWhereTheToolMeetsNothing) {
   const SliceMesh sheet = grid(3, 3, 10);
   for (const Ring& tool : {box(100, 100, 110, 110), box(31, 0, 40, 10), box(-20, -20, -1, -1)}) {
     const CutResult r = good_cut(sheet, tool);
@@ -144,7 +143,7 @@ TEST(Cut, MeetsNothing) {
   }
 }
 
-TEST(Cut, TouchesFromOutside) {
+TEST(Cut, LeavesTheSheetUnchangedWhereTheToolOnlyTouches) {
   const SliceMesh sheet = grid(3, 3, 10);
   // Along an edge, at a corner, with a vertex inside a boundary edge.
   for (const Ring& tool :
@@ -159,7 +158,7 @@ TEST(Cut, TouchesFromOutside) {
   EXPECT_EQ(r.mesh.triangles, frame.triangles);
 }
 
-TEST(Cut, CoversEverything) {
+TEST(Cut, RemovesASheetUnderTheTool) {
   for (const Ring& tool : {box(-5, -5, 35, 35), box(0, 0, 30, 30), hexagon(15, 15, 100)}) {
     const CutResult r = good_cut(grid(3, 3, 10), tool);
     EXPECT_TRUE(r.mesh.triangles.empty());
@@ -190,9 +189,9 @@ TEST(Cut, OverACorner) {
   EXPECT_EQ(r.doubled_area_removed, 2 * 15 * 15);
 }
 
-TEST(Cut, CrossingsThatRound) {
+TEST(Cut, RoundsCrossingsToTheMaterialSide) {
   // The hypotenuse x + y = 100 holds the crossing with y = x + 33 between (33, 67)
-  // and (34, 66); the bend may only take material away.
+  // and (34, 66); the bend must not add material.
   const SliceMesh sheet = one_triangle();
   const Ring tool = {{20, 53}, {60, 93}, {20, 93}};
   const CutResult r = good_cut(sheet, tool);
@@ -218,7 +217,7 @@ TEST(Cut, AroundAHoleOfTheSheet) {
 }
 
 TEST(Cut, AroundAnIslandInAHole) {
-  // Void around one island cell; the tool swallows the island and stays in the void.
+  // Void around one island cell; the tool covers the island and otherwise lies over void.
   const auto island = [](int i, int j) {
     return i == 0 || j == 0 || i == 6 || j == 6 || (i == 3 && j == 3);
   };
@@ -280,7 +279,7 @@ TEST(Cut, PinchesAtTheSheetsEdge) {
   EXPECT_EQ(fans_at(t.mesh, {20, 30}), 2U);
 }
 
-TEST(Cut, ATriangleThatOnlyJustStays) {
+TEST(Cut, LeavesSliversAtTwoCorners) {
   // All of a square but two slivers at opposite corners.
   const CutResult r = good_cut(grid(1, 1, 50), {{1, -1}, {51, 49}, {49, 51}, {-1, 1}});
   EXPECT_GT(doubled_area(r.mesh), 0);
@@ -295,7 +294,7 @@ TEST(Cut, AtTheLatticesLimit) {
   good_cut(sheet, {{-m, -m + 1}, {m, m - 1}, {m, m}});  // a needle from corner to corner
 }
 
-TEST(Cut, TheSameInputGivesTheSameBytes) {
+TEST(Cut, IsDeterministic) {
   const SliceMesh sheet = grid(10, 10, 10);
   const CutResult a = good_cut(sheet, hexagon(93, 47, 23)),
                   b = good_cut(sheet, hexagon(93, 47, 23));
@@ -304,7 +303,7 @@ TEST(Cut, TheSameInputGivesTheSameBytes) {
   EXPECT_EQ(a.hole, b.hole);
 }
 
-TEST(Cut, RefusesWhatIsNoTool) {
+TEST(Cut, RefusesInvalidTools) {
   const SliceMesh sheet = grid(3, 3, 10);
   const std::int32_t far = kMaxCoordinate + 1;
   const Ring not_tools[] = {
@@ -325,7 +324,7 @@ TEST(Cut, RefusesWhatIsNoTool) {
   }
 }
 
-TEST(Cut, RefusesASheetWithWildIndices) {
+TEST(Cut, RefusesASheetWithInvalidIndices) {
   SliceMesh sheet = grid(2, 2, 10);
   sheet.triangles[3][1] = 4000000000U;
   EXPECT_EQ(cut(sheet, box(1, 1, 5, 5)).error().code, ExitCode::kRefused);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Random cuts, one after the other in the same sheets, in the slices of real scans: every hole is
-// proved by the cut itself; here the sheet is looked at as a whole, its area is held against what
-// the cuts say, patches are held against CGAL's constrained Delaunay triangulation, and replicas
-// against the sheets that they follow.
+// Series of random cuts in the slices of real scans. The cut itself proves every hole; here the
+// sheet is checked as a whole, its area is compared with the sum of the cuts, patches with CGAL's
+// constrained Delaunay triangulation, and replicas with the sheets that they follow.
 //
 // TROCAR_ASSETS names the folder of sample.glb, l3.glb and head.glb. TROCAR_CUTS: how many cuts in
 // all; TROCAR_SEED: other ones.
@@ -41,7 +40,7 @@ int from_environment(const char* name, int usual) {
 
 // --- tools -----------------------------------------------------------------------------------
 
-// The size and shape of one tool, to be put anywhere.
+// A tool around the origin.
 Ring shape(Random& random, double radius) {
   const LatticePoint origin{};
   const int n = random.between(0, 4);
@@ -95,8 +94,8 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
       }
     }
   }
-  if (cdt.number_of_vertices() != overlay.points.size()) return "CGAL made other points";
-  // The patch's boundary parts inside from outside.
+  if (cdt.number_of_vertices() != overlay.points.size()) return "CGAL has other points";
+  // The patch's boundary separates inside from outside.
   for (auto f = cdt.all_faces_begin(); f != cdt.all_faces_end(); ++f)
     f->info() = -1;
   std::vector<Cdt::Face_handle> pending = {cdt.infinite_face()};
@@ -121,7 +120,7 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
       const Triangle& own = patch.triangles[t];
       if (!cdt.is_edge(vertex[own[i]], vertex[own[(i + 1) % 3]]) &&
           !is_tie(overlay.points, own, patch.triangles[u]))
-        return "a side that is neither CGAL's nor a tie";
+        return "an edge that is neither CGAL's nor a tie";
     }
   }
   return {};
@@ -135,12 +134,12 @@ bool same(const SheetMesh& a, const SheetMesh& b) {
 }
 
 struct Count {
-  int cuts = 0, nothing = 0, refused_for_room = 0, inside = 0, wholly_checked = 0, by_cgal = 0,
+  int cuts = 0, nothing = 0, out_of_slots = 0, inside = 0, wholly_checked = 0, by_cgal = 0,
       areas = 0, refined = 0;
   std::int64_t removed = 0, created = 0, flips = 0, obtuse = 0, largest = 0;
 };
 
-// A slice under the knife, with its replica.
+// A slice to be cut, with its replica.
 struct Subject {
   SheetMesh mesh, replica;
   TriangleGrid grid, replica_grid;
@@ -171,8 +170,8 @@ LatticePoint random_corner(Random& random, const Subject& subject) {
   }
 }
 
-// A tool over the sheet: anywhere, at its rim, around an island or a hole, or the last one again, a
-// step further.
+// A tool over the sheet: anywhere, at its boundary, around an island or a hole, or the last one
+// moved by a step.
 Ring next_tool(Random& random, const Subject& subject, const Ring& last) {
   const int where = random.between(0, 9);
   if (where < 3 && !last.empty()) return moved(last, random.point(-1, 1));
@@ -187,10 +186,9 @@ Ring next_tool(Random& random, const Subject& subject, const Ring& last) {
     at = ring[static_cast<std::size_t>(random.between(0, static_cast<int>(ring.size()) - 1))];
     if (where == 5) {
       const LatticeBox box = box_around(ring);
-      const double half =
-          0.5 * std::hypot(box.highest.x - box.lowest.x, box.highest.y - box.lowest.y);
+      const double half = 0.5 * std::hypot(box.high.x - box.low.x, box.high.y - box.low.y);
       if (half < quarter) {
-        at = {(box.lowest.x + box.highest.x) / 2, (box.lowest.y + box.highest.y) / 2};
+        at = {(box.low.x + box.high.x) / 2, (box.low.y + box.high.y) / 2};
         radius = half * (0.9 + 0.4 * random.unit());
       }
     }
@@ -238,7 +236,7 @@ Real common_area(const Subject& subject, const Ring& tool) {
   return sum;
 }
 
-// The sheet as a whole.
+// Checks the whole sheet.
 void check_whole(const Subject& subject, Random& random) {
   const auto valid = check_sheet_mesh(subject.mesh);
   ASSERT_TRUE(valid) << valid.error().message;
@@ -263,9 +261,9 @@ void check_whole(const Subject& subject, Random& random) {
   }
 }
 
-class Knife {
+class Cutter {
  public:
-  explicit Knife(std::uint64_t seed) : random_(seed) {}
+  explicit Cutter(std::uint64_t seed) : random_(seed) {}
 
   // A series of cuts in one slice.
   void series(const SliceMesh& slice, int cuts) {
@@ -302,7 +300,7 @@ class Knife {
     ++count.cuts;
     if (report.outcome == CutOutcome::kCapacity) {
       // The slots are used up: nothing has changed.
-      ++count.refused_for_room;
+      ++count.out_of_slots;
       ASSERT_LT(subject.mesh.free_triangles.size(), 6000U);
       ASSERT_TRUE(same(subject.mesh, subject.replica));
       return;
@@ -342,7 +340,7 @@ class Knife {
       refine_locally(subject.mesh, subject.edit, work.stitch.created, {}, refinement);
       ++count.refined;
     }
-    count.obtuse += count_obtuse_boundary_sides(subject.mesh, subject.edit);
+    count.obtuse += count_obtuse_boundary_edges(subject.mesh, subject.edit);
     subject.grid.update(subject.edit, subject.mesh);
     subject.edit.copy_to(subject.mesh, subject.replica);
     subject.replica_grid.update(subject.edit, subject.replica);
@@ -359,7 +357,7 @@ TEST(ScanCuts, EveryCutIsValidAndExact) {
   for (const char* const name : {"sample", "l3", "head"}) {
     const std::filesystem::path file = std::filesystem::path(folder) / (std::string(name) + ".glb");
     if (!std::filesystem::exists(file)) {
-      EXPECT_STRNE(name, "sample") << "it is always made";
+      EXPECT_STRNE(name, "sample") << "the tests always make this asset";
       continue;
     }
     const Result<Asset> asset = read_asset(file);
@@ -368,21 +366,21 @@ TEST(ScanCuts, EveryCutIsValidAndExact) {
     for (const AssetSlice& slice : asset->slices) {
       if (!slice.mesh.triangles.empty()) slices.push_back(&slice.mesh);
     }
-    Knife knife(seed);
+    Cutter cutter(seed);
     Random random(seed + 77);
-    for (int series = 0; knife.count.cuts < wanted / 3; ++series) {
+    for (int series = 0; cutter.count.cuts < wanted / 3; ++series) {
       const auto which =
           static_cast<std::size_t>(random.between(0, static_cast<int>(slices.size()) - 1));
       SCOPED_TRACE(testing::Message() << name << ", series " << series << ", slice " << which);
       ASSERT_NO_FATAL_FAILURE(
-          knife.series(*slices[which], std::min(random.between(5, 300), wanted)));
+          cutter.series(*slices[which], std::min(random.between(5, 300), wanted)));
     }
-    const Count& n = knife.count;
+    const Count& n = cutter.count;
     std::printf(
         "%-6s %d cuts: %d met nothing, %d found no free slot, %d lay inside; %lld triangles "
         "replaced (at most %lld) by %lld, %lld flips, %d quality passes, %lld obtuse boundary "
-        "sides; %d checked as a whole, %d areas, %d by CGAL\n",
-        name, n.cuts, n.nothing, n.refused_for_room, n.inside, static_cast<long long>(n.removed),
+        "edges; %d checked as a whole, %d areas, %d by CGAL\n",
+        name, n.cuts, n.nothing, n.out_of_slots, n.inside, static_cast<long long>(n.removed),
         static_cast<long long>(n.largest), static_cast<long long>(n.created),
         static_cast<long long>(n.flips), n.refined, static_cast<long long>(n.obtuse),
         n.wholly_checked, n.areas, n.by_cgal);

@@ -115,7 +115,7 @@ TEST(Springs, AfterACutTheNegativeOnesAreCountedAndTheEnergyStaysDefinite) {
       ++cuts;
       const Network network = make_network(result->mesh, scan.asset.lattice, membrane);
       EXPECT_EQ(network.signs.negative_interior, 0U) << scan.name << ' ' << i;
-      EXPECT_EQ(network.signs.negative_boundary, result->obtuse_boundary_sides)
+      EXPECT_EQ(network.signs.negative_boundary, result->obtuse_boundary_edges)
           << scan.name << ' ' << i;
       negative += network.signs.negative();
       boundary += network.signs.boundary;

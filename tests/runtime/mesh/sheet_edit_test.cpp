@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/mesh/sheet_edit.h on random edits of random slots.
+// The contract of runtime/mesh/sheet_edit.h on random edits of random slots.
 #include "runtime/mesh/sheet_edit.h"
 
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@ bool same(const SheetMesh& a, const SheetMesh& b) {
          a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
 }
 
-// What an edit can do to slots; the mesh that comes out is none.
+// Everything that an edit can do to slots; the result is not a valid mesh.
 void scramble(Random& random, SheetMesh& mesh, SheetEdit& edit) {
   const auto below = [&random](std::size_t n) {
     return static_cast<std::uint32_t>(random.between(0, static_cast<int>(n) - 1));
@@ -46,7 +46,7 @@ void scramble(Random& random, SheetMesh& mesh, SheetEdit& edit) {
   }
 }
 
-TEST(SheetEdit, UndoneNothingHasChangedAndCopiedTheReplicaIsEqual) {
+TEST(SheetEdit, UndoRestoresTheMeshAndCopyToMakesTheReplicaEqual) {
   Random random(11);
   SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 10, 4), 9, 13);
   SheetMesh replica = mesh;
@@ -67,7 +67,7 @@ TEST(SheetEdit, UndoneNothingHasChangedAndCopiedTheReplicaIsEqual) {
     }
     edit.copy_to(mesh, replica);
     ASSERT_TRUE(same(mesh, replica)) << "round " << round;
-    // What is not listed is as it was.
+    // Slots that are not listed are unchanged.
     std::set<std::uint32_t> listed;
     for (const SheetEdit::OldTriangle& old : edit.triangles()) {
       ASSERT_TRUE(listed.insert(old.slot).second) << "listed twice";
@@ -80,7 +80,7 @@ TEST(SheetEdit, UndoneNothingHasChangedAndCopiedTheReplicaIsEqual) {
   EXPECT_GT(written, 10'000U);
 }
 
-TEST(SheetEdit, AnEmptyStackGivesNone) {
+TEST(SheetEdit, GivesNoneWhenNoSlotIsFree) {
   SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 10, 1), 1, 0);
   SheetEdit edit(mesh);
   edit.begin(mesh);
@@ -91,7 +91,7 @@ TEST(SheetEdit, AnEmptyStackGivesNone) {
   EXPECT_EQ(mesh.free_vertices, std::vector<std::uint32_t>{4});
 }
 
-TEST(SheetEdit, ACopyOfAMeshHasRoomForEveryFreeSlot) {
+TEST(SheetEdit, ACopyOfAMeshHasCapacityForEveryFreeSlot) {
   const SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 10, 3), 2, 2);
   const SheetMesh copy = mesh;  // NOLINT(performance-unnecessary-copy-initialization)
   EXPECT_GE(copy.free_triangles.capacity(), mesh.triangles.size());

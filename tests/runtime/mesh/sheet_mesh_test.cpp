@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/mesh/sheet_mesh.h, and that the check sees each of them broken.
+// The invariants of runtime/mesh/sheet_mesh.h, and that the check detects each violation.
 #include "runtime/mesh/sheet_mesh.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ SheetMesh made() {
   return *mesh;
 }
 
-TEST(SheetMesh, ComesBackAsItWentIn) {
+TEST(SheetMesh, ConvertsToASliceMeshAndBackUnchanged) {
   const SheetMesh mesh = made();
   EXPECT_TRUE(check_sheet_mesh(mesh));
   EXPECT_EQ(mesh.triangles_in_use(), 8U);
@@ -51,7 +51,7 @@ TEST(SheetMesh, EmptyIsValid) {
   EXPECT_TRUE(check_sheet_mesh(*mesh));
 }
 
-TEST(SheetMesh, RefusesWhatIsNoMesh) {
+TEST(SheetMesh, RefusesInvalidMeshes) {
   SliceMesh out_of_range = grid();
   out_of_range.triangles[3][1] = 9;
   EXPECT_FALSE(make_sheet_mesh(out_of_range, 0, 0));
@@ -60,7 +60,7 @@ TEST(SheetMesh, RefusesWhatIsNoMesh) {
   EXPECT_FALSE(make_sheet_mesh(twice, 0, 0));
 }
 
-TEST(SheetMesh, TheCheckSeesEachLawBroken) {
+TEST(SheetMesh, TheCheckDetectsEachViolatedInvariant) {
   SheetMesh mesh = made();
   std::swap(mesh.triangles[0][0], mesh.triangles[0][1]);
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "orientation";
@@ -75,9 +75,9 @@ TEST(SheetMesh, TheCheckSeesEachLawBroken) {
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "a free vertex in use";
   mesh = made();
   mesh.across[0][2] = kNone;
-  EXPECT_FALSE(check_sheet_mesh(mesh)) << "a neighbour that does not know";
+  EXPECT_FALSE(check_sheet_mesh(mesh)) << "a neighbour without the link back";
   mesh.across[1][0] = kNone;
-  EXPECT_FALSE(check_sheet_mesh(mesh)) << "two neighbours that do not know each other";
+  EXPECT_FALSE(check_sheet_mesh(mesh)) << "two neighbours without links";
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/refine/local_refinement.h.
+// The contract of runtime/refine/local_refinement.h.
 #include "runtime/refine/local_refinement.h"
 
 #include <gtest/gtest.h>
@@ -17,15 +17,15 @@
 
 #include "formats/asset/asset.h"
 #include "runtime/realtime/allocation_counter.h"
-#include "tests/support/delaunay_fixture.h"
 #include "tests/runtime/refine/refinement_checks.h"
+#include "tests/support/delaunay_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr double kStepsPerMm = 256;
 
-TEST(LocalRefinement, LawsHoldOnRandomSheets) {
+TEST(LocalRefinement, ContractHoldsOnRandomSheets) {
   for (int seed = 1; seed <= cases(250) && !testing::Test::HasFailure(); ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
     for (const bool split_outline : {false, true}) {
@@ -45,8 +45,8 @@ TEST(LocalRefinement, LawsHoldOnRandomSheets) {
   }
 }
 
-TEST(LocalRefinement, OnlyTheSeedsNeighbourhoodIsTouched) {
-  // The same hole in a small and in a large sheet: the same work.
+TEST(LocalRefinement, WritesOnlyTheNeighbourhoodOfTheSeeds) {
+  // The same hole in a small and in a large sheet takes the same work.
   std::array<std::uint32_t, 2> added{};
   std::array<std::size_t, 2> written{};
   for (const std::size_t i : {0U, 1U}) {
@@ -80,14 +80,14 @@ TEST(LocalRefinement, OnlyTheSeedsNeighbourhoodIsTouched) {
 
 // ---- a graded region around a hole ----
 
-// Sides of 8 mm in a hexagonal pattern, 128 mm wide; the hole's radius is 3 mm.
+// Edges of 8 mm in a hexagonal pattern, 128 mm wide; the hole's radius is 3 mm.
 SheetMesh sheet_with_hole(LatticePoint centre, double turn_rad) {
-  constexpr int kCells = 16, kHalf = 8, kSide = 2048;
+  constexpr int kCells = 16, kHalf = 8, kEdge = 2048;
   SliceMesh mesh;
   for (int j = 0; j <= kCells; ++j) {
     for (int i = 0; i <= kCells; ++i)
-      mesh.vertices.push_back({(i - kHalf) * kSide + (j % 2) * kSide / 2,
-                               static_cast<int>(std::lround((j - kHalf) * 0.8660254 * kSide))});
+      mesh.vertices.push_back({(i - kHalf) * kEdge + (j % 2) * kEdge / 2,
+                               static_cast<int>(std::lround((j - kHalf) * 0.8660254 * kEdge))});
   }
   for (std::uint32_t j = 0; j < kCells; ++j) {
     for (std::uint32_t i = 0; i < kCells; ++i) {
@@ -103,7 +103,7 @@ SheetMesh sheet_with_hole(LatticePoint centre, double turn_rad) {
   return sheet;
 }
 
-TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarOff) {
+TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarAway) {
   Random random(3);
   for (int round = 0; round < 40; ++round) {
     const LatticePoint centre = random.point(-3000, 3000);
@@ -124,12 +124,12 @@ TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarOff) {
     const auto keep = [&](std::uint32_t from, std::uint32_t to) {
       return is_far(mesh.vertices[from]) && is_far(mesh.vertices[to]);
     };
-    options.keep_side = keep;
-    const std::vector<BoundarySide> before = boundary(mesh);
-    const RefinementResult result =
+    options.keep_edge = keep;
+    const std::vector<BoundaryEdge> before = boundary(mesh);
+    const LocalRefinementResult result =
         refine_and_check(mesh, all_triangles(mesh), options, "round " + std::to_string(round));
 
-    EXPECT_EQ(result.outcome, RefinementOutcome::kDone);
+    EXPECT_EQ(result.outcome, LocalRefinementOutcome::kDone);
     EXPECT_EQ(result.too_large, 0U);
     int near = 0;
     std::vector<bool> seen(mesh.vertices.size(), false);
@@ -137,8 +137,8 @@ TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarOff) {
       const std::array<LatticePoint, 3> v = corners(mesh, t);
       EXPECT_GE(smallest_angle_deg(v), 20);
       const double x = (v[0].x + v[1].x + v[2].x) / 3.0, y = (v[0].y + v[1].y + v[2].y) / 3.0;
-      // In a circle of radius 0.8 h no side is longer than 1.6 h.
-      EXPECT_LE(longest_side(v), 2 * kLargestRadius * size(x, y));
+      // In a circle of radius 0.8 h no edge is longer than 1.6 h.
+      EXPECT_LE(longest_edge(v), 2 * kLargestRadius * size(x, y));
       for (const std::uint32_t c : mesh.triangles[t]) {
         const LatticePoint p = mesh.vertices[c];
         if (!seen[c] && std::hypot(p.x - centre.x, p.y - centre.y) < 20 * kStepsPerMm) ++near;
@@ -147,15 +147,15 @@ TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarOff) {
     }
     EXPECT_GE(near, 80);
     EXPECT_LE(near, 160);
-    // The kept outer outline is as it was; the hole's sides are about 1 mm long.
-    const std::vector<BoundarySide> after = boundary(mesh);
-    for (const BoundarySide& s : before) {
+    // The kept outer outline is as it was; the hole's edges are about 1 mm long.
+    const std::vector<BoundaryEdge> after = boundary(mesh);
+    for (const BoundaryEdge& s : before) {
       if (!is_far(s.from) || !is_far(s.to)) continue;
-      EXPECT_TRUE(std::any_of(after.begin(), after.end(), [&s](const BoundarySide& o) {
+      EXPECT_TRUE(std::any_of(after.begin(), after.end(), [&s](const BoundaryEdge& o) {
         return o.from == s.from && o.to == s.to;
       }));
     }
-    for (const BoundarySide& s : after) {
+    for (const BoundaryEdge& s : after) {
       if (is_far(s.from)) continue;
       EXPECT_LE(length(s.from, s.to), 1.5 * kStepsPerMm + 1);
       EXPECT_FALSE(s.is_obtuse());
@@ -165,8 +165,8 @@ TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarOff) {
 
 // ---- hard cases ----
 
-TEST(LocalRefinement, NeedlesEndAndLeaveOnlyTheirPoints) {
-  // Fans of needles around one point, at 5 and 25 degrees, and a comb of slots.
+TEST(LocalRefinement, EndsOnFansOfNeedles) {
+  // Seven needles around one point.
   for (const double needle_deg : {2.0, 5.0, 12.0, 25.0}) {
     for (const bool split_outline : {false, true}) {
       SliceMesh mesh{{{0, 0}}, {}};
@@ -174,7 +174,7 @@ TEST(LocalRefinement, NeedlesEndAndLeaveOnlyTheirPoints) {
         const double from = i * 50 * std::numbers::pi / 180,
                      to = from + needle_deg * std::numbers::pi / 180;
         const auto v = static_cast<std::uint32_t>(mesh.vertices.size());
-        // Each its own vertex at the common point: a pinch.
+        // Each has its own vertex at the common point: a pinch.
         mesh.vertices.push_back({0, 0});
         for (const double angle : {from, to})
           mesh.vertices.push_back({static_cast<int>(std::lround(3000 * std::cos(angle))),
@@ -198,9 +198,9 @@ TEST(LocalRefinement, NeedlesEndAndLeaveOnlyTheirPoints) {
   }
 }
 
-TEST(LocalRefinement, SharpCornersTakeFewPoints) {
-  // Two long sides of different lengths meet; where they are split, one piece must not go on
-  // encroaching upon the other.
+TEST(LocalRefinement, AcuteCornersTakeFewPoints) {
+  // Two long edges of different lengths meet; their pieces must not keep encroaching upon each
+  // other.
   for (const double corner_deg : {22.0, 30.0, 40.0, 50.0, 58.0, 65.0}) {
     for (const double ratio : {0.55, 0.7, 0.9}) {
       const double angle = corner_deg * std::numbers::pi / 180, leg = 40'000;
@@ -221,11 +221,11 @@ TEST(LocalRefinement, SharpCornersTakeFewPoints) {
   }
 }
 
-TEST(LocalRefinement, KeptSidesAreKept) {
+TEST(LocalRefinement, KeptEdgesStay) {
   for (int seed = 1; seed <= cases(60); ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
     SheetMesh mesh = random_sheet(random, 400, 800);
-    // Of the sides that are there at the start every third.
+    // About every third boundary edge of the start.
     std::set<std::array<std::uint32_t, 2>> kept;
     for (const std::uint32_t t : all_triangles(mesh)) {
       for (std::uint32_t i = 0; i < 3; ++i) {
@@ -242,8 +242,8 @@ TEST(LocalRefinement, KeptSidesAreKept) {
     options.split_outline = true;
     options.min_angle_deg = 25;
     options.size = size;
-    options.keep_side = keep;
-    const RefinementResult result =
+    options.keep_edge = keep;
+    const LocalRefinementResult result =
         refine_and_check(mesh, all_triangles(mesh), options, "seed " + std::to_string(seed));
     std::size_t there = 0, obtuse = 0;
     for (const std::uint32_t t : all_triangles(mesh)) {
@@ -258,11 +258,11 @@ TEST(LocalRefinement, KeptSidesAreKept) {
       }
     }
     EXPECT_EQ(there, kept.size()) << "seed " << seed;
-    EXPECT_EQ(obtuse, result.obtuse_sides) << "seed " << seed;
+    EXPECT_EQ(obtuse, result.obtuse_edges) << "seed " << seed;
   }
 }
 
-TEST(LocalRefinement, TinySheets) {
+TEST(LocalRefinement, ContractHoldsOnTinyAndExtremeTriangles) {
   const std::vector<std::vector<LatticePoint>> shapes{
       {{0, 0}, {1, 0}, {0, 1}},
       {{0, 0}, {2, 0}, {0, 2}},
@@ -291,7 +291,7 @@ TEST(LocalRefinement, TinySheets) {
   }
 }
 
-TEST(LocalRefinement, WithoutBudgetOrRoomNothingHappens) {
+TEST(LocalRefinement, WithoutBudgetOrCapacityNothingChanges) {
   Random random(17);
   int stopped = 0;
   for (int round = 0; round < 30; ++round) {
@@ -301,17 +301,18 @@ TEST(LocalRefinement, WithoutBudgetOrRoomNothingHappens) {
     options.min_angle_deg = 30;
     options.split_outline = true;
     options.max_new_vertices = 0;
-    RefinementResult result = refine_and_check(mesh, all_triangles(mesh), options, "no budget");
+    LocalRefinementResult result =
+        refine_and_check(mesh, all_triangles(mesh), options, "no budget");
     EXPECT_TRUE(same(mesh, before));
-    EXPECT_TRUE(result.outcome == RefinementOutcome::kBudget ||
-                result.outcome == RefinementOutcome::kDone);
+    EXPECT_TRUE(result.outcome == LocalRefinementOutcome::kBudget ||
+                result.outcome == LocalRefinementOutcome::kDone);
 
-    // Small rooms, all of them.
-    for (std::size_t room = 0; room < 12; ++room) {
-      SheetMesh small = *make_sheet_mesh(to_slice_mesh(before), room / 2, room);
+    // Every small number of free slots.
+    for (std::size_t spare = 0; spare < 12; ++spare) {
+      SheetMesh small = *make_sheet_mesh(to_slice_mesh(before), spare / 2, spare);
       options.max_new_vertices = 100;
-      result = refine_and_check(small, all_triangles(small), options, "little room");
-      stopped += result.outcome == RefinementOutcome::kNoRoom ? 1 : 0;
+      result = refine_and_check(small, all_triangles(small), options, "few free slots");
+      stopped += result.outcome == LocalRefinementOutcome::kCapacity ? 1 : 0;
     }
 
     SheetEdit edit(mesh);
@@ -320,14 +321,14 @@ TEST(LocalRefinement, WithoutBudgetOrRoomNothingHappens) {
     for (const auto& [v, t] : {std::array{vertices - 1, triangles}, {vertices, triangles - 1}}) {
       LocalRefinementWorkspace too_small(v, t);
       result = refine_locally(mesh, edit, all_triangles(mesh), options, too_small);
-      EXPECT_EQ(result.outcome, RefinementOutcome::kNoRoom);
+      EXPECT_EQ(result.outcome, LocalRefinementOutcome::kCapacity);
       EXPECT_TRUE(same(mesh, before));
     }
   }
   EXPECT_GT(stopped, 100);
 }
 
-TEST(LocalRefinement, StrangeSeedsAndOptions) {
+TEST(LocalRefinement, ContractHoldsForInvalidSeedsAndOptions) {
   Random random(23);
   for (int round = 0; round < 20; ++round) {
     SheetMesh mesh = random_sheet(random, 300, 600);
@@ -336,22 +337,22 @@ TEST(LocalRefinement, StrangeSeedsAndOptions) {
     seeds.push_back(kNone);
     seeds.push_back(static_cast<std::uint32_t>(mesh.triangles.size()));
     seeds.push_back(mesh.free_triangles.front());
-    for (const double nonsense : {-1.0, 0.0, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
-      const auto size = [nonsense](double, double) { return nonsense; };
+    for (const double value : {-1.0, 0.0, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
+      const auto size = [value](double, double) { return value; };
       LocalRefinementOptions options;
       options.split_outline = round % 2 == 0;
       options.max_new_vertices = 60;
       options.size = size;
       SheetMesh copy = mesh;
-      refine_and_check(copy, seeds, options, "size " + std::to_string(nonsense));
+      refine_and_check(copy, seeds, options, "size " + std::to_string(value));
       options.size = {};
-      options.min_angle_deg = nonsense;
+      options.min_angle_deg = value;
       copy = mesh;
-      refine_and_check(copy, seeds, options, "angle " + std::to_string(nonsense));
+      refine_and_check(copy, seeds, options, "angle " + std::to_string(value));
     }
   }
   SheetMesh empty = *make_sheet_mesh({}, 4, 4);
-  EXPECT_EQ(refine_and_check(empty, {}, {}, "empty").outcome, RefinementOutcome::kDone);
+  EXPECT_EQ(refine_and_check(empty, {}, {}, "empty").outcome, LocalRefinementOutcome::kDone);
 }
 
 TEST(LocalRefinement, ASheetThatIsNotDelaunayStaysValid) {
@@ -375,7 +376,7 @@ TEST(LocalRefinement, ASheetThatIsNotDelaunayStaysValid) {
   }
 }
 
-TEST(LocalRefinement, AllocatesNothing) {
+TEST(LocalRefinement, DoesNotAllocate) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
   Random random(29);
   std::uint32_t added = 0;
@@ -401,14 +402,14 @@ TEST(LocalRefinement, AllocatesNothing) {
 
 // The folder TROCAR_ASSETS may hold sample.glb, l3.glb and head.glb; TROCAR_CASES says how many
 // cuts to make in each.
-TEST(LocalRefinement, LawsHoldAfterCutsInRealSlices) {
+TEST(LocalRefinement, ContractHoldsAfterCutsInRealSlices) {
   const char* const folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
   if (folder == nullptr) GTEST_SKIP() << "TROCAR_ASSETS is not set";
   Random random(31);
   for (const char* const name : {"sample", "l3", "head"}) {
     const std::filesystem::path file = std::filesystem::path(folder) / (std::string(name) + ".glb");
     if (!std::filesystem::exists(file)) {
-      EXPECT_STRNE(name, "sample") << "it is always made";
+      EXPECT_STRNE(name, "sample") << "the tests always make this asset";
       continue;
     }
     const Result<Asset> asset = read_asset(file);
@@ -435,7 +436,7 @@ TEST(LocalRefinement, LawsHoldAfterCutsInRealSlices) {
         before += smallest_angle_deg(corners(mesh, t)) < 20 ? 1 : 0;
       LocalRefinementOptions options;
       options.split_outline = random.between(0, 3) == 0;
-      const RefinementResult result =
+      const LocalRefinementResult result =
           refine_and_check(mesh, seeds, options, name + (", cut " + std::to_string(i)));
       EXPECT_EQ(result.sharp, result.sharp_at_outline + result.sharp_at_lattice);
       ++cuts;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points put into sheets and taken out again: the sheet stays valid and constrained Delaunay, and
-// comes back.
+// Inserting points into sheets and removing them again: the sheet stays valid and constrained
+// Delaunay, and is the same as before.
 #include "runtime/refine/point_insertion.h"
 
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ bool is_inside(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) {
   return orient2d(a, b, p) > 0 && orient2d(b, c, p) > 0 && orient2d(c, a, p) > 0;
 }
 
-TEST(PointInsertion, InAndOutAgainLeavesTheSheetAsItWas) {
+TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
   int inserted = 0, compared = 0;
   for (int seed = 1; seed <= cases(300); ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
@@ -86,7 +86,7 @@ TEST(PointInsertion, InAndOutAgainLeavesTheSheetAsItWas) {
   EXPECT_GT(compared, cases(300) / 10);
 }
 
-TEST(PointInsertion, WithoutRoomNothingChanges) {
+TEST(PointInsertion, WithoutFreeSlotsNothingChanges) {
   Random random(5);
   for (const auto& [vertices, triangles] : {std::array<std::size_t, 2>{0, 9}, {9, 1}}) {
     SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 100, 2), vertices, triangles);
@@ -96,12 +96,12 @@ TEST(PointInsertion, WithoutRoomNothingChanges) {
     edit.begin(mesh);
     PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
     ASSERT_TRUE(insertion.find(mesh, 0, {60, 20}));
-    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), Insertion::kNoRoom);
+    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), Insertion::kCapacity);
     EXPECT_TRUE(same(mesh, before));
   }
 }
 
-TEST(PointInsertion, BeyondTheOutlineIsNotInSight) {
+TEST(PointInsertion, PointsOnOrBeyondTheOutlineAreNotVisible) {
   SheetMesh mesh = *make_sheet_mesh({{{0, 0}, {100, 0}, {50, 30}}, {{0, 1, 2}}}, 3, 3);
   const SheetMesh before = mesh;
   SheetEdit edit(mesh);
@@ -109,18 +109,18 @@ TEST(PointInsertion, BeyondTheOutlineIsNotInSight) {
   PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
   EXPECT_FALSE(insertion.find(mesh, 0, {50, 40})) << "not in the circumcircle";
   ASSERT_TRUE(insertion.find(mesh, 0, {50, -10}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), Insertion::kNotInSight);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), Insertion::kNotVisible);
   ASSERT_TRUE(insertion.find(mesh, 0, {50, 0}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), Insertion::kNotInSight);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), Insertion::kNotVisible);
   EXPECT_TRUE(same(mesh, before));
-  // But the side can be split there.
+  // But the edge can be split there.
   ASSERT_EQ(insertion.rim()[0].from, 0U);
   EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, 0), Insertion::kDone);
   EXPECT_TRUE(check_sheet_mesh(mesh));
   EXPECT_EQ(mesh.triangles_in_use(), 2U);
 }
 
-TEST(VertexRemoval, VerticesOnTheOutlineStay) {
+TEST(VertexRemoval, RefusesVerticesOnTheOutline) {
   SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 100, 2), 0, 0);
   VertexRemoval removal;
   int inner = 0;
@@ -134,7 +134,7 @@ TEST(VertexRemoval, VerticesOnTheOutlineStay) {
   EXPECT_GT(inner, 0);
 }
 
-TEST(TriangleQueue, GivesTheLeastWhateverWasChanged) {
+TEST(TriangleQueue, GivesTheLeastKeyAfterAnyChange) {
   Random random(9);
   constexpr int kSlots = 60;
   TriangleQueue queue(kSlots);

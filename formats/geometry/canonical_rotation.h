@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// The rotation of the plane by right angles that brings a set of points into a canonical
+// orientation. What depends on the order of points, on ties or on rounding is decided in the
+// rotated plane: moved by lattice steps or rotated by right angles, the same points then give the
+// same result, moved and rotated.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/slice_mesh.h"
+
+namespace trocar {
+
+/// A counter-clockwise rotation about the origin by a multiple of 90 degrees.
+class CanonicalRotation {
+ public:
+  CanonicalRotation() = default;
+  /// The one that makes the vector (x, y) point right, and up or level; none for (0, 0).
+  template <typename Number>
+  static CanonicalRotation of(Number x, Number y) noexcept {
+    CanonicalRotation out;
+    out.quarters_ = x > 0 && y >= 0 ? 0 : y > 0 && x <= 0 ? 3 : x < 0 && y <= 0 ? 2 : y < 0 ? 1 : 0;
+    return out;
+  }
+
+  bool is_identity() const noexcept { return quarters_ == 0; }
+  LatticePoint operator()(LatticePoint p) const noexcept { return rotated(p, quarters_); }
+  LatticePoint back(LatticePoint p) const noexcept { return rotated(p, 4 - quarters_); }
+  /// The same for a vector that is not on the lattice, with members x() and y().
+  template <typename Vector>
+  Vector back(const Vector& v) const noexcept {
+    Vector out = v;
+    for (int i = quarters_; i % 4 != 0; ++i)
+      out = {-out.y(), out.x()};
+    return out;
+  }
+  /// Of a box's corners, 0..3 counter-clockwise from the lower left, the one that becomes the lower
+  /// left.
+  int lower_left() const noexcept { return (4 - quarters_) % 4; }
+
+ private:
+  static LatticePoint rotated(LatticePoint p, int quarters) noexcept {
+    switch (quarters) {
+      case 1:
+        return {-p.y, p.x};
+      case 2:
+        return {-p.x, -p.y};
+      case 3:
+        return {p.y, -p.x};
+      default:
+        return p;
+    }
+  }
+
+  int quarters_ = 0;  // 0 .. 3
+};
+
+/// Twice the number of points times (their mean less the middle of their box). Exact; the order of
+/// the points, and a translation of all of them, does not matter.
+class CentroidOffset {
+ public:
+  void add(LatticePoint p) noexcept {
+    widen(box_, p);
+    sum_x_ += p.x;
+    sum_y_ += p.y;
+    ++count_;
+  }
+  std::int64_t x() const noexcept {
+    return 2 * sum_x_ - count_ * (std::int64_t{box_.low.x} + box_.high.x);
+  }
+  std::int64_t y() const noexcept {
+    return 2 * sum_y_ - count_ * (std::int64_t{box_.low.y} + box_.high.y);
+  }
+  bool empty() const noexcept { return count_ == 0; }
+  const LatticeBox& box() const noexcept { return box_; }
+
+ private:
+  LatticeBox box_{{INT32_MAX, INT32_MAX}, {INT32_MIN, INT32_MIN}};
+  std::int64_t sum_x_ = 0, sum_y_ = 0, count_ = 0;
+};
+
+/// Makes the points' CentroidOffset point right, and up or level. The identity where that is zero,
+/// as it is wherever a rotation by 90 or 180 degrees maps the points onto themselves.
+inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> points) noexcept {
+  CentroidOffset offset;
+  for (const LatticePoint p : points)
+    offset.add(p);
+  return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
+}
+inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
+  CentroidOffset offset;
+  for (const Ring& ring : pslg.rings) {
+    for (const LatticePoint p : ring)
+      offset.add(p);
+  }
+  return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
+}
+
+/// The same, and where the offset is zero by the first of two third moments about the middle of the
+/// box that is not zero: (x^3, y^3), then (x y^2, y x^2). The identity where all are zero, which
+/// hardly happens unless a rotation maps the points onto themselves. Exact.
+/// `for_each(visit)` calls visit(point) for all points, in the same way each time.
+template <typename ForEach>
+CanonicalRotation rotation_by_moments(const ForEach& for_each) {
+  CentroidOffset offset;
+  for_each([&offset](LatticePoint p) { offset.add(p); });
+  if (offset.empty()) return {};
+  if (offset.x() != 0 || offset.y() != 0) return CanonicalRotation::of(offset.x(), offset.y());
+  const LatticeBox box = offset.box();
+  Int128 x3 = 0, y3 = 0, xyy = 0, yxx = 0;
+  for_each([&](LatticePoint p) {
+    // Twice the place relative to the middle.
+    const Int128 x = (std::int64_t{p.x} - box.low.x) - (std::int64_t{box.high.x} - p.x);
+    const Int128 y = (std::int64_t{p.y} - box.low.y) - (std::int64_t{box.high.y} - p.y);
+    x3 += x * x * x, y3 += y * y * y, xyy += x * y * y, yxx += y * x * x;
+  });
+  return x3 != 0 || y3 != 0 ? CanonicalRotation::of(x3, y3) : CanonicalRotation::of(xyy, yxx);
+}
+
+}  // namespace trocar

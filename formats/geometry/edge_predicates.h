@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exact predicates on the edges of a mesh: where a point lies with respect to an edge ab, and
+// whether an edge is Delaunay.
+#pragma once
+
+#include "formats/geometry/lattice.h"
+
+namespace trocar {
+
+/// Does p lie in the interior of the segment ab?
+inline bool is_inside_segment(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
+  return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) < 0;
+}
+
+/// Does p lie on the segment ab, its ends included?
+inline bool is_on_segment(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
+  return orient2d(a, b, p) == 0 && diametral_dot(a, b, p) <= 0;
+}
+
+/// Does p encroach upon the edge ab, that is, lie strictly inside the circle on its diameter? For
+/// the apex of a triangle abp: is the angle opposite ab above 90 degrees?
+inline bool encroaches(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
+  return diametral_dot(a, b, p) < 0;
+}
+
+/// Does the boundary edge ab, with the material on its left, forbid a new vertex p: because p
+/// encroaches upon it, or does not lie strictly on its left?
+inline bool blocks(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
+  return diametral_dot(a, b, p) < 0 || orient2d(a, b, p) <= 0;
+}
+
+/// May the edge ab of the counter-clockwise triangle abc be split at m: m lies on ab or on its
+/// inner side, and strictly inside the other two edges? A boundary split so never moves outwards,
+/// so it cannot meet another part of itself.
+inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint m) noexcept {
+  return orient2d(a, b, m) >= 0 && orient2d(b, c, m) > 0 && orient2d(c, a, m) > 0;
+}
+
+/// Is the edge bc between the triangles abc and dcb locally Delaunay? The angles opposite bc then
+/// sum to at most 180 degrees: two that are not obtuse do, and two obtuse ones do not, without
+/// in_circle().
+inline bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c,
+                                LatticePoint d) noexcept {
+  const bool obtuse_a = encroaches(b, c, a), obtuse_d = encroaches(b, c, d);
+  if (obtuse_a == obtuse_d) return !obtuse_a;
+  return in_circle(a, b, c, d) <= 0;
+}
+
+}  // namespace trocar

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lattice points inside the material at which refinement may insert a vertex: near the circumcentre
+// of a bad triangle, or nearer to its shortest edge (Uengoer's off-centres, 2004).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "formats/geometry/lattice.h"
+
+namespace trocar {
+
+/// Seen from the middle of an edge, in units of its length: along it and away from it, to its left.
+struct Place {
+  double along, away;
+};
+
+// Places are measured from a vertex near by and rounded from there, so that a mesh does not depend
+// on where in the plane its outline lies. Two roundings, for the two ways of not depending on how
+// the outline is rotated: all ties one way, in a plane in canonical orientation
+// (canonical_rotation.h); or ties away from the vertex, in any orientation.
+
+/// The lattice coordinate nearest to `away` steps from another; of two the upper one. What lies
+/// beyond the lattice's bounds is moved onto them. (std::floor is a call.)
+inline std::int32_t round_half_up(std::int32_t from, double away) noexcept {
+  const double up = std::clamp(away, -2.0 * kMaxCoordinate, 2.0 * kMaxCoordinate) + 0.5;
+  const auto whole = static_cast<std::int32_t>(up);
+  const std::int64_t at = std::int64_t{from} + whole - (whole > up ? 1 : 0);
+  return static_cast<std::int32_t>(std::clamp<std::int64_t>(at, -kMaxCoordinate, kMaxCoordinate));
+}
+
+/// The lattice point nearest to p + (x, y); of two the farther from p. The result must be within
+/// the lattice's bounds.
+inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept {
+  return {p.x + static_cast<std::int32_t>(std::lround(x)),
+          p.y + static_cast<std::int32_t>(std::lround(y))};
+}
+
+/// The lattice point nearest to a place on the left of the edge pq, rounded half up.
+inline LatticePoint over(LatticePoint p, LatticePoint q, Place place) noexcept {
+  const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
+  return {round_half_up(p.x, 0.5 * dx + (place.along * dx - place.away * dy)),
+          round_half_up(p.y, 0.5 * dy + (place.along * dy + place.away * dx))};
+}
+
+/// The triangle's circumcentre, or the place `most_away` (in units of pq) on the bisector of pq
+/// where that is nearer; rounded half up.
+inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
+                                double most_away) noexcept {
+  const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;
+  const double rx = static_cast<double>(r.x) - p.x, ry = static_cast<double>(r.y) - p.y;
+  // The centre lies on the bisector, this far away: half the cotangent of the angle at r.
+  const double cross = qx * ry - qy * rx, dot = rx * (rx - qx) + ry * (ry - qy);
+  const double away = std::min(0.5 * dot / cross, most_away);
+  return {round_half_up(p.x, 0.5 * qx - away * qy), round_half_up(p.y, 0.5 * qy + away * qx)};
+}
+
+/// The circle through the ends of an edge of length 1 from whose points on the left of the edge the
+/// edge is seen under a given angle.
+struct AngleCircle {
+  double radius = 0;
+  double centre = 0;  ///< its distance from the edge
+
+  AngleCircle() = default;
+  explicit AngleCircle(double angle_rad)
+      : radius(0.5 / std::sin(angle_rad)), centre(radius * std::cos(angle_rad)) {}
+
+  /// The off-centre: the point of the circle that is farthest from the edge, on its bisector.
+  double off_centre() const noexcept { return centre + radius; }
+  /// The point of the circle at an angle from the off-centre, as seen from the circle's centre.
+  Place at(double sine, double cosine) const noexcept {
+    return {radius * sine, centre + radius * cosine};
+  }
+};
+
+/// By what factor a place over an edge of this length (in steps) is to be nearer to the edge, so
+/// that rounding to the lattice does not make the angle under which it sees the edge too small.
+inline double rounding_allowance(double length) noexcept {
+  constexpr double kSteps = 1.5;
+  return 1 - std::min(0.4, kSteps / length);
+}
+
+}  // namespace trocar

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// The numbering of a triangle's edges, the same in every mesh of both programs:
+//
+//   Edge i of a triangle runs from corner i to corner i + 1 (mod 3). The triangle lies on its left,
+//   and corner i + 2 (mod 3), its apex, lies opposite it.
+//
+//            2
+//           / \                     Triangle corners are counter-clockwise, so a neighbour has the
+//   edge 2 /   \ edge 1             same edge with its two vertices in the other order.
+//         0-----1
+//          edge 0
+#pragma once
+
+#include <cstdint>
+
+#include "formats/geometry/slice_mesh.h"
+
+namespace trocar {
+
+/// The next and the previous of a triangle's three corners, or of its three edges.
+constexpr std::uint32_t next_corner(std::uint32_t i) noexcept {
+  return i == 2 ? 0 : i + 1;
+}
+constexpr std::uint32_t previous_corner(std::uint32_t i) noexcept {
+  return i == 0 ? 2 : i - 1;
+}
+
+/// The corner of the triangle that is vertex v, which is one of the three. It is also the number of
+/// the edge that starts at v.
+constexpr std::uint32_t corner_of(const Triangle& triangle, std::uint32_t v) noexcept {
+  return triangle[0] == v ? 0 : triangle[1] == v ? 1 : 2;
+}
+
+/// One edge of one triangle.
+struct TriangleEdge {
+  std::uint32_t triangle, edge;
+};
+
+/// The same as one number, for triangles below 2^29; kNoEdge stands for none.
+using EdgeId = std::uint32_t;
+inline constexpr EdgeId kNoEdge = 0xffffffff;
+constexpr EdgeId edge_id(std::uint32_t triangle, std::uint32_t edge) noexcept {
+  return 4 * triangle + edge;
+}
+constexpr std::uint32_t triangle_of(EdgeId e) noexcept {
+  return e >> 2;
+}
+constexpr std::uint32_t index_of(EdgeId e) noexcept {
+  return e & 3;
+}
+
+}  // namespace trocar
