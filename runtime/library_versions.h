@@ -2,19 +2,10 @@
 // The versions of the libraries that all programs of this folder use, for --version.
 #pragma once
 
-#include <CLI/Version.hpp>
-#include <Eigen/Core>
-#include <nlohmann/json.hpp>
 #include <string>
 
 namespace trocar::runtime {
 
-inline std::string library_versions() {
-  return "Eigen " + std::to_string(EIGEN_WORLD_VERSION) + "." +
-         std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION) +
-         ", nlohmann-json " + std::to_string(NLOHMANN_JSON_VERSION_MAJOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_MINOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_PATCH) + ", CLI11 " CLI11_VERSION;
-}
+std::string library_versions();
 
 }  // namespace trocar::runtime
