@@ -107,15 +107,4 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   return sheets;
 }
 
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh) {
-  auto next = std::make_unique<Sheet>();
-  next->slice_index = sheet.slice_index;
-  next->z_m = sheet.z_m;
-  next->tissue = sheet.tissue;
-  next->transform = sheet.transform;
-  put_mesh(mesh, *next);
-  next->cuts = sheet.cuts + 1;
-  return next;
-}
-
 }  // namespace trocar::runtime

@@ -26,10 +26,10 @@ struct Sheet {
   std::uint32_t cuts = 0;  ///< holes that `mesh` has more than the asset's slice
 };
 
-/// The scene's slices, the topmost first. Proves every mesh (formats/geometry/mesh_validity.h), since
-/// all that follows relies on it. Refused, with `name` (the asset's) in the message: a slice the
-/// asset does not have, one without material, an invalid mesh, a tool that is too small for
-/// the lattice or has more than kMaxToolPieces convex parts.
+/// The scene's slices, the topmost first. Proves every mesh (formats/geometry/mesh_validity.h),
+/// since all that follows relies on it. Refused, with `name` (the asset's) in the message: a slice
+/// the asset does not have, one without material, an invalid mesh, a tool that is too small for the
+/// lattice or has more than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
@@ -37,9 +37,6 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 /// Free slots that a placed sheet has for what its cuts add, and gets again when they run short: a
 /// hole of six corners takes about six vertices and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
-
-/// The sheet with another mesh, which must be valid, and one more cut.
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh);
 
 /// Holes that one sheet may have waiting for their mesh.
 inline constexpr int kMaxPendingHoles = 4;

@@ -9,8 +9,8 @@
 #include <cstdint>
 
 #include "formats/geometry/lattice.h"
-#include "formats/session/scene.h"
 #include "formats/geometry/slice_mesh.h"
+#include "formats/session/scene.h"
 #include "runtime/mechanism/pose.h"
 #include "runtime/mesh/lattice_box.h"
 

@@ -3,11 +3,11 @@
 //
 // Finite elements of a given size are stiffer than what they stand for, under a tool mostly along
 // its outline and at its corners, and by nearly the same share wherever the tool is: with the usual
-// grading 4 to 5 %, give or take 0.3 % from place to place (tests/runtime/deformation/deformation_accuracy_test.cpp).
-// The excess is in the springs, not in the bed. So f is the exact solution's (a tool that covers
-// all there is feels f times the area, exactly), and T is lowered until meshes made in the same
-// way, in a sheet without end, have K on average: by 5 to 8 %, which shortens the reach by 2 to 4 %
-// (for lambda >= 1.5 circumradii).
+// grading 4 to 5 %, give or take 0.3 % from place to place
+// (tests/runtime/deformation/deformation_accuracy_test.cpp). The excess is in the springs, not in
+// the bed. So f is the exact solution's (a tool that covers all there is feels f times the area,
+// exactly), and T is lowered until meshes made in the same way, in a sheet without end, have K on
+// average: by 5 to 8 %, which shortens the reach by 2 to 4 % (for lambda >= 1.5 circumradii).
 #pragma once
 
 #include "formats/base/result.h"

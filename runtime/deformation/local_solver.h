@@ -4,7 +4,8 @@
 //
 // Let w be the equilibrium of the whole network, v that of the region (0 on the ring), both for
 // depth 1; F_w and F_v the tool's forces; g_m the force that holds ring node m at 0, down positive:
-// g_m = sum over the free neighbours j of k_mj v_j. Then (tests/runtime/deformation/deformation_local_test.cpp):
+// g_m = sum over the free neighbours j of k_mj v_j. Then
+// (tests/runtime/deformation/deformation_local_test.cpp):
 //  1. F_w <= F_v: the ring is an additional support. F_w >= F_n, where F_n is the force with the
 //     ring let go and everything beyond it left out. Both hold whatever the springs' signs: leaving
 //     out whole triangles leaves out energy that is never negative.
@@ -50,14 +51,5 @@ struct LocalOptions {
 /// matrix is not positive definite (sparse_factor.h). Allocates; a worker's work.
 bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSolution& solution,
                  const LocalOptions& options = {});
-
-/// One tick's solve, for loads other than a tool at one depth: `held_m` are the displacements of
-/// the held nodes (those of free nodes are ignored), `force_N` the forces on the free ones; `w_m`
-/// receives all displacements. All of network.size() elements; `work` of factor.size(). No
-/// allocation; O(springs of held nodes + factor.entries()).
-void solve_general(const Network& network, std::span<const NodeKind> kind,
-                   const SparseFactor& factor, std::span<const double> held_m,
-                   std::span<const double> force_N, std::span<double> work,
-                   std::span<double> w_m) noexcept;
 
 }  // namespace trocar::runtime

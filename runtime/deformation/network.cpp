@@ -123,10 +123,6 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
   return out;
 }
 
-SpringSigns spring_signs(const SliceMesh& mesh) {
-  return for_each_edge(sides_of(mesh), [](std::uint32_t, std::uint32_t, double) {});
-}
-
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept {
   std::uint32_t count = 0;
@@ -140,18 +136,6 @@ std::uint32_t negative_at_free_nodes(const Network& network,
     }
   }
   return count;
-}
-
-double energy_J(const Network& network, std::span<const double> w_m) noexcept {
-  double twice = 0;
-  for (std::size_t i = 0; i < network.size(); ++i) {
-    twice += network.bed_N_per_m[i] * w_m[i] * w_m[i];
-    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
-      const std::uint32_t j = network.neighbour[k];
-      if (j > i) twice += network.stiffness_N_per_m[k] * (w_m[i] - w_m[j]) * (w_m[i] - w_m[j]);
-    }
-  }
-  return twice / 2;
 }
 
 double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept {

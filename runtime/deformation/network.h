@@ -65,15 +65,9 @@ struct Network {
 /// `mesh` must be valid (formats/geometry/mesh_validity.h). O(n).
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane);
 
-/// The signs alone: which springs of a valid mesh are negative. O(n).
-SpringSigns spring_signs(const SliceMesh& mesh);
-
 /// How many springs of free nodes are negative: those that an equilibrium depends on. O(springs).
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept;
-
-/// E(w); w has network.size() elements, in m.
-double energy_J(const Network& network, std::span<const double> w_m) noexcept;
 
 /// The force along w that must act on node i so that it stays at w: sum over j of
 /// k_ij (w_i - w_j), plus f_i w_i. Zero in equilibrium; the reaction where the node is held.

@@ -3,7 +3,8 @@
 // outline cut out exactly as the hole will be (the tool is rigid: under it nothing bends), and
 // refined towards the tool, where the sheet is steepest. Made by a worker, thrown away afterwards.
 //
-// Laws (tests/runtime/deformation/deformation_region_test.cpp and properties_sheet_test.cpp test each):
+// Laws (tests/runtime/deformation/deformation_region_test.cpp and properties_sheet_test.cpp test
+// each):
 //  1. With radius R, the mesh has every point of the sheet that is nearer than R to the tool's
 //     circumscribed circle and connected with the tool through such points, less the tool.
 //  2. Its sides lie on the tool (their nodes are kTool), on the sheet's outline (kFree, but for
@@ -26,11 +27,11 @@
 
 #include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
-#include "runtime/deformation/network.h"
 #include "runtime/cut/cut_workspace.h"
-#include "runtime/refine/local_refinement.h"
+#include "runtime/deformation/network.h"
 #include "runtime/mesh/sheet_edit.h"
 #include "runtime/mesh/sheet_mesh.h"
+#include "runtime/refine/local_refinement.h"
 
 namespace trocar::runtime {
 
@@ -83,19 +84,5 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
 /// Those of `seeds` that have an area in common with the tool, each once or as often as given.
 std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
                                             std::span<const std::uint32_t> seeds, const Ring& tool);
-
-/// Every slot whose bounding box meets the tool's, by looking at all: for tests and tools without
-/// a grid. O(n).
-std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool);
-
-/// The part of a region mesh that law 1 gives for a smaller radius, on the same triangles; what
-/// differs between their answers then is the ring alone. `parent[i]`: vertex i of the part in the
-/// whole. O(n).
-struct RegionPart {
-  RegionMesh region;
-  std::vector<std::uint32_t> parent;
-};
-RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice& lattice,
-                       double radius_m);
 
 }  // namespace trocar::runtime

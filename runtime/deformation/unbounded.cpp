@@ -9,8 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "runtime/deformation/disc.h"
-
 namespace trocar::runtime {
 namespace {
 
@@ -165,22 +163,6 @@ Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
   if (!per_bed) return per_bed.error();
   const double bed = stiffness_N_per_m / *per_bed;
   return Membrane{bed * reach_m * reach_m, bed};
-}
-
-Result<double> equivalent_radius_m(std::span<const Vector2d> outline_m, double reach_m,
-                                   const UnboundedOptions& options) {
-  const auto wanted = unbounded_stiffness_per_bed_m2(outline_m, reach_m, options);
-  if (!wanted) return wanted.error();
-  // The disc's stiffness grows with its radius: bisection between a point and more than enough.
-  const Membrane unit{reach_m * reach_m, 1};
-  double low = 0, high = 0;
-  for (const Vector2d& corner : outline_m)
-    high = std::max(high, 2 * (corner - outline_m[0]).norm());
-  for (int i = 0; i < 60; ++i) {
-    const double middle = (low + high) / 2;
-    (disc_stiffness_N_per_m(unit, middle) < *wanted ? low : high) = middle;
-  }
-  return (low + high) / 2;
 }
 
 }  // namespace trocar::runtime

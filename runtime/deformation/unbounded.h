@@ -34,10 +34,4 @@ Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
                                    std::span<const Eigen::Vector2d> outline_m,
                                    const UnboundedOptions& options = {});
 
-/// The radius of the disc that is as stiff as the tool. For a regular hexagon of circumradius a it
-/// goes from 0.920 a (its logarithmic capacity) for lambda >> a to 0.909 a (equal area) for
-/// lambda << a, and is within 0.1 % of the former for lambda >= 1.5 a; tested.
-Result<double> equivalent_radius_m(std::span<const Eigen::Vector2d> outline_m, double reach_m,
-                                   const UnboundedOptions& options = {});
-
 }  // namespace trocar::runtime

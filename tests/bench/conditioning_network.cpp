@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
 #include "runtime/deformation/network.h"
 #include "tests/bench/conditioning.h"
+#include "tests/reference/deformation/global_solver.h"
 
 namespace trocar::test {
 namespace {

@@ -26,10 +26,12 @@
 
 #include "formats/asset/asset.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
 #include "tests/bench/sweep_main.h"
+#include "tests/reference/deformation/general_load.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace {

@@ -85,7 +85,11 @@ class ContactTest : public testing::Test {
     const Sheet& before = *sheets_[request.sheet];
     auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
     ASSERT_TRUE(result) << result.error().message;
-    owned_.push_back(with_mesh(before, result->mesh));
+    auto after = std::make_unique<Sheet>(before);
+    after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
+    after->grid = TriangleGrid(after->mesh);
+    ++after->cuts;
+    owned_.push_back(std::move(after));
     sheets_[request.sheet] = owned_.back().get();
   }
 

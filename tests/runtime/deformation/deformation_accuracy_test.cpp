@@ -8,6 +8,7 @@
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/response.h"
 #include "runtime/deformation/unbounded.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 

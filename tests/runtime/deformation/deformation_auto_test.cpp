@@ -9,11 +9,12 @@
 #include <optional>
 #include <set>
 
+#include "runtime/cut/cut.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/response.h"
-#include "runtime/cut/cut.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 

@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "formats/geometry/mesh_validity.h"
-#include "runtime/deformation/disc.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
+#include "tests/reference/deformation/disc.h"
+#include "tests/reference/deformation/global_solver.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {

@@ -8,8 +8,8 @@
 #include <numbers>
 #include <vector>
 
-#include "runtime/deformation/disc.h"
 #include "runtime/deformation/unbounded.h"
+#include "tests/reference/deformation/disc.h"
 
 namespace trocar::runtime {
 namespace {

@@ -7,8 +7,10 @@
 
 #include <cmath>
 
-#include "runtime/deformation/disc.h"
-#include "runtime/deformation/global_solver.h"
+#include "tests/reference/deformation/disc.h"
+#include "tests/reference/deformation/general_load.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 

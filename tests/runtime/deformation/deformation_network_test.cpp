@@ -10,9 +10,9 @@
 #include <cmath>
 
 #include "formats/geometry/mesh_validity.h"
-#include "runtime/deformation/disc.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 

@@ -7,6 +7,7 @@
 #include "runtime/deformation/local_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/realtime/allocation_counter.h"
+#include "tests/reference/deformation/general_load.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <set>
 
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
+#include "tests/reference/deformation/global_solver.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 

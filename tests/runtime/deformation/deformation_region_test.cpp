@@ -10,6 +10,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/response.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 

@@ -8,9 +8,10 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/triangulation.h"
-#include "runtime/deformation/global_solver.h"
-#include "runtime/deformation/sparse_factor.h"
 #include "runtime/cut/cut.h"
+#include "runtime/deformation/sparse_factor.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {
