@@ -18,7 +18,7 @@ Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
           static_cast<double>(std::int64_t{p.y} - origin.y)};
 }
 
-/// The mesh is known to be valid.
+/// `mesh` must be valid.
 void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
   sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
   sheet.grid = TriangleGrid(sheet.mesh);
@@ -81,7 +81,7 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   transform.cosine = std::cos(rotation_rad);
   transform.sine = std::sin(rotation_rad);
 
-  // Outlines must survive the rounding as simple polygons.
+  // Rounded to the lattice, the outlines must still be simple polygons.
   const Tool tool = make_tool(scene.tool);
   if (smallest_clearance_m(tool) < kLeastClearance * asset.lattice.step_m()) {
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +
