@@ -59,13 +59,13 @@ RingBounds bounds_by_maximum_principle(const Network& network, std::span<const N
   return {std::min(1.0, highest * sum / solution.stiffness_N_per_m), std::min(1.0, highest), true};
 }
 
-/// Law 1: the tool's force with the ring let go; negative if that has no solution.
+/// Law 1: the force on the tool with the ring nodes free; -1 if that has no solution.
 double force_without_ring(const Network& network, std::span<const NodeKind> kind) {
-  std::vector<NodeKind> let_go(kind.begin(), kind.end());
-  std::replace(let_go.begin(), let_go.end(), NodeKind::kRing, NodeKind::kFree);
+  std::vector<NodeKind> released(kind.begin(), kind.end());
+  std::replace(released.begin(), released.end(), NodeKind::kRing, NodeKind::kFree);
   SparseFactor factor;
-  if (!factor.make(network, let_go)) return -1;
-  return tool_force(network, let_go, unit_shape(network, let_go, factor, NodeKind::kTool));
+  if (!factor.make(network, released)) return -1;
+  return tool_force(network, released, unit_shape(network, released, factor, NodeKind::kTool));
 }
 
 }  // namespace

@@ -7,14 +7,14 @@
 namespace trocar::runtime {
 namespace {
 
-/// A triangle's side with the cotangent of the angle opposite to it, as an exact fraction.
+/// An edge of a triangle, with the cotangent of the opposite angle as an exact fraction.
 struct Side {
-  std::uint32_t high;         ///< its node of the higher number
-  std::int64_t dot;           ///< the two legs' scalar product
+  std::uint32_t high;         ///< the node with the higher index
+  std::int64_t dot;           ///< scalar product of the two other edges
   std::int64_t doubled_area;  ///< their cross product, positive
 };
 
-/// The sides by their node of the lower number, and by that of the higher within.
+/// All edges, ordered by their node of lower index, then by the higher.
 struct Sides {
   std::vector<std::uint32_t> first;
   std::vector<Side> sides;
@@ -23,7 +23,7 @@ struct Sides {
 Sides sides_of(const SliceMesh& mesh) {
   Sides out;
   out.first.assign(mesh.vertices.size() + 2, 0);
-  // Counted one place further on, so that filling leaves `first` in its final place.
+  // Counts are stored one element further, so that filling leaves `first` in its final state.
   for (const Triangle& t : mesh.triangles) {
     for (std::size_t k = 0; k < 3; ++k)
       ++out.first[std::min(t[k], t[(k + 1) % 3]) + 2];
@@ -87,7 +87,7 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
   const std::size_t n = mesh.vertices.size();
   const Sides sides = sides_of(mesh);
   Network out;
-  // As for the sides: counted one place further on.
+  // Counts are stored one element further, as in sides_of().
   out.first.assign(n + 2, 0);
   for_each_edge(sides, [&](std::uint32_t low, std::uint32_t high, double) {
     ++out.first[low + 2];

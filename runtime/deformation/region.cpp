@@ -18,7 +18,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// What a cut needs of free slots where nothing is refined afterwards; more if that is too few.
+/// Free slots for a cut without refinement; retried with more if they do not suffice.
 constexpr std::size_t kSpareForCut = 64;
 constexpr std::size_t kMostSpare = std::size_t{1} << 20;
 
@@ -44,8 +44,8 @@ Vector2d moment(const SheetMesh& mesh, LatticePoint origin) {
   return sum;
 }
 
-/// Room in `work` for this mesh.
-void make_room(const SheetMesh& mesh, RegionWorkspace& work) {
+/// Gives `work` the capacity for this mesh.
+void ensure_capacity(const SheetMesh& mesh, RegionWorkspace& work) {
   if (work.refinement && mesh.vertices.size() <= work.vertex_slots &&
       mesh.triangles.size() <= work.triangle_slots)
     return;
@@ -60,8 +60,7 @@ void make_room(const SheetMesh& mesh, RegionWorkspace& work) {
   work.refinement.emplace(work.vertex_slots, work.triangle_slots);
 }
 
-/// The tool cut out of the part: the one place that knows how. Nothing met leaves it as it is.
-/// False: too few free slots.
+/// Cuts the tool out of the part; without overlap the part is unchanged. False: too few free slots.
 Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, Borne& borne) {
   work.edit.begin(mesh);
   const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work.cut, work.edit);
@@ -81,8 +80,8 @@ Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, 
   return true;
 }
 
-/// Triangles small where the sheet is steep, and no spring negative. The ring's sides stay as they
-/// are: the region still fits into the rest of its sheet.
+/// Refines towards the tool, and until no spring is negative where possible. Edges on the ring are
+/// not split, so that the region still conforms to the rest of the sheet.
 void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, double circumradius,
             const Grading& grading, RegionWorkspace& work) {
   work.edit.begin(mesh);
@@ -106,8 +105,8 @@ void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, doubl
   refine_locally(mesh, work.edit, work.queue, options, *work.refinement);
 }
 
-/// What is in use, closed up in the order of the slots, as to_slice_mesh() does.
-void close_up(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, RegionMesh& region) {
+/// The vertices and triangles in use, in the order of their slots, as to_slice_mesh() does.
+void compact(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, RegionMesh& region) {
   region.mesh = to_slice_mesh(mesh);
   std::vector<std::uint8_t> used(mesh.vertices.size(), 1);
   for (std::uint32_t v : mesh.free_vertices)
@@ -131,9 +130,9 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   if (!under.empty())
     part = part_around(sheet, under, circle_around(tool_in_sheet),
                        options.radius_m / lattice.step_m(), workspace.queue);
-  // From here on places are relative to the tool, and turned by right angles as the part itself
-  // decides: what rounding makes of them then does not depend on where in the slice it is, nor on
-  // how the slice was turned (law 5).
+  // From here on coordinates are relative to the tool and in a canonical rotation by right angles.
+  // Rounding then does not depend on the place in the slice, nor on the rotation of the slice
+  // (contract 5).
   const OwnTurn turn([&](auto&& visit) {
     for (const LatticePoint p : part.mesh.vertices)
       visit(p);
@@ -151,20 +150,20 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   region.origin = turn.back(LatticePoint{here.x + middle.x, here.y + middle.y});
   if (under.empty()) return region;
 
-  const auto seen = [&](LatticePoint p) {
+  const auto to_canonical = [&](LatticePoint p) {
     const LatticePoint q = turn(p);
     return LatticePoint{q.x - here.x, q.y - here.y};
   };
   for (LatticePoint& p : part.mesh.vertices)
-    p = seen(p);
+    p = to_canonical(p);
   for (OuterSide& side : part.outer)
-    side = {seen(side.from), seen(side.to)};
+    side = {to_canonical(side.from), to_canonical(side.to)};
   std::sort(part.outer.begin(), part.outer.end());
   for (std::size_t spare = options.grading.graded ? kSpareForCut + options.grading.max_new_vertices
                                                   : kSpareForCut;
        spare <= kMostSpare; spare *= 8) {
     SheetMesh mesh = to_sheet(part, spare, 2 * spare);
-    make_room(mesh, workspace);
+    ensure_capacity(mesh, workspace);
     region.borne.moment_steps3 = moment(mesh, middle);
     const auto done = cut_tool(mesh, tool, workspace, region.borne);
     if (!done) return done.error();
@@ -173,7 +172,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
     const BoundarySides sides = classified_sides(mesh, part.outer, tool, circle);
     if (options.grading.graded)
       refine(mesh, sides, tool, circle.radius, options.grading, workspace);
-    close_up(mesh, node_kinds(mesh, sides, tool, circle), region);
+    compact(mesh, node_kinds(mesh, sides, tool, circle), region);
     move_by(here, region.mesh.vertices);
     for (LatticePoint& p : region.mesh.vertices)
       p = turn.back(p);

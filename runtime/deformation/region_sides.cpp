@@ -10,14 +10,14 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// How far off the tool's outline, in steps, a node may lie that is held by it: where the outline
-/// crosses the sheet's own, both are bent to the lattice (cut.h, law 3).
+/// Largest distance, in steps, of a node on the tool from the tool's outline: where the outline
+/// crosses the sheet's, both are rounded to the lattice (runtime/cut/cut.h).
 constexpr double kOnTool = 2;
 
 /// Where the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
-/// is thinner than any mesh of good triangles. It goes with the tool, to which it clings on one
-/// side: nodes of the outline that are this near to the tool, in circumradii, are held by it.
-constexpr double kClings = 0.02;
+/// is too thin for well-shaped triangles. It moves with the tool: nodes of the outline that are
+/// this near to the tool, in circumradii, are kTool.
+constexpr double kWedgeDistance = 0.02;
 
 bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& circle) {
   return (Vector2d(p.x, p.y) - circle.centre).norm() <= circle.radius + distance &&
@@ -62,7 +62,7 @@ BoundarySides classified_sides(const SheetMesh& mesh, const std::vector<OuterSid
     if (std::binary_search(outer.begin(), outer.end(), OuterSide{from, to})) {
       sides.kind[v] = NodeKind::kRing;
     } else if (is_near(from, kOnTool, tool, circle) && is_near(to, kOnTool, tool, circle)) {
-      // Both ends on the tool, and the middle as well: not a side that bridges a corner.
+      // Both ends and the middle are on the tool: not an edge across one of its corners.
       const double x = (static_cast<double>(from.x) + to.x) / 2;
       const double y = (static_cast<double>(from.y) + to.y) / 2;
       if (distance_to_outline(tool, x, y) <= kOnTool) sides.kind[v] = NodeKind::kTool;
@@ -86,10 +86,10 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& 
       hold(at, before.kind[v]);
     }
   }
-  const double clings = std::max(kOnTool, kClings * circle.radius);
+  const double near_tool = std::max(kOnTool, kWedgeDistance * circle.radius);
   for (std::size_t v = 0; v < kind.size(); ++v) {
     if (kind[v] == NodeKind::kFree && after.next[v] != kNone &&
-        is_near(refined.vertices[v], clings, tool, circle))
+        is_near(refined.vertices[v], near_tool, tool, circle))
       kind[v] = NodeKind::kTool;
   }
   return kind;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What holds a region's nodes, found from its sides: those along the tool, those that face the rest
-// of the sheet, and the sheet's own outline.
+// The kinds of a region's nodes, found from its boundary edges: those along the tool, those towards
+// the rest of the sheet (the ring), and those on the sheet's outline.
 #pragma once
 
 #include <cstdint>
@@ -12,24 +12,24 @@
 
 namespace trocar::runtime {
 
-/// From a place to the tool's outline, in steps. O(corners).
+/// Distance from a point to the tool's outline, in steps. O(corners).
 double distance_to_outline(const Ring& tool, double x, double y) noexcept;
 
-/// The boundary's sides, each with the vertex that it starts from (there is one at most, as a
-/// vertex has one fan of triangles), by vertex slot.
+/// The boundary edges by the slot of the vertex where they start: at most one for each vertex,
+/// which has one fan of triangles.
 struct BoundarySides {
-  std::vector<std::uint32_t> next;  ///< where the side ends; kNone: none starts here
-  std::vector<NodeKind> kind;       ///< of the side
+  std::vector<std::uint32_t> next;  ///< where the edge ends; kNone: no edge starts here
+  std::vector<NodeKind> kind;       ///< of the edge
 };
 
-/// The sides of the mesh that the tool has been cut out of: kTool if a side runs along the tool,
-/// kRing if it is one of `outer` (ascending), else kFree. O(slots).
+/// The boundary edges of a mesh after the tool was cut out: kTool along the tool, kRing for those
+/// of `outer` (ascending), else kFree. O(slots).
 BoundarySides classified_sides(const SheetMesh& mesh, const std::vector<OuterSide>& outer,
                                const Ring& tool, const Circle& circle);
 
-/// The kinds of the nodes, by slot, of a mesh that has been refined since `before` was found: the
-/// sides into which one was split are of its kind. A node between two kinds is held rather than
-/// free, and by the tool rather than by the ring. O(slots).
+/// The kinds of the nodes, by slot, after refinement; `before`: the edges before it. The parts of a
+/// split edge have its kind. A node between edges of two kinds is kTool rather than kRing, and
+/// kRing rather than kFree. O(slots).
 std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& before,
                                  const Ring& tool, const Circle& circle);
 

@@ -33,7 +33,7 @@ constexpr std::array<Node, 6> kGauss{{{0.0337652428984240, 0.0856622461895852},
                                       {0.8306046932331323, 0.1803807865240693},
                                       {0.9662347571015760, 0.0856622461895852}}};
 
-/// Panels of each side, shrinking as the third power of the distance towards its ends.
+/// Panels of each edge, graded towards its ends with the third power of the distance.
 std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per_side) {
   std::vector<Panel> panels;
   const auto place = [&](int i) {
@@ -60,8 +60,8 @@ double distance_to(const Vector2d& x, const Vector2d& a, const Vector2d& b) {
   return (a + t * (b - a) - x).norm();
 }
 
-/// G and its normal derivative over a piece of a panel, seen from a point that is not on it:
-/// halved until a piece is no longer than its distance.
+/// Adds G and its normal derivative, integrated over a piece of a panel, at a point off the panel.
+/// The piece is halved until it is no longer than its distance from the point.
 struct Potentials {
   double single = 0, twice = 0;
 };
@@ -74,7 +74,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
     add(x, middle, b, normal, lambda, depth - 1, sum);
     return;
   }
-  const double height = (a - x).dot(normal);  // of the side's line over x: the same all along
+  const double height = (a - x).dot(normal);  // distance of x from the piece's line
   const bool beside = std::abs(height) > 1e-14 * length;
   for (const Node& node : kGauss) {
     const double r = (a + node.at * (b - a) - x).norm();
@@ -84,7 +84,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
   }
 }
 
-/// G over a panel seen from its own middle: s = (length / 2) t^3 takes the logarithm away.
+/// G integrated over a panel, at the panel's middle: s = (length / 2) t^3 removes the singularity.
 double own_potential(double length, double lambda) {
   double sum = 0;
   for (int half = 0; half < 2; ++half) {
