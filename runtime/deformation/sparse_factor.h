@@ -6,8 +6,8 @@
 // 40,000, and 1.2 to 1.4 times as long to solve. With it a response to a new place would take 1.03
 // times as long, a calibration 1.02 times (medians, one run: deformation_bench
 // --benchmark_filter=none). That alone would not justify a factorisation of our own. It is kept
-// because Eigen's answers differ in the last bits: a recording by the law `network` depends on
-// them, and replays exactly only with the factorisation that it was made with.
+// because Eigen's answers differ in the last bits: recordings by the law `network` contain them,
+// and a recording in virtual time is to have the same bytes in every version.
 #pragma once
 
 #include <cstddef>
