@@ -134,7 +134,7 @@ void request_response(const ContactModel& model, std::span<const Sheet* const> s
 
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
-                    double since_last_pose_s, ContactState& state, ContactOutput& output) noexcept {
+                    double pose_interval_s, ContactState& state, ContactOutput& output) noexcept {
   output = ContactOutput{};
   output.tip_device_m = T_device_plate * model.tool.tip_plate_m;
   output.not_upright = !is_upright(model.tool, T_device_plate);
@@ -152,7 +152,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     Place place;
     place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
     const Eigen::Vector3d hole_force_N =
-        shaft_force(sheet.tissue.shaft, place.shaft, since_last_pose_s, track.shaft);
+        shaft_force(sheet.tissue.shaft, place.shaft, pose_interval_s, track.shaft);
     output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
 
     const bool begins = track.state != SheetState::kContact;
@@ -178,8 +178,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     // The force, and whether it exceeds the threshold.
     if (!track.has_last) {
       track.rate_m_per_s = 0;
-    } else if (since_last_pose_s > 0) {
-      track.rate_m_per_s = (penetration_m - track.last_penetration_m) / since_last_pose_s;
+    } else if (pose_interval_s > 0) {
+      track.rate_m_per_s = (penetration_m - track.last_penetration_m) / pose_interval_s;
     }
     track.last_penetration_m = penetration_m;
     track.has_last = true;

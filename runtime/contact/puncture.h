@@ -121,12 +121,12 @@ struct ContactOutput {
 
 /// One tick. `sheets`: the meshes in use, the topmost first, at most kMaxSceneSlices; a sheet's
 /// `cuts` never decreases from tick to tick. `response`: the latest one (`network`).
-/// `since_last_pose_s`: the time since the previous new pose; 0: the pose is not new.
+/// `pose_interval_s`: the time since the previous new pose; 0: the pose is not new.
 /// No allocation; at most one overlap for each sheet that the tip is below and that is not
 /// punctured, shielded or passed beside.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
-                    double since_last_pose_s, ContactState& state, ContactOutput& output) noexcept;
+                    double pose_interval_s, ContactState& state, ContactOutput& output) noexcept;
 
 /// For a tick without update_contact: the next one starts without rate and friction. Contact
 /// states, punctures and requested holes are kept.

@@ -43,8 +43,8 @@ void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
 void forget_motion(ShaftState& state) noexcept;
 
 /// The force on the tool at `place.at_m`, in {B}. Unless in_hole it is zero, and `state` is
-/// unchanged. `since_last_pose_s`: as in update_contact.
+/// unchanged. `pose_interval_s`: as in update_contact.
 Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
-                            double since_last_pose_s, ShaftState& state) noexcept;
+                            double pose_interval_s, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

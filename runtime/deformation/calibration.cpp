@@ -27,16 +27,16 @@ SliceMesh two_triangles(std::int32_t half) {
 /// The tool at its `k`-th place and rotation. `centre`: of the given outline.
 Ring placed(const Ring& tool, const Vector2d& centre, int k, double scatter) {
   // Multiples of the golden angle, so that no two places are alike.
-  const double turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
+  const double angle = k * std::numbers::pi * (3 - std::sqrt(5.0));
   const Vector2d at =
-      scatter * std::sqrt((k + 0.5) / kPlaces) * Vector2d(std::cos(7 * turn), std::sin(7 * turn));
+      scatter * std::sqrt((k + 0.5) / kPlaces) * Vector2d(std::cos(7 * angle), std::sin(7 * angle));
   Ring out;
   for (const LatticePoint& p : tool) {
     const Vector2d q = Vector2d(p.x, p.y) - centre;
     out.push_back({static_cast<std::int32_t>(
-                       std::lround(at.x() + std::cos(turn) * q.x() - std::sin(turn) * q.y())),
+                       std::lround(at.x() + std::cos(angle) * q.x() - std::sin(angle) * q.y())),
                    static_cast<std::int32_t>(
-                       std::lround(at.y() + std::sin(turn) * q.x() + std::cos(turn) * q.y()))});
+                       std::lround(at.y() + std::sin(angle) * q.x() + std::cos(angle) * q.y()))});
   }
   return out;
 }

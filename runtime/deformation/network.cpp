@@ -8,20 +8,20 @@ namespace trocar::runtime {
 namespace {
 
 /// An edge of a triangle, with the cotangent of the opposite angle as an exact fraction.
-struct Side {
+struct Edge {
   std::uint32_t high;         ///< the node with the higher index
   std::int64_t dot;           ///< scalar product of the two other edges
   std::int64_t doubled_area;  ///< their cross product, positive
 };
 
 /// All edges, ordered by their node of lower index, then by the higher.
-struct Sides {
+struct Edges {
   std::vector<std::uint32_t> first;
-  std::vector<Side> sides;
+  std::vector<Edge> edges;
 };
 
-Sides sides_of(const SliceMesh& mesh) {
-  Sides out;
+Edges edges_of(const SliceMesh& mesh) {
+  Edges out;
   out.first.assign(mesh.vertices.size() + 2, 0);
   // Counts are stored one element further, so that filling leaves `first` in its final state.
   for (const Triangle& t : mesh.triangles) {
@@ -30,7 +30,7 @@ Sides sides_of(const SliceMesh& mesh) {
   }
   for (std::size_t i = 2; i < out.first.size(); ++i)
     out.first[i] += out.first[i - 1];
-  out.sides.resize(3 * mesh.triangles.size());
+  out.edges.resize(3 * mesh.triangles.size());
   for (const Triangle& t : mesh.triangles) {
     const std::int64_t area =
         orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]);
@@ -38,31 +38,31 @@ Sides sides_of(const SliceMesh& mesh) {
       const std::uint32_t a = t[k], b = t[(k + 1) % 3];
       const std::int64_t dot =
           diametral_dot(mesh.vertices[a], mesh.vertices[b], mesh.vertices[t[(k + 2) % 3]]);
-      out.sides[out.first[std::min(a, b) + 1]++] = {std::max(a, b), dot, area};
+      out.edges[out.first[std::min(a, b) + 1]++] = {std::max(a, b), dot, area};
     }
   }
   out.first.pop_back();
   for (std::size_t i = 0; i + 1 < out.first.size(); ++i) {
-    std::sort(out.sides.begin() + out.first[i], out.sides.begin() + out.first[i + 1],
-              [](const Side& a, const Side& b) { return a.high < b.high; });
+    std::sort(out.edges.begin() + out.first[i], out.edges.begin() + out.first[i + 1],
+              [](const Edge& a, const Edge& b) { return a.high < b.high; });
   }
   return out;
 }
 
-double cotangent(const Side& side) {
-  return static_cast<double>(side.dot) / static_cast<double>(side.doubled_area);
+double cotangent(const Edge& edge) {
+  return static_cast<double>(edge.dot) / static_cast<double>(edge.doubled_area);
 }
 
 /// Calls visit(low, high, sum of cotangents) for every edge, in order, and counts the signs.
 template <typename Visit>
-SpringSigns for_each_edge(const Sides& all, Visit&& visit) {
+SpringSigns for_each_edge(const Edges& all, Visit&& visit) {
   SpringSigns signs;
   for (std::uint32_t low = 0; low + 1 < all.first.size(); ++low) {
     for (std::uint32_t k = all.first[low]; k < all.first[low + 1]; ++k) {
-      const Side& a = all.sides[k];
-      const bool interior = k + 1 < all.first[low + 1] && all.sides[k + 1].high == a.high;
+      const Edge& a = all.edges[k];
+      const bool interior = k + 1 < all.first[low + 1] && all.edges[k + 1].high == a.high;
       if (interior) {
-        const Side& b = all.sides[++k];
+        const Edge& b = all.edges[++k];
         ++signs.interior;
         if (Int128{a.dot} * b.doubled_area + Int128{b.dot} * a.doubled_area < 0)
           ++signs.negative_interior;
@@ -85,11 +85,11 @@ double reach_m(const Membrane& membrane) noexcept {
 
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane) {
   const std::size_t n = mesh.vertices.size();
-  const Sides sides = sides_of(mesh);
+  const Edges edges = edges_of(mesh);
   Network out;
-  // Counts are stored one element further, as in sides_of().
+  // Counts are stored one element further, as in edges_of().
   out.first.assign(n + 2, 0);
-  for_each_edge(sides, [&](std::uint32_t low, std::uint32_t high, double) {
+  for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double) {
     ++out.first[low + 2];
     ++out.first[high + 2];
   });
@@ -98,7 +98,7 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
   out.neighbour.resize(out.first.back());
   out.stiffness_N_per_m.resize(out.first.back());
   // Edges come by their lower node, so each row fills in ascending order.
-  out.signs = for_each_edge(sides, [&](std::uint32_t low, std::uint32_t high, double cotangents) {
+  out.signs = for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double cotangents) {
     const double stiffness = membrane.tension_N_per_m / 2 * cotangents;
     const auto put = [&](std::uint32_t at, std::uint32_t other) {
       const std::uint32_t k = out.first[at + 1]++;

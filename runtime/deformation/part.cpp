@@ -51,10 +51,10 @@ double distance2_to_origin(const std::array<Eigen::Vector2d, 3>& p) {
   bool inside = true;
   for (std::size_t k = 0; k < 3; ++k) {
     const Eigen::Vector2d& a = p[k];
-    const Eigen::Vector2d side = p[(k + 1) % 3] - a;
-    inside = inside && a.x() * side.y() - a.y() * side.x() >= 0;
-    const double t = std::clamp(-a.dot(side) / side.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (a + t * side).squaredNorm());
+    const Eigen::Vector2d edge = p[(k + 1) % 3] - a;
+    inside = inside && a.x() * edge.y() - a.y() * edge.x() >= 0;
+    const double t = std::clamp(-a.dot(edge) / edge.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (a + t * edge).squaredNorm());
   }
   return inside ? 0 : least;
 }
@@ -121,8 +121,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
       // reached; then in the other direction.
       std::uint32_t t = k, corner = i;
       const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
-      const auto step = [&](std::uint32_t side) {
-        t = across[t][side];
+      const auto step = [&](std::uint32_t edge) {
+        t = across[t][edge];
         if (t == kNone) return false;
         const Triangle& next = sheet.triangles[queue[t]];
         corner = next[0] == slot ? 0 : next[1] == slot ? 1 : 2;

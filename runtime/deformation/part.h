@@ -23,17 +23,17 @@ struct Circle {
 Circle circle_around(const Ring& tool) noexcept;
 
 /// A directed edge with the part on its left and the rest of the sheet on its right.
-struct OuterSide {
+struct OuterEdge {
   LatticePoint from, to;
   // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
-  friend auto operator<=>(const OuterSide&, const OuterSide&) = default;
+  friend auto operator<=>(const OuterEdge&, const OuterEdge&) = default;
 };
 
 struct SheetPart {
   SliceMesh mesh;                                    ///< valid
   std::vector<std::array<std::uint32_t, 3>> across;  ///< as SheetMesh's
   std::vector<std::uint32_t> parent;                 ///< of each vertex: its slot in the sheet
-  std::vector<OuterSide> outer;                      ///< ascending
+  std::vector<OuterEdge> outer;                      ///< ascending
 };
 
 /// The triangles `seeds`, and all triangles with a point nearer than `radius` steps to the circle's

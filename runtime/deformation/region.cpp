@@ -10,7 +10,7 @@
 #include "runtime/cut/cut.h"
 #include "runtime/cut/own_turn.h"
 #include "runtime/deformation/part.h"
-#include "runtime/deformation/region_sides.h"
+#include "runtime/deformation/region_boundary.h"
 #include "runtime/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
@@ -82,7 +82,7 @@ Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, 
 
 /// Refines towards the tool, and until no spring is negative where possible. Edges on the ring are
 /// not split, so that the region still conforms to the rest of the sheet.
-void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, double circumradius,
+void refine(SheetMesh& mesh, const BoundaryEdges& edges, const Ring& tool, double circumradius,
             const Grading& grading, RegionWorkspace& work) {
   work.edit.begin(mesh);
   work.queue.clear();
@@ -94,8 +94,8 @@ void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, doubl
     return at_tool + grading.grade * distance_to_outline(tool, x, y);
   };
   const auto is_ring = [&](std::uint32_t from, std::uint32_t to) {
-    return from < sides.next.size() && sides.kind[from] == NodeKind::kRing &&
-           sides.next[from] == to;
+    return from < edges.next.size() && edges.kind[from] == NodeKind::kRing &&
+           edges.next[from] == to;
   };
   LocalRefinementOptions options;
   options.size = size;
@@ -156,8 +156,8 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   };
   for (LatticePoint& p : part.mesh.vertices)
     p = to_canonical(p);
-  for (OuterSide& side : part.outer)
-    side = {to_canonical(side.from), to_canonical(side.to)};
+  for (OuterEdge& edge : part.outer)
+    edge = {to_canonical(edge.from), to_canonical(edge.to)};
   std::sort(part.outer.begin(), part.outer.end());
   for (std::size_t spare = options.grading.graded ? kSpareForCut + options.grading.max_new_vertices
                                                   : kSpareForCut;
@@ -169,10 +169,10 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
     if (!done) return done.error();
     if (!*done) continue;
     region.borne.moment_steps3 -= moment(mesh, middle);
-    const BoundarySides sides = classified_sides(mesh, part.outer, tool, circle);
+    const BoundaryEdges edges = classified_boundary(mesh, part.outer, tool, circle);
     if (options.grading.graded)
-      refine(mesh, sides, tool, circle.radius, options.grading, workspace);
-    compact(mesh, node_kinds(mesh, sides, tool, circle), region);
+      refine(mesh, edges, tool, circle.radius, options.grading, workspace);
+    compact(mesh, node_kinds(mesh, edges, tool, circle), region);
     move_by(here, region.mesh.vertices);
     for (LatticePoint& p : region.mesh.vertices)
       p = turn.back(p);

@@ -44,10 +44,10 @@ std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per
   };
   for (std::size_t k = 0; k < outline.size(); ++k) {
     const Vector2d& a = outline[k];
-    const Vector2d side = outline[(k + 1) % outline.size()] - a;
-    const Vector2d normal = Vector2d(side.y(), -side.x()) / side.norm();
+    const Vector2d edge = outline[(k + 1) % outline.size()] - a;
+    const Vector2d normal = Vector2d(edge.y(), -edge.x()) / edge.norm();
     for (int i = 0; i < panels_per_side; ++i) {
-      Panel panel{a + place(i) * side, a + place(i + 1) * side, normal};
+      Panel panel{a + place(i) * edge, a + place(i + 1) * edge, normal};
       panel.length = (panel.to - panel.from).norm();
       panels.push_back(panel);
     }
@@ -111,11 +111,11 @@ Result<void> check(std::span<const Vector2d> outline, double reach, int panels_p
   if (outline.size() < 3) return refused("a tool has at least three corners");
   if (panels_per_side < 2 ||
       outline.size() * static_cast<std::size_t>(panels_per_side) > kMaxPanels)
-    return refused("a tool's outline of 2 to " + std::to_string(kMaxPanels) + " panels");
+    return refused("the tool's outline must have 2 to " + std::to_string(kMaxPanels) + " panels");
   for (std::size_t k = 0; k < outline.size(); ++k) {
-    const double side = (outline[(k + 1) % outline.size()] - outline[k]).norm();
-    if (!(side > 0) || !std::isfinite(side))
-      return refused("the tool's corners " + std::to_string(k) + " and the next are one");
+    const double edge = (outline[(k + 1) % outline.size()] - outline[k]).norm();
+    if (!(edge > 0) || !std::isfinite(edge))
+      return refused("the tool's corners " + std::to_string(k) + " and the next coincide");
   }
   if (!(polygon_area(outline) > 0)) return refused("the tool's corners run clockwise");
   return {};

@@ -24,7 +24,7 @@ struct UnboundedOptions {
 
 /// F / (w f) in m^2: the stiffness under a rigid tool for a bed of 1 N/m^3. `outline_m`: a simple
 /// polygon, counter-clockwise, of positive area; reach_m > 0. Refused: anything else, or a system
-/// that cannot be solved. O((sides panels)^3): some ms for a hexagon.
+/// that cannot be solved. O((edges panels)^3): some ms for a hexagon.
 Result<double> unbounded_stiffness_per_bed_m2(std::span<const Eigen::Vector2d> outline_m,
                                               double reach_m, const UnboundedOptions& options = {});
 

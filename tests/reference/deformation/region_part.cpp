@@ -41,7 +41,7 @@ RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice
     NodeKind kind = region.kind[out.parent[v]];
     const LatticePoint p = out.region.mesh.vertices[v];
     const auto at = std::lower_bound(part.outer.begin(), part.outer.end(), p,
-                                     [](const OuterSide& s, LatticePoint q) { return s.from < q; });
+                                     [](const OuterEdge& s, LatticePoint q) { return s.from < q; });
     if (kind == NodeKind::kFree && at != part.outer.end() && at->from == p) kind = NodeKind::kRing;
     out.region.kind.push_back(kind);
   }

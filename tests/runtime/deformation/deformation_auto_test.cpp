@@ -38,11 +38,11 @@ std::optional<InSheet> put_back(const SheetMesh& sheet, const Region& region,
   std::map<LatticePoint, std::uint32_t> slot_at;  // on the part's border
   for (std::size_t v = 0; v < part.parent.size(); ++v) {
     const LatticePoint p = part.mesh.vertices[v];
-    const auto side = std::lower_bound(part.outer.begin(), part.outer.end(),
-                                       OuterSide{p, {-kMaxCoordinate, -kMaxCoordinate}});
-    const bool starts = side != part.outer.end() && side->from == p;
+    const auto edge = std::lower_bound(part.outer.begin(), part.outer.end(),
+                                       OuterEdge{p, {-kMaxCoordinate, -kMaxCoordinate}});
+    const bool starts = edge != part.outer.end() && edge->from == p;
     const bool ends = std::any_of(part.outer.begin(), part.outer.end(),
-                                  [&](const OuterSide& s) { return s.to == p; });
+                                  [&](const OuterEdge& s) { return s.to == p; });
     if (!starts && !ends) continue;
     const auto [at, fresh] = slot_at.emplace(p, part.parent[v]);
     if (!fresh && at->second != part.parent[v]) return std::nullopt;
