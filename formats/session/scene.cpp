@@ -275,8 +275,10 @@ std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcep
 
 std::string force_law_names(const std::string& quote) {
   std::string names;
-  for (const ForceLawTraits& law : kForceLaws)
-    names += (names.empty() ? "" : " or ") + quote + law.name + quote;
+  for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
+    const char* before = i == 0 ? "" : i + 1 < kForceLaws.size() ? ", " : " or ";
+    names += before + quote + kForceLaws[i].name + quote;
+  }
   return names;
 }
 

@@ -79,7 +79,7 @@ constexpr bool needs_response(ForceLawKind law) noexcept {
 }
 /// The law of that name, or none.
 std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcept;
-/// All names, each between two `quote`s, joined by "or": for messages.
+/// All names, each between two `quote`s, as a list with "or": for messages.
 std::string force_law_names(const std::string& quote = "");
 
 enum class NetworkSolver : std::uint8_t { kAuto, kLocal, kGlobal, kPropagation };
