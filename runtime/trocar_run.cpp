@@ -87,7 +87,7 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--asset", arguments.asset, "an asset (.glb) instead of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) instead of the scene's");
-  app.add_option("--force-law", arguments.force_law, "hooke or network, instead of the scene's");
+  app.add_option("--force-law", arguments.force_law, force_law_names() + ", instead of the scene's");
   app.add_option("--black-box", arguments.black_box,
                  "folder for the last 4 s before each fault (that of --record, or this one)");
   app.add_option("--recover", arguments.recover,
@@ -125,8 +125,8 @@ Result<void> check_arguments(const Arguments& a) {
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
   }
-  if (!a.force_law.empty() && a.force_law != "hooke" && a.force_law != "network") {
-    return usage("--force-law " + a.force_law + ": must be hooke or network");
+  if (!a.force_law.empty() && !force_law_from_string(a.force_law)) {
+    return usage("--force-law " + a.force_law + ": must be " + force_law_names());
   }
   // Written so that nan is refused too.
   if (a.rate_Hz && !(*a.rate_Hz >= kMinRate_Hz && *a.rate_Hz <= kMaxRate_Hz)) {
@@ -170,8 +170,8 @@ Result<Loaded> load(const Arguments& arguments) {
   if (!scene) return scene.error();
   loaded.scene = std::move(*scene);
   if (!arguments.asset.empty()) loaded.scene.asset = arguments.asset;
-  if (arguments.force_law == "hooke") loaded.scene.force_law = ForceLaw{};
-  if (arguments.force_law == "network") loaded.scene.force_law.kind = ForceLawKind::kNetwork;
+  if (const auto law = force_law_from_string(arguments.force_law))
+    loaded.scene.force_law.kind = *law;
   if (!arguments.description.empty()) loaded.scene.device = arguments.description;
 
   loaded.description = default_device_description();

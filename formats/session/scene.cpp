@@ -237,12 +237,12 @@ SceneHand read_hand(const nlohmann::json& value, JsonErrors& errors) {
 ForceLaw read_force_law(const nlohmann::json& value, JsonErrors& errors) {
   StrictObject object(value, "/force_law", errors);
   ForceLaw law;
-  const std::string kind = object.string("kind");
-  if (kind != "hooke" && kind != "network") {
-    errors.add(object.path("kind"), "must be \"hooke\" or \"network\"");
+  if (const auto kind = force_law_from_string(object.string("kind"))) {
+    law.kind = *kind;
+  } else {
+    errors.add(object.path("kind"), "must be " + force_law_names("\""));
   }
-  if (kind == "network") {
-    law.kind = ForceLawKind::kNetwork;
+  if (law.kind == ForceLawKind::kNetwork) {
     const std::string solver = object.has("solver") ? object.string("solver") : "auto";
     constexpr std::array<const char*, 4> kSolvers{"auto", "local", "global", "propagation"};
     const auto* const found = std::find(kSolvers.begin(), kSolvers.end(), solver);
@@ -265,6 +265,22 @@ ForceLaw read_force_law(const nlohmann::json& value, JsonErrors& errors) {
 }
 
 }  // namespace
+
+std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcept {
+  for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
+    if (name == kForceLaws[i].name) return static_cast<ForceLawKind>(i);
+  }
+  return std::nullopt;
+}
+
+std::string force_law_names(const std::string& quote) {
+  std::string names;
+  for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
+    const char* before = i == 0 ? "" : i + 1 < kForceLaws.size() ? ", " : " or ";
+    names += before + quote + kForceLaws[i].name + quote;
+  }
+  return names;
+}
 
 Result<Scene> parse_scene(std::string_view text, const std::string& name,
                           const std::filesystem::path& folder) {

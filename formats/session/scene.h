@@ -54,10 +54,33 @@ struct NamedTissue {
   Tissue tissue;
 };
 
+/// How a sheet's force on the tool is computed. To add a law:
+///  1. an enumerator here and its row in kForceLaws;
+///  2. its object in formats/session/scene.schema.json;
+///  3. only if it has parameters: ForceLaw below and read_force_law() in scene.cpp;
+///  4. its force: a case in sheet_force(), runtime/contact/puncture.cpp.
 enum class ForceLawKind : std::uint8_t {
-  kHooke,    ///< F = K dx (paper, Eq. 1)
-  kNetwork,  ///< the reaction of the sheet's spring network (DESIGN, Force)
+  kHooke,    ///< F = K dx
+  kNetwork,  ///< the reaction of the sheet's spring network (runtime/deformation)
 };
+struct ForceLawTraits {
+  const char* name;     ///< in scenes and on the command line
+  bool needs_response;  ///< a worker prepares the sheet's response ahead
+                        ///< (runtime/session/responder.h)
+};
+/// In the order of ForceLawKind.
+inline constexpr std::array<ForceLawTraits, 2> kForceLaws{{{"hooke", false}, {"network", true}}};
+constexpr const char* to_string(ForceLawKind law) noexcept {
+  return kForceLaws[static_cast<std::size_t>(law)].name;
+}
+constexpr bool needs_response(ForceLawKind law) noexcept {
+  return kForceLaws[static_cast<std::size_t>(law)].needs_response;
+}
+/// The law of that name, or none.
+std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcept;
+/// All names, each between two `quote`s, as a list with "or": for messages.
+std::string force_law_names(const std::string& quote = "");
+
 enum class NetworkSolver : std::uint8_t { kAuto, kLocal, kGlobal, kPropagation };
 
 struct ForceLaw {

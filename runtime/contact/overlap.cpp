@@ -10,12 +10,12 @@
 namespace trocar::runtime {
 namespace {
 
-// The sum over triangles is exact to some 1e-13; what is nearer to 0 or 1 is 0 or 1.
+// The sum over triangles is exact to about 1e-13. A fraction this near to 0 or 1 is 0 or 1.
 constexpr double kSnap = 1e-9;
 
-/// A polygon, counter-clockwise, relative to a corner of the tool. A half plane adds at most one
-/// vertex to a convex one, and at most half as many as there are to any: both a tool clipped to a
-/// triangle and a convex piece of it clipped to all pieces of all holes fit.
+/// A polygon, counter-clockwise, relative to a corner of the tool. Clipping to a half plane adds at
+/// most one vertex to a convex polygon, and to any polygon at most half as many as it has. So a
+/// tool clipped to a triangle fits, and a convex piece of it clipped to all pieces of all holes.
 struct Polygon {
   static constexpr int kCapacity =
       kMaxToolSides + 3 + kMaxPendingHoles * (kMaxToolSides + 2 * kMaxToolPieces);
@@ -24,11 +24,11 @@ struct Polygon {
 };
 static_assert(Polygon::kCapacity >= kMaxToolSides * 27 / 8);
 
-/// Doubled area, and six times the first moment. Pieces are added up as integers, in units of some
-/// 2^-56 of the tool's box: in whatever order they come, the sum is the same to the bit.
+/// Doubled area, and six times the first moment. Pieces are summed as integers, in units of about
+/// 2^-56 of the tool's box: the sum has the same bits in any order.
 class Moments {
  public:
-  /// `doubled_area` and `reach`, the largest |coordinate|: of what all pieces lie in.
+  /// `doubled_area` and `reach` (the largest |coordinate|) of a box around all pieces.
   Moments(double doubled_area, double reach) noexcept
       : area_unit_(unit(doubled_area)), first_unit_(unit(3 * doubled_area * reach)) {}
 
@@ -51,8 +51,8 @@ class Moments {
   }
 
  private:
-  // A power of two, so that dividing by it is exact. Seven bits are left for polygons that fold
-  // over themselves, whose parts are larger than what they sum to.
+  // A power of two, so that dividing by it is exact. Seven bits are spare for polygons that fold
+  // over themselves, whose parts are larger than their sum.
   static double unit(double most) noexcept {
     int exponent = 0;
     std::frexp(most, &exponent);
@@ -62,9 +62,9 @@ class Moments {
   std::int64_t area_ = 0, first_x_ = 0, first_y_ = 0;
 };
 
-/// What of the polygon lies left of a -> b (Sutherland and Hodgman, one plane). Where a polygon
-/// that is not convex falls apart, its parts stay joined along the line, by sides that run to and
-/// fro: the moments do not see them.
+/// The part of the polygon left of a -> b (Sutherland and Hodgman, one plane). Where a polygon that
+/// is not convex falls apart, its parts stay joined by edges along the line that cancel in the
+/// moments.
 void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
           Polygon& result) noexcept {
   result.size = 0;
@@ -76,8 +76,8 @@ void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2
     const Eigen::Vector2d& p = polygon.points[i];
     const Eigen::Vector2d& q = polygon.points[i + 1 == polygon.size ? 0 : i + 1];
     const double at_p = side(p), at_q = side(q);
-    // Rounding can make a convex polygon cross a line more than twice by a hair; the
-    // capacity is then the bound, and what is lost is of the size of that hair.
+    // By rounding a convex polygon can cross a line more than twice, by about one rounding error.
+    // Then the capacity bounds the size, and the loss is of the order of that error.
     if (at_p >= 0 && result.size < Polygon::kCapacity) result.points[result.size++] = p;
     if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity) {
       result.points[result.size++] = p + (at_p / (at_p - at_q)) * (q - p);
@@ -91,7 +91,7 @@ Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
           static_cast<double>(std::int64_t{p.y} - origin.y)};
 }
 
-/// All convex pieces of all holes, in a row.
+/// All convex pieces of all holes, as one list.
 struct Holes {
   const Tool& tool;
   std::span<const LatticeOutline> outlines;
@@ -104,8 +104,8 @@ struct Holes {
   }
 };
 
-/// The convex polygon less the union of the holes from the k-th on: cut off, side by side, what
-/// lies outside of the k-th (disjoint convex parts), and judge these against the others.
+/// Adds the convex polygon less the union of the holes from the k-th on: cuts off, edge by edge,
+/// the parts outside the k-th hole (disjoint and convex), and treats each with the remaining holes.
 void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& moments) noexcept {
   if (k == holes.size()) return moments.add(polygon);
   const int sides = holes.piece(k).size;
@@ -150,7 +150,7 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
                                                 relative(sheet.mesh.vertices[t[1]], origin),
                                                 relative(sheet.mesh.vertices[t[2]], origin)};
     if (holes.empty()) return add(whole, corner);
-    for (int k = 0; k < tool.pieces; ++k) {  // only of convex parts can holes be cut off
+    for (int k = 0; k < tool.pieces; ++k) {  // add_outside() needs convex parts
       Polygon part;
       part.size = tool.piece[k].size;
       for (int i = 0; i < part.size; ++i)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much of the tool has material under it, and where.
+// The share of the tool outline over material, and the centroid of that area.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,14 +12,15 @@ namespace trocar::runtime {
 
 struct Overlap {
   double fraction = 0;  ///< of the outline's area, in [0, 1]
-  /// Of the overlapped area, in lattice steps; the outline's own where it is all material.
+  /// Of the area over material, in lattice steps; of the whole outline where the fraction is 0
+  /// or 1.
   Eigen::Vector2d centroid_steps = Eigen::Vector2d::Zero();
 };
 
-/// The tool's outline intersected with the sheet's material, less the holes. The fraction is
-/// exactly 0 or 1 where it is within 1e-9 of it; 0 for an empty outline. `holes` are outlines of
-/// the same tool, at most kMaxPendingHoles. Every piece of every triangle is clipped in a buffer of
-/// fixed capacity; nothing is allocated. Time proportional to the triangles near the tool.
+/// The tool's outline intersected with the sheet's material, less the holes. A fraction within 1e-9
+/// of 0 or 1 is exactly that; for an empty outline it is 0. `holes`: outlines of the same tool, at
+/// most kMaxPendingHoles. Clips in buffers of fixed capacity; no allocation. Time proportional to
+/// the triangles near the tool.
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
                 std::span<const LatticeOutline> holes) noexcept;
 

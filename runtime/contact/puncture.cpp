@@ -8,7 +8,7 @@
 namespace trocar::runtime {
 namespace {
 
-/// Forgets the holes that the mesh in use has.
+/// Drops from `pending` the holes that the mesh in use already has.
 void drop_published(const Sheet& sheet, SheetTrack& track) noexcept {
   const std::uint32_t missing = track.cuts_requested - sheet.cuts;
   const int keep =
@@ -20,7 +20,7 @@ void drop_published(const Sheet& sheet, SheetTrack& track) noexcept {
   track.pending_count = keep;
 }
 
-void back_above(SheetTrack& track) noexcept {
+void reset_above(SheetTrack& track) noexcept {
   track.state = SheetState::kFree;
   track.was_above = true;
   track.has_last = false;
@@ -40,14 +40,15 @@ ShaftPlace shaft_place(const ContactModel& model, const Sheet& sheet, const Pose
   return {axis_at(model.tool, T_device_plate, sheet.z_m), axis, penetration_m / axis.z()};
 }
 
-/// Who is met: the state after the tip has come below the sheet or stays there.
-SheetState next_state(const ContactModel& model, const SheetTrack& track, bool borne,
+/// The contact state of a sheet that the tip is below. `shielded`: a sheet above it bears the tool,
+/// or was punctured in this tick.
+SheetState next_state(const ContactModel& model, const SheetTrack& track, bool shielded,
                       double overlapped) noexcept {
   switch (track.state) {
     case SheetState::kFree:
     case SheetState::kShielded:
       if (!track.was_above) return SheetState::kBeside;  // the session began below it
-      if (borne) return SheetState::kShielded;
+      if (shielded) return SheetState::kShielded;
       return overlapped >= model.least_overlap ? SheetState::kContact : SheetState::kBeside;
     case SheetState::kContact:
       return overlapped == 0 ? SheetState::kBeside : SheetState::kContact;  // slid off
@@ -58,21 +59,24 @@ SheetState next_state(const ContactModel& model, const SheetTrack& track, bool b
   return track.state;
 }
 
-/// Law 2: stiffness and the point where the force acts, relative to the outline's middle.
-SheetResponse respond(const ContactModel& model, const Sheet& sheet, std::int32_t index,
-                      const Place& place, const SheetResponse& latest, bool begins,
-                      SheetTrack& track) noexcept {
-  SheetResponse target;
-  target.sheet = index;
-  target.stiffness_N_per_m = place.overlap.fraction * sheet.tissue.stiffness_N_per_m;
+/// The law `hooke`: K times the overlap, in the centroid of the overlapped area.
+SheetResponse hooke_response(const Sheet& sheet, std::int32_t index, const Place& place) noexcept {
+  SheetResponse response;
+  response.sheet = index;
+  response.stiffness_N_per_m = place.overlap.fraction * sheet.tissue.stiffness_N_per_m;
   const Eigen::Vector2d offset_m =
       sheet.transform.to_scene(place.overlap.centroid_steps) - place.shaft.at_m.head<2>();
-  target.offset_m = {offset_m.x(), offset_m.y()};
-  if (model.law == ForceLawKind::kHooke) return target;
-  if (latest.sheet == index) target = latest;
+  response.offset_m = {offset_m.x(), offset_m.y()};
+  return response;
+}
+
+/// The law `network`: the track's response, moved towards `target` by one tick's share. In the
+/// first tick of a contact it is `target` at once.
+SheetResponse blended_response(const ContactModel& model, const SheetResponse& target, bool begins,
+                               SheetTrack& track) noexcept {
   if (begins) return track.blended = target;
   const double share = std::min(1.0, model.dt_s / kBlend_s);
-  track.blended.sheet = index;
+  track.blended.sheet = target.sheet;
   track.blended.stiffness_N_per_m +=
       share * (target.stiffness_N_per_m - track.blended.stiffness_N_per_m);
   for (std::size_t k = 0; k < 2; ++k)
@@ -80,10 +84,39 @@ SheetResponse respond(const ContactModel& model, const Sheet& sheet, std::int32_
   return track.blended;
 }
 
-/// The sheet whose response will be wanted next: the topmost that still bears, if near.
-void look_ahead(const ContactModel& model, std::span<const Sheet* const> sheets,
-                const Pose& T_device_plate, const ContactState& state,
-                ContactOutput& output) noexcept {
+/// What the tool feels from a sheet at one penetration (contract 2).
+struct SheetForce {
+  double force_N = 0;
+  double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
+  std::array<double, 2> offset_m{};  ///< where it acts, from the middle of the tool's outline
+};
+
+/// The one place where a force law computes its force.
+SheetForce sheet_force(const ContactModel& model, const Sheet& sheet, std::int32_t index,
+                       const Place& place, const SheetResponse& latest, bool begins,
+                       double penetration_m, SheetTrack& track) noexcept {
+  SheetResponse response = hooke_response(sheet, index, place);
+  switch (model.law) {
+    case ForceLawKind::kHooke:
+      break;
+    case ForceLawKind::kNetwork:
+      response = blended_response(model, latest.sheet == index ? latest : response, begins, track);
+      break;
+  }
+  SheetForce out;
+  out.stiffness_N_per_m = response.stiffness_N_per_m;
+  out.damping_N_s_per_m = place.overlap.fraction * sheet.tissue.damping_N_s_per_m;
+  out.force_N = std::max(
+      0.0, out.stiffness_N_per_m * penetration_m + out.damping_N_s_per_m * track.rate_m_per_s);
+  out.offset_m = response.offset_m;
+  return out;
+}
+
+/// Requests the response that will be needed next: of the topmost sheet that is neither punctured
+/// nor passed beside, if it is near.
+void request_response(const ContactModel& model, std::span<const Sheet* const> sheets,
+                      const Pose& T_device_plate, const ContactState& state,
+                      ContactOutput& output) noexcept {
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const SheetState now = state.tracks[i].state;
     if (now == SheetState::kPunctured || now == SheetState::kBeside) continue;
@@ -100,41 +133,41 @@ void look_ahead(const ContactModel& model, std::span<const Sheet* const> sheets,
 }  // namespace
 
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
-                    const SheetResponse& response, const Pose& T_device_plate, double moved_over_s,
-                    ContactState& state, ContactOutput& output) noexcept {
+                    const SheetResponse& response, const Pose& T_device_plate,
+                    double pose_interval_s, ContactState& state, ContactOutput& output) noexcept {
   output = ContactOutput{};
   output.tip_device_m = T_device_plate * model.tool.tip_plate_m;
   output.not_upright = !is_upright(model.tool, T_device_plate);
   if (output.not_upright) return;
-  bool borne = false;  // a sheet above holds the tool, or gave way in this tick
+  bool shielded = false;  // a sheet above bears the tool, or was punctured in this tick
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];
     SheetTrack& track = state.tracks[i];
     drop_published(sheet, track);
     const double penetration_m = sheet.z_m - output.tip_device_m.z();
     if (!(penetration_m > 0)) {
-      back_above(track);
+      reset_above(track);
       continue;
     }
     Place place;
     place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
     const Eigen::Vector3d hole_force_N =
-        shaft_force(sheet.tissue.shaft, place.shaft, moved_over_s, track.shaft);
+        shaft_force(sheet.tissue.shaft, place.shaft, pose_interval_s, track.shaft);
     output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
 
     const bool begins = track.state != SheetState::kContact;
     const bool may_bear =
         !begins || ((track.state == SheetState::kFree || track.state == SheetState::kShielded) &&
-                    track.was_above && !borne);
+                    track.was_above && !shielded);
     if (may_bear) {
       place.outline = outline_on_lattice(model.tool, T_device_plate, sheet.transform, sheet.z_m);
       place.overlap =
           overlap(sheet, model.tool, place.outline,
                   std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)));
     }
-    track.state = next_state(model, track, borne, place.overlap.fraction);
+    track.state = next_state(model, track, shielded, place.overlap.fraction);
     if (track.state != SheetState::kContact) {
-      if (!borne && track.state != SheetState::kShielded) {
+      if (!shielded && track.state != SheetState::kShielded) {
         output.active_sheet = static_cast<std::int32_t>(i);
         output.phase = track.state == SheetState::kPunctured ? ContactPhase::kPunctured
                                                              : ContactPhase::kBeside;
@@ -142,36 +175,33 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       continue;
     }
 
-    // The force, and whether the sheet stands it.
+    // The force, and whether it exceeds the threshold.
     if (!track.has_last) {
       track.rate_m_per_s = 0;
-    } else if (moved_over_s > 0) {
-      track.rate_m_per_s = (penetration_m - track.last_penetration_m) / moved_over_s;
+    } else if (pose_interval_s > 0) {
+      track.rate_m_per_s = (penetration_m - track.last_penetration_m) / pose_interval_s;
     }
     track.last_penetration_m = penetration_m;
     track.has_last = true;
-    const SheetResponse answer =
-        respond(model, sheet, static_cast<std::int32_t>(i), place, response, begins, track);
-    const double damping_N_s_per_m = place.overlap.fraction * sheet.tissue.damping_N_s_per_m;
-    const double force_N = std::max(
-        0.0, answer.stiffness_N_per_m * penetration_m + damping_N_s_per_m * track.rate_m_per_s);
-    borne = true;
+    const SheetForce felt = sheet_force(model, sheet, static_cast<std::int32_t>(i), place, response,
+                                        begins, penetration_m, track);
+    shielded = true;
     output.active_sheet = static_cast<std::int32_t>(i);
     output.penetration_m = penetration_m;
-    if (force_N <= sheet.tissue.threshold_N) {
+    if (felt.force_N <= sheet.tissue.threshold_N) {
       output.phase = ContactPhase::kContact;
-      output.force_N = force_N;
-      output.stiffness_N_per_m = answer.stiffness_N_per_m;
-      output.damping_N_s_per_m = damping_N_s_per_m;
+      output.force_N = felt.force_N;
+      output.stiffness_N_per_m = felt.stiffness_N_per_m;
+      output.damping_N_s_per_m = felt.damping_N_s_per_m;
       output.rate_m_per_s = track.rate_m_per_s;
       Eigen::Vector3d point_m = place.shaft.at_m;
-      point_m.head<2>() += Eigen::Vector2d(answer.offset_m.data());
-      output.wrench_device += wrench_at({0, 0, force_N}, point_m, T_device_plate);
+      point_m.head<2>() += Eigen::Vector2d(felt.offset_m.data());
+      output.wrench_device += wrench_at({0, 0, felt.force_N}, point_m, T_device_plate);
       continue;
     }
     track.state = SheetState::kPunctured;
     output.phase = ContactPhase::kPunctured;
-    output.judged_force_N = force_N;
+    output.judged_force_N = felt.force_N;
     if (track.pending_count == kMaxPendingHoles) {
       output.backlog = true;
       continue;
@@ -181,8 +211,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     track.pending[track.pending_count++] = place.outline;
     output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline};
   }
-  if (model.law == ForceLawKind::kNetwork) {
-    look_ahead(model, sheets, T_device_plate, state, output);
+  if (needs_response(model.law)) {
+    request_response(model, sheets, T_device_plate, state, output);
   }
 }
 

@@ -1,25 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// Contact and puncture (paper, II.C, Fig. 11 and 12): each sheet's state machine and the force of
-// the scene's law. One tool, sheets stacked along z.
+// Contact and puncture: each sheet's state machine and the force of the scene's law. One tool,
+// sheets stacked along z. (Paper, II.C, Fig. 11 and 12.)
 //
-// Laws (tests/runtime/contact/contact_test.cpp tests each):
-//  1. A sheet is met when the tip passes from above to below it with material under the tool;
-//     with none it is passed beside, without force, until the tip is above it again.
-//  2. In contact F = k dx + overlap b dx', at least 0, with dx = z_sheet - z_tip, dx' its backward
-//     difference over the time since the last new pose (where there is none it stays as it was: a
-//     device's silence is no stop, and what comes after it no blow) and overlap the share of the
-//     tool's outline that has material. By `hooke` k = overlap K, and the force acts in the middle
-//     of the overlapped area; by `network` k and the point are the sheet's response, found off this
-//     thread for a place of the tool next to this one. A new response is blended in over kBlend_s;
-//     without any, `hooke` holds.
-//  3. If F would exceed the threshold, the sheet gives way in this very tick: the force is
-//     zero, and a hole of the tool's outline is asked for. No later tick feels that sheet, but
-//     for what its hole does to the shaft (shaft.h), until the tip has been above it.
-//  4. The topmost sheet in contact bears the force; those below are shielded from the tool until
-//     a later tick than that in which it gives way.
-//  5. A hole asked for counts as open at once, whether its mesh is there or not.
-//  6. The tool's outline in a sheet is its prism's section with the sheet at rest: what goes
-//     down along its own axis keeps its place there, however much it is tilted.
+// Contract (tests/runtime/contact/contact_test.cpp tests each point):
+//  1. Contact begins when the tip passes from above to below a sheet with material under the tool.
+//     Without material the tool passes beside the sheet, without force, until the tip has been
+//     above it again.
+//  2. In contact F = k dx + s b dx', at least 0, where dx = z_sheet - z_tip, s is the share of the
+//     tool outline over material, and dx' the backward difference of dx over the time since the
+//     previous new pose. Without a new pose dx' is held, and the next pose causes no force spike.
+//     By the law `hooke` k = s K, and F acts in the centroid of the area over material. By the law
+//     `network` k and the point are the sheet's response, which a worker prepared for a place of
+//     the tool near this one; a new response is blended in over kBlend_s, and without any the law
+//     `hooke` applies.
+//  3. If F would exceed the threshold, the sheet is punctured in this tick: the force is zero, and
+//  a
+//     hole with the tool's outline is requested. Later ticks feel nothing of that sheet but the
+//     force of its hole on the shaft (shaft.h), until the tip has been above it.
+//  4. The topmost sheet in contact bears the force. Those below are shielded from the tool until
+//  the
+//     tick after its puncture.
+//  5. A requested hole counts as open at once, whether its mesh is there or not.
+//  6. The tool's outline in a sheet is the section of its prism with the undeformed sheet: a tool
+//     that moves along its own axis keeps its outline, however much it is tilted.
+//
+// To add a force law: the four places at ForceLawKind (formats/session/scene.h). Its force is a
+// case of sheet_force() in puncture.cpp.
 #pragma once
 
 #include <array>
@@ -42,16 +48,16 @@ struct ContactModel {
   Tool tool;
   double dt_s = 1e-3;  ///< of a tick
   ForceLawKind law = ForceLawKind::kHooke;
-  /// Share of the outline that must lie over material for a sheet to be met. Without it a
-  /// tool that goes back through its own hole a hair off would feel the rim as a full sheet does.
+  /// Least share of the outline over material with which contact begins. Without this bound a tool
+  /// that goes back through its own hole slightly off centre would be in contact with the rim.
   double least_overlap = 0.05;
-  /// How far above a sheet the tool is when its response is asked for (law 2, `network`).
+  /// Height above a sheet below which its response is requested (laws that need one).
   double lookahead_m = 0.03;
 };
 
 enum class SheetState : std::uint8_t { kFree, kContact, kShielded, kPunctured, kBeside };
 
-/// How a sheet answers the tool at some place: force = stiffness * depth, acting `offset_m` (x, y)
+/// A sheet's response to the tool at one place: force = stiffness * depth, acting `offset_m` (x, y)
 /// from the middle of the tool's outline.
 struct SheetResponse {
   std::int32_t sheet = -1;  ///< -1: none
@@ -64,15 +70,15 @@ struct SheetTrack {
   bool was_above = false;         ///< the tip has been above the sheet
   double last_penetration_m = 0;  ///< of the tick before; meaningful in kContact
   bool has_last = false;
-  double rate_m_per_s = 0;  ///< dx' of law 2, in the tick before; meaningful in kContact
-  SheetResponse blended;    ///< law 2, `network`; meaningful in kContact
+  double rate_m_per_s = 0;  ///< dx' of the tick before; meaningful in kContact
+  SheetResponse blended;    ///< by `network`; meaningful in kContact
   ShaftState shaft;         ///< in_hole only in kPunctured
   std::uint32_t cuts_requested = 0;
   int pending_count = 0;
-  std::array<LatticeOutline, kMaxPendingHoles> pending;  ///< asked for, mesh not there yet
+  std::array<LatticeOutline, kMaxPendingHoles> pending;  ///< requested, mesh not there yet
 };
 
-/// The haptic thread's memory between ticks.
+/// What the haptic thread keeps between ticks.
 struct ContactState {
   std::array<SheetTrack, kMaxSceneSlices> tracks;
 };
@@ -85,7 +91,7 @@ struct CutRequest {
   LatticeOutline outline;
 };
 
-/// Where the tool is about to meet a sheet, or meets it: what a response is wanted for.
+/// The place of the tool over, or in, the sheet that a response is requested for.
 struct ResponseRequest {
   std::int32_t sheet = -1;           ///< -1: none near
   std::array<double, 2> middle_m{};  ///< of the outline: where the axis meets the sheet, in {B}
@@ -95,35 +101,35 @@ struct ResponseRequest {
 struct ContactOutput {
   Eigen::Vector3d tip_device_m = Eigen::Vector3d::Zero();
   double force_N = 0;  ///< of the sheet in contact, along +z of {B}
-  /// Of that and of the shaft in its holes, on the plate, about its origin, in {B}.
+  /// Of that force and of the shaft in its holes: on the plate, about its origin, in {B}.
   Wrench wrench_device = Wrench::Zero();
-  double penetration_m = 0;  ///< of the active sheet, while in contact or giving way
-  /// Of law 2, of the sheet in contact; else 0. What damps is also where there is no force.
+  double penetration_m = 0;  ///< of the active sheet, in contact and in the tick of its puncture
+  /// k and s b of the sheet in contact, also where F is 0; else 0.
   double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
-  double rate_m_per_s = 0;         ///< dx'
-  std::int32_t active_sheet = -1;  ///< in contact or giving way; else the lowest one above the tip
+  double rate_m_per_s = 0;  ///< dx'
+  std::int32_t active_sheet =
+      -1;  ///< in contact or punctured in this tick; else the lowest above the tip
   ContactPhase phase = ContactPhase::kFree;
-  bool gave_way = false;      ///< law 3 happened: `cut` is to be sent to the remesher
-  double judged_force_N = 0;  ///< what would have exceeded the threshold
+  bool gave_way = false;      ///< a puncture in this tick: send `cut` to the remesher
+  double judged_force_N = 0;  ///< F of the puncture: above the threshold, not applied
   CutRequest cut;
-  bool backlog = false;  ///< more than kMaxPendingHoles wait on one sheet: `cut` is not valid
+  bool backlog = false;  ///< more than kMaxPendingHoles wait for one sheet: `cut` is not valid
   bool not_upright =
       false;              ///< the tool is tilted by more than kMaxTilt_deg: nothing else is valid
   ResponseRequest ahead;  ///< by `network`
 };
 
-/// One tick. `sheets` are the meshes in use, the topmost first, at most kMaxSceneSlices; a
-/// sheet's `cuts` never decreases from tick to tick. `response`: the latest there is (`network`).
-/// `moved_over_s`: the time in which the plate came here from its pose in the tick before; 0: there
-/// is no new pose, this is the same one.
+/// One tick. `sheets`: the meshes in use, the topmost first, at most kMaxSceneSlices; a sheet's
+/// `cuts` never decreases from tick to tick. `response`: the latest one (`network`).
+/// `pose_interval_s`: the time since the previous new pose; 0: the pose is not new.
 /// No allocation; at most one overlap for each sheet that the tip is below and that is not
 /// punctured, shielded or passed beside.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
-                    const SheetResponse& response, const Pose& T_device_plate, double moved_over_s,
-                    ContactState& state, ContactOutput& output) noexcept;
+                    const SheetResponse& response, const Pose& T_device_plate,
+                    double pose_interval_s, ContactState& state, ContactOutput& output) noexcept;
 
-/// A tick without update_contact: the next one knows no rate and no friction from before. What was
-/// met, punctured and asked for stays.
+/// For a tick without update_contact: the next one starts without rate and friction. Contact
+/// states, punctures and requested holes are kept.
 void forget_motion(ContactState& state) noexcept;
 
 /// A force that acts on the plate at a point, both in {B}, as a wrench about the plate's origin.

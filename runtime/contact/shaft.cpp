@@ -18,15 +18,15 @@ void forget_motion(ShaftState& state) noexcept {
   state.spring_m = state.viscous_N = 0;
 }
 
-Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double moved_over_s,
-                            ShaftState& state) noexcept {
+Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
+                            double pose_interval_s, ShaftState& state) noexcept {
   if (!state.in_hole) return Eigen::Vector3d::Zero();
   const double moved_m = state.has_last ? place.inserted_m - state.last_m : 0;
   state.has_last = true;
   state.last_m = place.inserted_m;
   state.spring_m = std::clamp(state.spring_m + moved_m, -tissue.presliding_m, tissue.presliding_m);
-  if (moved_over_s > 0) {
-    state.viscous_N = tissue.viscous_friction_N_s_per_m * moved_m / moved_over_s;
+  if (pose_interval_s > 0) {
+    state.viscous_N = tissue.viscous_friction_N_s_per_m * moved_m / pose_interval_s;
   }
   const double along_N =
       tissue.dry_friction_N * state.spring_m / tissue.presliding_m + state.viscous_N;

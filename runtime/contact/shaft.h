@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shaft in the hole of a sheet that gave way: dry and viscous friction along it (A. Okamura,
+// The shaft in the hole of a punctured sheet: dry and viscous friction along it (A. Okamura,
 // C. Simone, M. O'Leary, Force modeling for needle insertion into soft tissue, IEEE TBME 51(10),
 // 2004) and the rim's resistance to being pushed aside.
 //
-// Laws (tests/runtime/contact/shaft_test.cpp):
-//  1. Dry friction is a spring of length `presliding_m` that slides along at its end (P. Dahl
-//     1968 with a linear rise): it never exceeds dry_friction_N, opposes the motion, and takes up
-//     from any closed motion at least as much energy as it gives back.
-//  2. The rim's force is in the sheet's plane, against the displacement of the shaft's axis from
-//     where it was when the sheet gave way.
+// Contract (tests/runtime/contact/shaft_test.cpp):
+//  1. Dry friction is a spring of length `presliding_m` that slides at its end (P. Dahl 1968, with
+//  a
+//     linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
+//     closed motion its work on the shaft is never positive.
+//  2. The rim's force lies in the sheet's plane, against the displacement of the shaft's axis from
+//     where it was at the puncture.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,10 +18,10 @@
 
 namespace trocar::runtime {
 
-/// Between ticks.
+/// Kept between ticks.
 struct ShaftState {
   bool in_hole = false;
-  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet when it gave way
+  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet at the puncture
   bool has_last = false;
   double last_m = 0;     ///< inserted length in the last tick
   double spring_m = 0;   ///< within +-presliding_m
@@ -37,13 +38,13 @@ struct ShaftPlace {
 
 void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
 
-/// Ticks are missed from here on, in which forces are not rendered: the shaft stays in its hole,
-/// and friction begins anew from where the shaft is next met.
+/// For ticks in which no force is computed: the shaft stays in its hole, and friction starts again
+/// from 0 at its next place.
 void forget_motion(ShaftState& state) noexcept;
 
-/// The force on the tool at `place.at_m`, in {B}. Zero, and nothing is kept, unless in_hole.
-/// `moved_over_s`: as in update_contact.
-Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place, double moved_over_s,
-                            ShaftState& state) noexcept;
+/// The force on the tool at `place.at_m`, in {B}. Unless in_hole it is zero, and `state` is
+/// unchanged. `pose_interval_s`: as in update_contact.
+Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
+                            double pose_interval_s, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

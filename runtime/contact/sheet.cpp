@@ -18,7 +18,7 @@ Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
           static_cast<double>(std::int64_t{p.y} - origin.y)};
 }
 
-/// The mesh is known to be valid.
+/// `mesh` must be valid.
 void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
   sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
   sheet.grid = TriangleGrid(sheet.mesh);
@@ -81,7 +81,7 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   transform.cosine = std::cos(rotation_rad);
   transform.sine = std::sin(rotation_rad);
 
-  // Outlines must survive the rounding as simple polygons.
+  // Rounded to the lattice, the outlines must still be simple polygons.
   const Tool tool = make_tool(scene.tool);
   if (smallest_clearance_m(tool) < kLeastClearance * asset.lattice.step_m()) {
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +
@@ -105,17 +105,6 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   std::sort(sheets.begin(), sheets.end(),
             [](const auto& a, const auto& b) { return a->z_m > b->z_m; });
   return sheets;
-}
-
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh) {
-  auto next = std::make_unique<Sheet>();
-  next->slice_index = sheet.slice_index;
-  next->z_m = sheet.z_m;
-  next->tissue = sheet.tissue;
-  next->transform = sheet.transform;
-  put_mesh(mesh, *next);
-  next->cuts = sheet.cuts + 1;
-  return next;
 }
 
 }  // namespace trocar::runtime

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sheet: one slice of an asset, placed in the device's frame, with the grid that
-// makes looking up what lies under the tool cheap. The haptic thread only reads it; holes are cut
-// into a replica of it that nobody reads meanwhile (runtime/session/workers.h).
+// A sheet: one slice of an asset, placed in the device's frame, with a grid to look up the
+// triangles under the tool. The haptic thread only reads it; holes are cut into a replica that is
+// not visible to the haptic thread (runtime/session/workers.h).
 #pragma once
 
 #include <cstdint>
@@ -23,25 +23,22 @@ struct Sheet {
   PlanarTransform transform;
   SheetMesh mesh;
   TriangleGrid grid;       ///< over `mesh`
-  std::uint32_t cuts = 0;  ///< holes that `mesh` has more than the asset's slice
+  std::uint32_t cuts = 0;  ///< holes in `mesh` that the asset's slice does not have
 };
 
-/// The scene's slices, the topmost first. Proves every mesh (formats/geometry/mesh_validity.h), since
-/// all that follows relies on it. Refused, with `name` (the asset's) in the message: a slice the
-/// asset does not have, one without material, an invalid mesh, a tool that is too small for
-/// the lattice or has more than kMaxToolPieces convex parts.
+/// The scene's slices, the topmost first. Checks every mesh (formats/geometry/mesh_validity.h):
+/// contact and cut rely on it. Refused, with `name` (the asset's) in the message: a slice that the
+/// asset does not have, a slice without material, an invalid mesh, a tool that is too small for the
+/// lattice or has more than kMaxToolPieces convex parts.
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
                                                                const std::string& name);
 
-/// Free slots that a placed sheet has for what its cuts add, and gets again when they run short: a
-/// hole of six corners takes about six vertices and twelve triangles.
+/// Free slots of a placed sheet for what its cuts add; more are added when they run short. A hole
+/// of six corners takes about six vertices and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
 
-/// The sheet with another mesh, which must be valid, and one more cut.
-std::unique_ptr<const Sheet> with_mesh(const Sheet& sheet, const SliceMesh& mesh);
-
-/// Holes that one sheet may have waiting for their mesh.
+/// Holes of one sheet that may wait for their mesh.
 inline constexpr int kMaxPendingHoles = 4;
 
 }  // namespace trocar::runtime

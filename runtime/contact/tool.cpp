@@ -12,19 +12,19 @@ namespace {
 using Polygon = std::vector<Eigen::Vector2d>;
 using Piece = std::vector<std::uint8_t>;
 
-double turn(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
+double orientation(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
   return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
 }
 
 bool is_convex(const Polygon& p, const Piece& piece) {
   const std::size_t n = piece.size();
   for (std::size_t i = 0; i < n; ++i) {
-    if (turn(p[piece[i]], p[piece[(i + 1) % n]], p[piece[(i + 2) % n]]) < 0) return false;
+    if (orientation(p[piece[i]], p[piece[(i + 1) % n]], p[piece[(i + 2) % n]]) < 0) return false;
   }
   return true;
 }
 
-// Of a simple counter-clockwise polygon.
+// Triangulates a simple counter-clockwise polygon by ear clipping; empty if it is not simple.
 std::vector<Piece> ears(const Polygon& p) {
   std::vector<Piece> out;
   Piece rest;
@@ -35,11 +35,12 @@ std::vector<Piece> ears(const Polygon& p) {
     std::size_t ear = n;
     for (std::size_t i = 0; i < n && ear == n; ++i) {
       const auto &a = p[rest[(i + n - 1) % n]], &b = p[rest[i]], &c = p[rest[(i + 1) % n]];
-      if (turn(a, b, c) <= 0) continue;
+      if (orientation(a, b, c) <= 0) continue;
       bool is_free = true;
       for (std::size_t j = 2; j + 1 < n; ++j) {
         const Eigen::Vector2d& q = p[rest[(i + j) % n]];
-        is_free = is_free && !(turn(a, b, q) >= 0 && turn(b, c, q) >= 0 && turn(c, a, q) >= 0);
+        is_free = is_free && !(orientation(a, b, q) >= 0 && orientation(b, c, q) >= 0 &&
+                               orientation(c, a, q) >= 0);
       }
       if (is_free) ear = i;
     }
@@ -51,7 +52,7 @@ std::vector<Piece> ears(const Polygon& p) {
   return out;
 }
 
-// The two pieces joined along a side that they share, or nothing.
+// The union of two pieces that share an edge; empty if they share none.
 Piece joined(const Piece& a, const Piece& b) {
   for (std::size_t i = 0; i < a.size(); ++i) {
     for (std::size_t j = 0; j < b.size(); ++j) {
@@ -172,7 +173,7 @@ LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
     const Eigen::Vector3d corner_m = T_device_plate * tool.corner_plate_m[i];
     const double up_m = (z_m - corner_m.z()) / axis.z();
     const Eigen::Vector2d steps = transform.to_lattice(corner_m.head<2>() + up_m * axis.head<2>());
-    // Written so that nan fails it too.
+    // Written so that nan fails as well.
     if (!(steps.cwiseAbs().maxCoeff() <= 0.5 * kMaxCoordinate)) return {};
     outline.points[i] = {static_cast<std::int32_t>(std::lrint(steps.x())),
                          static_cast<std::int32_t>(std::lrint(steps.y()))};

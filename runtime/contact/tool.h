@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool: a prism on the plate, and its outline on a slice's lattice, which is
-// at once what overlaps material and what is cut out of it.
+// The tool: a prism on the plate, and its outline on a slice's lattice. The same outline is
+// compared with the material and cut out of it.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,14 +9,14 @@
 #include <cstdint>
 
 #include "formats/geometry/lattice.h"
-#include "formats/session/scene.h"
 #include "formats/geometry/slice_mesh.h"
+#include "formats/session/scene.h"
 #include "runtime/mechanism/pose.h"
 #include "formats/geometry/lattice_box.h"
 
 namespace trocar::runtime {
 
-/// A convex part of the tool's cross-section, by the numbers of its corners, counter-clockwise.
+/// A convex part of the tool's cross-section: the indices of its corners, counter-clockwise.
 struct ConvexPiece {
   int size = 0;
   std::array<std::uint8_t, kMaxToolSides> corner{};
@@ -30,14 +30,15 @@ struct Tool {
   std::array<Eigen::Vector3d, kMaxToolSides> corner_plate_m;
   Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();  ///< lower end of the axis
   Eigen::Vector3d axis_plate = Eigen::Vector3d::UnitZ();  ///< unit, from the tip up the shaft
-  int pieces = 0;  ///< that tile the cross-section; 0: too many
+  int pieces = 0;  ///< convex parts that tile the cross-section; 0: too many
   std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
-/// O(sides^3), by ear clipping and then merging what stays convex (Hertel and Mehlhorn).
+/// The tool of a scene. Its convex parts come from ear clipping and merging pieces whose union is
+/// convex (Hertel and Mehlhorn). O(sides^3).
 Tool make_tool(const SceneTool& scene_tool);
 
-/// Where a slice lies in {B} (formats/session/scene.h, Placement).
+/// The placement of a slice in {B} (formats/session/scene.h, Placement).
 struct PlanarTransform {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();
@@ -62,23 +63,23 @@ Ring to_ring(const LatticeOutline& outline);
 /// Of an outline that is not empty.
 LatticeBox box_around(const LatticeOutline& outline) noexcept;
 
-/// Is the axis within kMaxTilt_deg of {B}'s z? Only then does the tool have outlines.
+/// True if the axis is within kMaxTilt_deg of {B}'s z. Only an upright tool has outlines.
 bool is_upright(const Tool& tool, const Pose& T_device_plate) noexcept;
 
-/// Where the axis, prolonged beyond the tip if need be, meets the plane z = z_m of {B}.
+/// Where the axis, extended beyond the tip if necessary, intersects the plane z = z_m of {B}.
 /// The tool must be upright.
 Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m) noexcept;
 
 /// The prism's section with the plane z = z_m (a tilted tool's is sheared along the tilt, by up to
-/// sqrt(2)), rounded to the lattice, corner by corner. Simple if smallest_clearance_m() is at
-/// least kLeastClearance steps: the section is nowhere narrower than the cross-section, and
-/// rounding moves a corner by at most sqrt(1/2) steps. Size 0 if the tool is not upright or a
-/// corner lies beyond kMaxCoordinate / 2. No allocation.
+/// sqrt(2)), each corner rounded to the lattice. Simple if smallest_clearance_m() is at least
+/// kLeastClearance steps: the section is nowhere narrower than the cross-section, and rounding
+/// moves a corner by at most sqrt(1/2) steps. Size 0 if the tool is not upright or a corner lies
+/// beyond kMaxCoordinate / 2. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
 inline constexpr double kLeastClearance = 1.5;
 
-/// The smallest distance of a corner of the cross-section from a side that it is no end of.
+/// The smallest distance of a corner of the cross-section from an edge that does not end in it.
 double smallest_clearance_m(const Tool& tool) noexcept;
 
 }  // namespace trocar::runtime

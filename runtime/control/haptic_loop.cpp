@@ -151,7 +151,7 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
                     TickResult& result, Wrench& wanted) noexcept {
   const double share = state.safety.authority;
   // It would be blended into all that follows, and be felt as nothing.
-  if (model.contact.law == ForceLawKind::kNetwork && !is_finite(inputs.response)) {
+  if (needs_response(model.contact.law) && !is_finite(inputs.response)) {
     return Fault::kTorqueNotFinite;
   }
   const bool couples = model.coupling.on;

@@ -17,26 +17,26 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr int kPlaces = 12;
-constexpr double kReachesAround = 7;  ///< exp(-2 * 7): what the sheet's end changes in a stiffness
+constexpr double kReachesAround = 7;  ///< the sheet's border changes a stiffness by exp(-2 * 7)
 
 /// A square sheet of two triangles around the origin.
 SliceMesh two_triangles(std::int32_t half) {
   return {{{-half, -half}, {half, -half}, {half, half}, {-half, half}}, {{0, 1, 2}, {0, 2, 3}}};
 }
 
-/// The tool's `k`-th place and turn: corners relative to `centre`.
+/// The tool at its `k`-th place and rotation. `centre`: of the given outline.
 Ring placed(const Ring& tool, const Vector2d& centre, int k, double scatter) {
-  // The golden angle and its multiples: nothing in the mesh repeats.
-  const double turn = k * std::numbers::pi * (3 - std::sqrt(5.0));
+  // Multiples of the golden angle, so that no two places are alike.
+  const double angle = k * std::numbers::pi * (3 - std::sqrt(5.0));
   const Vector2d at =
-      scatter * std::sqrt((k + 0.5) / kPlaces) * Vector2d(std::cos(7 * turn), std::sin(7 * turn));
+      scatter * std::sqrt((k + 0.5) / kPlaces) * Vector2d(std::cos(7 * angle), std::sin(7 * angle));
   Ring out;
   for (const LatticePoint& p : tool) {
     const Vector2d q = Vector2d(p.x, p.y) - centre;
     out.push_back({static_cast<std::int32_t>(
-                       std::lround(at.x() + std::cos(turn) * q.x() - std::sin(turn) * q.y())),
+                       std::lround(at.x() + std::cos(angle) * q.x() - std::sin(angle) * q.y())),
                    static_cast<std::int32_t>(
-                       std::lround(at.y() + std::sin(turn) * q.x() + std::cos(turn) * q.y()))});
+                       std::lround(at.y() + std::sin(angle) * q.x() + std::cos(angle) * q.y()))});
   }
   return out;
 }
@@ -83,8 +83,8 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ri
   }
   out.excess -= 1;
 
-  // The tension at which the mean is K: by Newton's method, as the energy of the springs for
-  // T = 1 is the stiffness's derivative.
+  // Newton's method for the tension at which the mean is K. The derivative of a stiffness with
+  // respect to T is twice the energy of the springs at T = 1.
   for (int round = 0; round < 6; ++round) {
     double mean = 0, slope = 0;
     for (int k = 0; k < kPlaces; ++k) {

@@ -59,13 +59,13 @@ RingBounds bounds_by_maximum_principle(const Network& network, std::span<const N
   return {std::min(1.0, highest * sum / solution.stiffness_N_per_m), std::min(1.0, highest), true};
 }
 
-/// Law 1: the tool's force with the ring let go; negative if that has no solution.
+/// Law 1: the force on the tool with the ring nodes free; -1 if that has no solution.
 double force_without_ring(const Network& network, std::span<const NodeKind> kind) {
-  std::vector<NodeKind> let_go(kind.begin(), kind.end());
-  std::replace(let_go.begin(), let_go.end(), NodeKind::kRing, NodeKind::kFree);
+  std::vector<NodeKind> released(kind.begin(), kind.end());
+  std::replace(released.begin(), released.end(), NodeKind::kRing, NodeKind::kFree);
   SparseFactor factor;
-  if (!factor.make(network, let_go)) return -1;
-  return tool_force(network, let_go, unit_shape(network, let_go, factor, NodeKind::kTool));
+  if (!factor.make(network, released)) return -1;
+  return tool_force(network, released, unit_shape(network, released, factor, NodeKind::kTool));
 }
 
 }  // namespace
@@ -85,25 +85,6 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
     solution.bounds.force = std::clamp(1 - least / solution.stiffness_N_per_m, 0.0, 1.0);
   }
   return true;
-}
-
-void solve_general(const Network& network, std::span<const NodeKind> kind,
-                   const SparseFactor& factor, std::span<const double> held_m,
-                   std::span<const double> force_N, std::span<double> work,
-                   std::span<double> w_m) noexcept {
-  for (std::size_t u = 0; u < factor.size(); ++u) {
-    const std::uint32_t i = factor.nodes()[u];
-    double right = force_N[i];
-    for_each_spring(network, i, [&](std::uint32_t j, double stiffness) {
-      if (kind[j] != NodeKind::kFree) right += stiffness * held_m[j];
-    });
-    work[u] = right;
-  }
-  factor.solve(work.first(factor.size()));
-  for (std::size_t i = 0; i < network.size(); ++i)
-    w_m[i] = held_m[i];
-  for (std::size_t u = 0; u < factor.size(); ++u)
-    w_m[factor.nodes()[u]] = work[u];
 }
 
 }  // namespace trocar::runtime

@@ -7,30 +7,30 @@
 namespace trocar::runtime {
 namespace {
 
-/// A triangle's side with the cotangent of the angle opposite to it, as an exact fraction.
-struct Side {
-  std::uint32_t high;         ///< its node of the higher number
-  std::int64_t dot;           ///< the two legs' scalar product
+/// An edge of a triangle, with the cotangent of the opposite angle as an exact fraction.
+struct Edge {
+  std::uint32_t high;         ///< the node with the higher index
+  std::int64_t dot;           ///< scalar product of the two other edges
   std::int64_t doubled_area;  ///< their cross product, positive
 };
 
-/// The sides by their node of the lower number, and by that of the higher within.
-struct Sides {
+/// All edges, ordered by their node of lower index, then by the higher.
+struct Edges {
   std::vector<std::uint32_t> first;
-  std::vector<Side> sides;
+  std::vector<Edge> edges;
 };
 
-Sides sides_of(const SliceMesh& mesh) {
-  Sides out;
+Edges edges_of(const SliceMesh& mesh) {
+  Edges out;
   out.first.assign(mesh.vertices.size() + 2, 0);
-  // Counted one place further on, so that filling leaves `first` in its final place.
+  // Counts are stored one element further, so that filling leaves `first` in its final state.
   for (const Triangle& t : mesh.triangles) {
     for (std::size_t k = 0; k < 3; ++k)
       ++out.first[std::min(t[k], t[(k + 1) % 3]) + 2];
   }
   for (std::size_t i = 2; i < out.first.size(); ++i)
     out.first[i] += out.first[i - 1];
-  out.sides.resize(3 * mesh.triangles.size());
+  out.edges.resize(3 * mesh.triangles.size());
   for (const Triangle& t : mesh.triangles) {
     const std::int64_t area =
         orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]);
@@ -38,31 +38,31 @@ Sides sides_of(const SliceMesh& mesh) {
       const std::uint32_t a = t[k], b = t[(k + 1) % 3];
       const std::int64_t dot =
           diametral_dot(mesh.vertices[a], mesh.vertices[b], mesh.vertices[t[(k + 2) % 3]]);
-      out.sides[out.first[std::min(a, b) + 1]++] = {std::max(a, b), dot, area};
+      out.edges[out.first[std::min(a, b) + 1]++] = {std::max(a, b), dot, area};
     }
   }
   out.first.pop_back();
   for (std::size_t i = 0; i + 1 < out.first.size(); ++i) {
-    std::sort(out.sides.begin() + out.first[i], out.sides.begin() + out.first[i + 1],
-              [](const Side& a, const Side& b) { return a.high < b.high; });
+    std::sort(out.edges.begin() + out.first[i], out.edges.begin() + out.first[i + 1],
+              [](const Edge& a, const Edge& b) { return a.high < b.high; });
   }
   return out;
 }
 
-double cotangent(const Side& side) {
-  return static_cast<double>(side.dot) / static_cast<double>(side.doubled_area);
+double cotangent(const Edge& edge) {
+  return static_cast<double>(edge.dot) / static_cast<double>(edge.doubled_area);
 }
 
 /// Calls visit(low, high, sum of cotangents) for every edge, in order, and counts the signs.
 template <typename Visit>
-SpringSigns for_each_edge(const Sides& all, Visit&& visit) {
+SpringSigns for_each_edge(const Edges& all, Visit&& visit) {
   SpringSigns signs;
   for (std::uint32_t low = 0; low + 1 < all.first.size(); ++low) {
     for (std::uint32_t k = all.first[low]; k < all.first[low + 1]; ++k) {
-      const Side& a = all.sides[k];
-      const bool interior = k + 1 < all.first[low + 1] && all.sides[k + 1].high == a.high;
+      const Edge& a = all.edges[k];
+      const bool interior = k + 1 < all.first[low + 1] && all.edges[k + 1].high == a.high;
       if (interior) {
-        const Side& b = all.sides[++k];
+        const Edge& b = all.edges[++k];
         ++signs.interior;
         if (Int128{a.dot} * b.doubled_area + Int128{b.dot} * a.doubled_area < 0)
           ++signs.negative_interior;
@@ -85,11 +85,11 @@ double reach_m(const Membrane& membrane) noexcept {
 
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane) {
   const std::size_t n = mesh.vertices.size();
-  const Sides sides = sides_of(mesh);
+  const Edges edges = edges_of(mesh);
   Network out;
-  // As for the sides: counted one place further on.
+  // Counts are stored one element further, as in edges_of().
   out.first.assign(n + 2, 0);
-  for_each_edge(sides, [&](std::uint32_t low, std::uint32_t high, double) {
+  for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double) {
     ++out.first[low + 2];
     ++out.first[high + 2];
   });
@@ -98,7 +98,7 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
   out.neighbour.resize(out.first.back());
   out.stiffness_N_per_m.resize(out.first.back());
   // Edges come by their lower node, so each row fills in ascending order.
-  out.signs = for_each_edge(sides, [&](std::uint32_t low, std::uint32_t high, double cotangents) {
+  out.signs = for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double cotangents) {
     const double stiffness = membrane.tension_N_per_m / 2 * cotangents;
     const auto put = [&](std::uint32_t at, std::uint32_t other) {
       const std::uint32_t k = out.first[at + 1]++;
@@ -123,10 +123,6 @@ Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membra
   return out;
 }
 
-SpringSigns spring_signs(const SliceMesh& mesh) {
-  return for_each_edge(sides_of(mesh), [](std::uint32_t, std::uint32_t, double) {});
-}
-
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept {
   std::uint32_t count = 0;
@@ -140,18 +136,6 @@ std::uint32_t negative_at_free_nodes(const Network& network,
     }
   }
   return count;
-}
-
-double energy_J(const Network& network, std::span<const double> w_m) noexcept {
-  double twice = 0;
-  for (std::size_t i = 0; i < network.size(); ++i) {
-    twice += network.bed_N_per_m[i] * w_m[i] * w_m[i];
-    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
-      const std::uint32_t j = network.neighbour[k];
-      if (j > i) twice += network.stiffness_N_per_m[k] * (w_m[i] - w_m[j]) * (w_m[i] - w_m[j]);
-    }
-  }
-  return twice / 2;
 }
 
 double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept {

@@ -7,14 +7,14 @@
 namespace trocar::runtime {
 namespace {
 
-/// Small numbers by slot, in a table that grows with what is in it and not with the sheet.
+/// A hash table from slot to number. Its size depends on its entries, not on the sheet.
 class SlotTable {
  public:
   SlotTable() : entries_(256) {}
 
-  /// kNone if it has none.
+  /// The number of `slot`, or kNone.
   std::uint32_t find(std::uint32_t slot) { return place(slot).number; }
-  /// `slot` had none.
+  /// `slot` must not be in the table.
   void add(std::uint32_t slot, std::uint32_t number) {
     if (2 * ++used_ >= entries_.size()) grow();
     place(slot) = {slot, number};
@@ -51,10 +51,10 @@ double distance2_to_origin(const std::array<Eigen::Vector2d, 3>& p) {
   bool inside = true;
   for (std::size_t k = 0; k < 3; ++k) {
     const Eigen::Vector2d& a = p[k];
-    const Eigen::Vector2d side = p[(k + 1) % 3] - a;
-    inside = inside && a.x() * side.y() - a.y() * side.x() >= 0;
-    const double t = std::clamp(-a.dot(side) / side.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (a + t * side).squaredNorm());
+    const Eigen::Vector2d edge = p[(k + 1) % 3] - a;
+    inside = inside && a.x() * edge.y() - a.y() * edge.x() >= 0;
+    const double t = std::clamp(-a.dot(edge) / edge.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (a + t * edge).squaredNorm());
   }
   return inside ? 0 : least;
 }
@@ -72,7 +72,7 @@ Circle circle_around(const Ring& tool) noexcept {
 
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue) {
-  SlotTable taken;  // by triangle slot: its place in the queue
+  SlotTable taken;  // by triangle slot: its index in the queue
   queue.clear();
   for (std::uint32_t t : seeds) {
     if (taken.find(t) != kNone) continue;
@@ -92,8 +92,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
     }
   }
 
-  // Neighbours by their place in the queue. A vertex of the part is a fan of its triangles: where
-  // the border passes through a vertex twice, it becomes two.
+  // Neighbours by their index in the queue. Each fan of triangles gets its own vertex: where the
+  // border passes through a vertex twice, the part has it twice.
   const auto n = static_cast<std::uint32_t>(queue.size());
   SheetPart part;
   std::vector<std::array<std::uint32_t, 3>>& across = part.across;
@@ -117,12 +117,12 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
       const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
       part.mesh.vertices.push_back(sheet.vertices[slot]);
       part.parent.push_back(slot);
-      // Around the vertex, over the side that ends in it, until it closes or the border is met;
-      // then the other way.
+      // Around the vertex, across the edge that ends in it, until the fan closes or the border is
+      // reached; then in the other direction.
       std::uint32_t t = k, corner = i;
       const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
-      const auto step = [&](std::uint32_t side) {
-        t = across[t][side];
+      const auto step = [&](std::uint32_t edge) {
+        t = across[t][edge];
         if (t == kNone) return false;
         const Triangle& next = sheet.triangles[queue[t]];
         corner = next[0] == slot ? 0 : next[1] == slot ? 1 : 2;

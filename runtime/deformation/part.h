@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of a sheet around the tool, as a mesh of its own.
+// The part of a sheet around the tool, as a separate mesh.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,31 +18,31 @@ struct Circle {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0;
 };
-/// Around the mean of the corners, through the farthest: the circumscribed circle of a regular
-/// polygon. `tool` is not empty.
+/// Centred at the mean of the corners, through the farthest one; for a regular polygon its
+/// circumscribed circle. `tool` must not be empty.
 Circle circle_around(const Ring& tool) noexcept;
 
-/// A directed side, the part on its left, the rest of the sheet on its right.
-struct OuterSide {
+/// A directed edge with the part on its left and the rest of the sheet on its right.
+struct OuterEdge {
   LatticePoint from, to;
   // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
-  friend auto operator<=>(const OuterSide&, const OuterSide&) = default;
+  friend auto operator<=>(const OuterEdge&, const OuterEdge&) = default;
 };
 
 struct SheetPart {
   SliceMesh mesh;                                    ///< valid
   std::vector<std::array<std::uint32_t, 3>> across;  ///< as SheetMesh's
   std::vector<std::uint32_t> parent;                 ///< of each vertex: its slot in the sheet
-  std::vector<OuterSide> outer;                      ///< ascending
+  std::vector<OuterEdge> outer;                      ///< ascending
 };
 
-/// The triangles `seeds`, and all with a point nearer than `radius` steps to the circle's disc that
-/// are connected with them through such. Breadth first from the seeds, in their order: the same
-/// arguments give the same part. `queue` is scratch. O(part log part).
+/// The triangles `seeds`, and all triangles with a point nearer than `radius` steps to the circle's
+/// disc that are connected with the seeds through such triangles. Breadth first from the seeds, in
+/// their order: the same arguments give the same part. `queue` is scratch. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// The part as a sheet of its own, in its order, with room for more. O(slots).
+/// The part as a sheet, in the same order, with spare slots. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

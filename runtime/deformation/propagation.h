@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // Force propagation (paper, II.C, after its reference [5]; Choi, Sun, Heng and Zou, "Deformable
 // simulation using force propagation model with finite element optimization", Computers & Graphics
-// 28, 2004): a mode to be chosen, not the default.
+// 28, 2004): an optional solver, not the default.
 //
-// What the published descriptions fix: the object is a network of mass points and springs; a node
-// that the tool moves passes force on to its neighbours, these to theirs, so that nodes are
-// activated breadth first from the contact; the deformation is confined to a region given
-// beforehand, a depth in rings of nodes, which makes the cost scale with the depth and not with the
-// object; the active nodes move by an explicit step with damping.
+// Fixed by the published descriptions: the object is a network of mass points and springs. A node
+// that the tool moves passes force on to its neighbours, and so on, so that nodes are activated
+// breadth first from the contact. The deformation is confined to a given depth in rings of nodes,
+// so the cost depends on the depth and not on the object. The active nodes move by an explicit step
+// with damping.
 //
-// What they leave open, and what is chosen here: springs and bed are those of network.h, so that
-// depth and time are the only sources of error against its equilibrium. Depth 0 are the tool's
-// nodes; those deeper than the given depth do not move (w = 0). The step is the semi-implicit Euler
-// step, node by node in the order of activation, so that within one sweep force runs outwards
-// through all rings (positions of nodes activated earlier are already the new ones). Masses are
-// scaled to each node's own stiffness, m_i = k_i dt^2 with k_i = sum of k_ij + f_i: every node has
-// the same stability limit, and the transient is numerical, not the sheet's own. A step is then
+// Chosen here: springs and bed are those of network.h, so that depth and time are the only sources
+// of error against its equilibrium. The tool's nodes have depth 0; nodes deeper than the given
+// depth do not move (w = 0). The step is the semi-implicit Euler step, node by node in the order of
+// activation, so that within one sweep force runs outwards through all rings (positions of nodes
+// activated earlier are already the new ones). Masses are scaled to each node's own stiffness, m_i
+// = k_i dt^2 with k_i = sum of k_ij + f_i: every node has the same stability limit, and the
+// transient is numerical, not physical. A step is then
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
 // with r_i the reaction of network.h: a fixed point is the depth-limited equilibrium. With damping
 // = 1 this is Gauss and Seidel's iteration.
@@ -29,18 +29,18 @@
 
 namespace trocar::runtime {
 
-/// At one half and below, the mode that alternates along the sweep grows (von Neumann's analysis).
+/// With 0.5 or less the mode that alternates along the sweep grows (von Neumann's stability
+/// analysis).
 inline constexpr double kLeastDamping = 0.55;
 
 struct PropagationOptions {
   int depth = 6;   ///< rings of nodes around the tool that move; >= 1
   int sweeps = 4;  ///< in each tick; >= 1
-  /// Share of its velocity that a node loses in a sweep, in [kLeastDamping, 1]; taken as the
-  /// nearest of these.
+  /// Share of its velocity that a node loses in a sweep; clamped to [kLeastDamping, 1].
   double damping = 0.7;
 };
 
-/// What stays: the order of activation. Immutable once made.
+/// The order of activation. Immutable once made.
 struct PropagationPlan {
   std::vector<std::uint32_t> tool;                ///< depth 0
   std::vector<std::uint32_t> active;              ///< depth 1 .. options.depth, breadth first
@@ -48,7 +48,7 @@ struct PropagationPlan {
   PropagationOptions options;
 };
 
-/// What moves; sized by make_propagation_state.
+/// The moving state; sized by make_propagation_state.
 struct PropagationState {
   std::vector<double> w_m;                   ///< of every node
   std::vector<double> velocity_m_per_sweep;  ///< of every active node
@@ -59,8 +59,8 @@ PropagationPlan plan_propagation(const Network& network, std::span<const NodeKin
                                  const PropagationOptions& options);
 PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
 
-/// One tick with the tool at `depth_m`: `options.sweeps` sweeps. Returns the tool nodes' summed
-/// reaction in N (the bed under the tool is not in it). No allocation; O(springs of active nodes).
+/// One tick with the tool at `depth_m`: `options.sweeps` sweeps. Returns the sum of the tool nodes'
+/// reactions in N, without the bed under the tool. No allocation; O(springs of active nodes).
 double propagate(const Network& network, const PropagationPlan& plan, double depth_m,
                  PropagationState& state) noexcept;
 

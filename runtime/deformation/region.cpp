@@ -7,10 +7,10 @@
 #include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
-#include "runtime/deformation/part.h"
-#include "runtime/deformation/region_sides.h"
 #include "runtime/cut/cavity.h"
 #include "runtime/cut/cut.h"
+#include "runtime/deformation/part.h"
+#include "runtime/deformation/region_boundary.h"
 #include "runtime/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
@@ -18,7 +18,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// What a cut needs of free slots where nothing is refined afterwards; more if that is too few.
+/// Free slots for a cut without refinement; retried with more if they do not suffice.
 constexpr std::size_t kSpareForCut = 64;
 constexpr std::size_t kMostSpare = std::size_t{1} << 20;
 
@@ -44,8 +44,8 @@ Vector2d moment(const SheetMesh& mesh, LatticePoint origin) {
   return sum;
 }
 
-/// Room in `work` for this mesh.
-void make_room(const SheetMesh& mesh, RegionWorkspace& work) {
+/// Gives `work` the capacity for this mesh.
+void ensure_capacity(const SheetMesh& mesh, RegionWorkspace& work) {
   if (work.refinement && mesh.vertices.size() <= work.vertex_slots &&
       mesh.triangles.size() <= work.triangle_slots)
     return;
@@ -60,8 +60,7 @@ void make_room(const SheetMesh& mesh, RegionWorkspace& work) {
   work.refinement.emplace(work.vertex_slots, work.triangle_slots);
 }
 
-/// The tool cut out of the part: the one place that knows how. Nothing met leaves it as it is.
-/// False: too few free slots.
+/// Cuts the tool out of the part; without overlap the part is unchanged. False: too few free slots.
 Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, Borne& borne) {
   work.edit.begin(mesh);
   const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work.cut, work.edit);
@@ -81,9 +80,9 @@ Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, 
   return true;
 }
 
-/// Triangles small where the sheet is steep, and no spring negative. The ring's sides stay as they
-/// are: the region still fits into the rest of its sheet.
-void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, double circumradius,
+/// Refines towards the tool, and until no spring is negative where possible. Edges on the ring are
+/// not split, so that the region still conforms to the rest of the sheet.
+void refine(SheetMesh& mesh, const BoundaryEdges& edges, const Ring& tool, double circumradius,
             const Grading& grading, RegionWorkspace& work) {
   work.edit.begin(mesh);
   work.queue.clear();
@@ -95,8 +94,8 @@ void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, doubl
     return at_tool + grading.grade * distance_to_outline(tool, x, y);
   };
   const auto is_ring = [&](std::uint32_t from, std::uint32_t to) {
-    return from < sides.next.size() && sides.kind[from] == NodeKind::kRing &&
-           sides.next[from] == to;
+    return from < edges.next.size() && edges.kind[from] == NodeKind::kRing &&
+           edges.next[from] == to;
   };
   LocalRefinementOptions options;
   options.size = size;
@@ -106,8 +105,8 @@ void refine(SheetMesh& mesh, const BoundarySides& sides, const Ring& tool, doubl
   refine_locally(mesh, work.edit, work.queue, options, *work.refinement);
 }
 
-/// What is in use, closed up in the order of the slots, as to_slice_mesh() does.
-void close_up(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, RegionMesh& region) {
+/// The vertices and triangles in use, in the order of their slots, as to_slice_mesh() does.
+void compact(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, RegionMesh& region) {
   region.mesh = to_slice_mesh(mesh);
   std::vector<std::uint8_t> used(mesh.vertices.size(), 1);
   for (std::uint32_t v : mesh.free_vertices)
@@ -131,9 +130,9 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   if (!under.empty())
     part = part_around(sheet, under, circle_around(tool_in_sheet),
                        options.radius_m / lattice.step_m(), workspace.queue);
-  // From here on places are relative to the tool, and turned by right angles as the part itself
-  // decides: what rounding makes of them then does not depend on where in the slice it is, nor on
-  // how the slice was turned (law 5).
+  // From here on coordinates are relative to the tool and in a canonical rotation by right angles.
+  // Rounding then does not depend on the place in the slice, nor on the rotation of the slice
+  // (contract 5).
   const CanonicalRotation turn = rotation_by_moments([&](auto&& visit) {
     for (const LatticePoint p : part.mesh.vertices)
       visit(p);
@@ -151,29 +150,29 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   region.origin = turn.back(LatticePoint{here.x + middle.x, here.y + middle.y});
   if (under.empty()) return region;
 
-  const auto seen = [&](LatticePoint p) {
+  const auto to_canonical = [&](LatticePoint p) {
     const LatticePoint q = turn(p);
     return LatticePoint{q.x - here.x, q.y - here.y};
   };
   for (LatticePoint& p : part.mesh.vertices)
-    p = seen(p);
-  for (OuterSide& side : part.outer)
-    side = {seen(side.from), seen(side.to)};
+    p = to_canonical(p);
+  for (OuterEdge& edge : part.outer)
+    edge = {to_canonical(edge.from), to_canonical(edge.to)};
   std::sort(part.outer.begin(), part.outer.end());
   for (std::size_t spare = options.grading.graded ? kSpareForCut + options.grading.max_new_vertices
                                                   : kSpareForCut;
        spare <= kMostSpare; spare *= 8) {
     SheetMesh mesh = to_sheet(part, spare, 2 * spare);
-    make_room(mesh, workspace);
+    ensure_capacity(mesh, workspace);
     region.borne.moment_steps3 = moment(mesh, middle);
     const auto done = cut_tool(mesh, tool, workspace, region.borne);
     if (!done) return done.error();
     if (!*done) continue;
     region.borne.moment_steps3 -= moment(mesh, middle);
-    const BoundarySides sides = classified_sides(mesh, part.outer, tool, circle);
+    const BoundaryEdges edges = classified_boundary(mesh, part.outer, tool, circle);
     if (options.grading.graded)
-      refine(mesh, sides, tool, circle.radius, options.grading, workspace);
-    close_up(mesh, node_kinds(mesh, sides, tool, circle), region);
+      refine(mesh, edges, tool, circle.radius, options.grading, workspace);
+    compact(mesh, node_kinds(mesh, edges, tool, circle), region);
     move_by(here, region.mesh.vertices);
     for (LatticePoint& p : region.mesh.vertices)
       p = turn.back(p);
@@ -196,45 +195,6 @@ std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
     if (t < sheet.triangles.size() && sheet.in_use(t) &&
         contact(corners(sheet, t), edges) == Contact::kOverlaps)
       out.push_back(t);
-  }
-  return out;
-}
-
-std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool) {
-  std::vector<std::uint32_t> seeds;
-  if (tool.empty()) return seeds;
-  const LatticeBox box = box_around(tool);
-  for (std::uint32_t t = 0; t < sheet.triangles.size(); ++t) {
-    if (sheet.in_use(t) && !apart(bounding_box(sheet, t), box)) seeds.push_back(t);
-  }
-  return seeds;
-}
-
-RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice& lattice,
-                       double radius_m) {
-  RegionPart out;
-  out.region.origin = region.origin;
-  out.region.borne = region.borne;
-  const auto sheet = make_sheet_mesh(region.mesh, 0, 0);
-  if (!sheet) return out;  // never: the mesh is valid
-  std::vector<std::uint32_t> seeds, queue;
-  for (std::uint32_t t = 0; t < region.mesh.triangles.size(); ++t) {
-    const Triangle& v = region.mesh.triangles[t];
-    if (std::any_of(v.begin(), v.end(),
-                    [&](std::uint32_t i) { return region.kind[i] == NodeKind::kTool; }))
-      seeds.push_back(t);
-  }
-  SheetPart part =
-      part_around(*sheet, seeds, circle_around(tool), radius_m / lattice.step_m(), queue);
-  out.parent = std::move(part.parent);
-  out.region.mesh = std::move(part.mesh);
-  for (std::size_t v = 0; v < out.parent.size(); ++v) {
-    NodeKind kind = region.kind[out.parent[v]];
-    const LatticePoint p = out.region.mesh.vertices[v];
-    const auto at = std::lower_bound(part.outer.begin(), part.outer.end(), p,
-                                     [](const OuterSide& s, LatticePoint q) { return s.from < q; });
-    if (kind == NodeKind::kFree && at != part.outer.end() && at->from == p) kind = NodeKind::kRing;
-    out.region.kind.push_back(kind);
   }
   return out;
 }

@@ -1,20 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh that a force is computed on: the part of a sheet around the tool, with the tool's
-// outline cut out exactly as the hole will be (the tool is rigid: under it nothing bends), and
-// refined towards the tool, where the sheet is steepest. Made by a worker, thrown away afterwards.
+// The mesh on which a force is computed: the part of a sheet around the tool, with the tool's
+// outline cut out as for a puncture (the tool is rigid: the sheet under it does not bend), and
+// refined towards the tool, where the sheet is steepest. A worker makes it for one response.
 //
-// Laws (tests/runtime/deformation/deformation_region_test.cpp and properties_sheet_test.cpp test each):
+// Contract (deformation_region_test.cpp and properties_sheet_test.cpp test each point):
 //  1. With radius R, the mesh has every point of the sheet that is nearer than R to the tool's
 //     circumscribed circle and connected with the tool through such points, less the tool.
-//  2. Its sides lie on the tool (their nodes are kTool), on the sheet's outline (kFree, but for
-//     ends on the tool or the ring) or face the rest of the sheet (kRing); no ring node is nearer
-//     than R. Nodes of the outline within 2 % of the tool's circumradius from the tool are kTool as
-//     well (the tip of a wedge between the two). All others are kFree. Infinite R: no ring. The
-//     sides on the ring are the sheet's own: mesh and rest of the sheet fit together.
-//  3. `borne` is the part of the sheet under the tool: its area is exactly what the cut removed.
-//  4. Time in proportion to the region, not to the sheet.
-//  5. Sheet and tool moved by lattice steps or turned by right angles give the same region, moved
-//     and turned, to the bit (but where formats/geometry/canonical_rotation.h is undecided).
+//  2. Its boundary edges lie on the tool (their nodes are kTool), on the sheet's outline (kFree,
+//     except for ends on the tool or the ring) or on the ring, towards the rest of the sheet
+//     (kRing). No ring node is nearer than R. Nodes of the outline within 2 % of the tool's
+//     circumradius from the tool are kTool as well (the tip of a wedge between the two). All others
+//     are kFree. With infinite R there is no ring. Edges on the ring are edges of the sheet, so
+//     that the mesh conforms to the rest of the sheet.
+//  3. `borne` is the part of the sheet under the tool: its area is exactly the area that the cut
+//     removed.
+//  4. The time is proportional to the region, not to the sheet.
+//  5. Sheet and tool moved by lattice steps or rotated by right angles give the same region, moved
+//     and rotated, to the bit (unless the canonical rotation is undecided).
 #pragma once
 
 #include <Eigen/Core>
@@ -26,20 +28,20 @@
 
 #include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
-#include "runtime/deformation/network.h"
 #include "runtime/cut/cut_workspace.h"
-#include "runtime/refine/local_refinement.h"
+#include "runtime/deformation/network.h"
 #include "runtime/mesh/sheet_edit.h"
 #include "runtime/mesh/sheet_mesh.h"
+#include "runtime/refine/local_refinement.h"
 
 namespace trocar::runtime {
 
 /// The size of the triangles: edges of `at_tool` circumradii along the tool, growing by `grade` per
-/// distance. With a calibrated membrane (calibration.h) the defaults keep the stiffness under a
-/// hexagon within 1 % of the exact one for lambda >= 1.5 circumradii at some 200 free nodes, and
-/// mostly within 1.5 % at rims and holes (tests/runtime/deformation/deformation_accuracy_test.cpp).
+/// unit of distance. With a calibrated membrane (calibration.h) and lambda >= 1.5 circumradii, the
+/// defaults keep the stiffness under a hexagon within 1 % of the exact one with about 200 free
+/// nodes, and mostly within 1.5 % at rims and holes (deformation_accuracy_test.cpp).
 struct Grading {
-  bool graded = true;  ///< false: the sheet's own triangles and what the cut makes of them
+  bool graded = true;  ///< false: the sheet's triangles, changed by the cut only
   double at_tool = 0.33;
   double grade = 0.4;
   std::uint32_t max_new_vertices = 2000;
@@ -50,52 +52,39 @@ struct RegionOptions {
   Grading grading;
 };
 
-/// What lies under the tool, borne by it directly: moments in lattice steps relative to `origin`.
+/// The part of the sheet under the tool. Its bed acts on the tool directly. Relative to the
+/// region's `origin`.
 struct Borne {
   double area_steps2 = 0;
   Eigen::Vector2d moment_steps3 = Eigen::Vector2d::Zero();  ///< area times its centroid
 };
 
 struct RegionMesh {
-  SliceMesh mesh;              ///< valid; empty if the tool covers all that is there
+  SliceMesh mesh;              ///< valid; empty if the tool covers the whole sheet
   std::vector<NodeKind> kind;  ///< of each vertex
-  LatticePoint origin;         ///< near the tool; what moments refer to
+  LatticePoint origin;         ///< near the tool; reference point of moments
   Borne borne;
 };
 
-/// Kept from one region to the next, so that only the first ones allocate much. One thread at a
+/// Kept from one region to the next, so that only the first ones allocate much. For one thread at a
 /// time.
 struct RegionWorkspace {
   std::vector<std::uint32_t> queue;
-  std::size_t vertex_slots = 0, triangle_slots = 0;  ///< that the rest has room for
+  std::size_t vertex_slots = 0, triangle_slots = 0;  ///< capacity of the members below
   SheetEdit edit;
   CutWorkspace cut;
   std::optional<LocalRefinementWorkspace> refinement;
 };
 
-/// `sheet` is valid; `seeds` are slots in use that include every triangle with a point of the
-/// tool in it (triangle_grid.h finds them); `tool` as for cut() (remesh/cut.h). A tool beside all
-/// material gives an empty mesh and nothing borne. Errors: as cut().
+/// `sheet` must be valid. `seeds`: slots that include every triangle with a point of the tool in it
+/// (triangle_grid.h finds them); others are ignored. `tool` as for cut() (runtime/cut/cut.h). A
+/// tool beside all material gives an empty mesh and an empty `borne`. Errors: as cut().
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,
                                const RegionOptions& options, RegionWorkspace& workspace);
 
-/// Those of `seeds` that have an area in common with the tool, each once or as often as given.
+/// Those of `seeds` that share an area with the tool, in order; repeated seeds stay repeated.
 std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
                                             std::span<const std::uint32_t> seeds, const Ring& tool);
-
-/// Every slot whose bounding box meets the tool's, by looking at all: for tests and tools without
-/// a grid. O(n).
-std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool);
-
-/// The part of a region mesh that law 1 gives for a smaller radius, on the same triangles; what
-/// differs between their answers then is the ring alone. `parent[i]`: vertex i of the part in the
-/// whole. O(n).
-struct RegionPart {
-  RegionMesh region;
-  std::vector<std::uint32_t> parent;
-};
-RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice& lattice,
-                       double radius_m);
 
 }  // namespace trocar::runtime

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// Network, equilibrium and response of a mesh that is there.
+/// Network, equilibrium and response of region.mesh.
 Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& region) {
   region.network = make_network(region.mesh.mesh, lattice, membrane);
   if (!solve_local(region.network, region.mesh.kind, region.solution))
@@ -37,7 +37,7 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
   if (out.stiffness_N_per_m > 0) {
     out.centre_steps += moment / out.stiffness_N_per_m;
     out.bounds = solution.bounds;
-    // The bed under the tool is exact: what is uncertain is the network's share.
+    // The bed under the tool is exact; only the network's share has an error.
     out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
   }
   out.nodes = static_cast<std::uint32_t>(region.network.size());
@@ -57,11 +57,11 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
   const bool chosen = options.error_bound > 0;
   const double lambda_m = reach_m(membrane);
   RegionOptions region_options = options.region;
-  // A reach below the tool's size leaves a steep border along its outline.
+  // With a reach below the tool's size the sheet is steep along the outline: finer triangles.
   const double circumradius_m = circle_around(tool).radius * lattice.step_m();
   region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
-  // Along a strip the response falls as exp(-r / lambda), and the ring doubles what is left of it
-  // (local_solver.h, law 2). Over a wide sheet it falls faster: then this is more than enough.
+  // Along a strip the response decays as exp(-r / lambda), and the ring doubles the remaining error
+  // (local_solver.h, law 2). In a wide sheet it decays faster, and this radius more than suffices.
   if (chosen) region_options.radius_m = lambda_m * std::log(2 / std::min(0.5, options.error_bound));
   for (;;) {
     auto mesh = make_region(sheet, seeds, tool, lattice, region_options, workspace);
@@ -77,7 +77,7 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
           whole ? std::numeric_limits<double>::infinity() : region_options.radius_m;
       return region;
     }
-    // What is missing, with a margin so that one step is mostly enough.
+    // The missing radius, with a margin so that one step mostly suffices.
     region_options.radius_m += lambda_m * (std::log(worst / options.error_bound) + 0.1);
   }
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a sheet answers to the tool at one place: a stiffness, where the force acts, the sheet's
-// shape, and how far all that may be from the whole sheet's answer. A worker prepares it; since
-// the problem is linear in the depth, a haptic tick needs only the product stiffness * depth.
+// A sheet's response to the tool at one place: a stiffness, where the force acts, the sheet's
+// shape, and bounds on their difference from the whole sheet's. A worker prepares it. The problem
+// is linear in the depth, so a haptic tick needs only the product stiffness * depth.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,15 +15,15 @@ namespace trocar::runtime {
 
 struct ResponseOptions {
   /// > 0: the radius is chosen so that both bounds (force, displacement) are at most this, and
-  /// region.radius_m is ignored. 0: region.radius_m, whatever the bounds then are.
+  /// region.radius_m is ignored. 0: the radius is region.radius_m, with any bounds.
   double error_bound = 0.01;
   RegionOptions region;
 };
 
-/// Plain numbers, to be handed to the haptic thread.
+/// The part of a response that the haptic thread needs: numbers only.
 struct RegionResponse {
-  double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: there is nothing under it
-  /// Where the reaction's resultant acts, in the slice plane, lattice steps (not rounded).
+  double stiffness_N_per_m = 0;  ///< force on the tool per depth; 0: no material under it
+  /// Where the resultant of the reactions acts in the slice plane, in lattice steps (not rounded).
   Eigen::Vector2d centre_steps = Eigen::Vector2d::Zero();
   double radius_m = 0;  ///< of the region; infinite if it is the whole sheet
   RingBounds bounds;    ///< relative; `force` refers to stiffness_N_per_m
@@ -31,7 +31,7 @@ struct RegionResponse {
   std::uint32_t negative_springs = 0;  ///< of free nodes
 };
 
-/// All that belongs to one place of the tool.
+/// Mesh, network, solution and response for one place of the tool.
 struct Region {
   RegionMesh mesh;
   Network network;
@@ -39,7 +39,7 @@ struct Region {
   RegionResponse response;
 };
 
-/// Arguments as for make_region. Allocates; some 200 us for 200 free nodes. Errors: as cut().
+/// Arguments as for make_region. Allocates; about 300 us for 200 free nodes. Errors: as cut().
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace);

@@ -9,8 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "runtime/deformation/disc.h"
-
 namespace trocar::runtime {
 namespace {
 
@@ -35,7 +33,7 @@ constexpr std::array<Node, 6> kGauss{{{0.0337652428984240, 0.0856622461895852},
                                       {0.8306046932331323, 0.1803807865240693},
                                       {0.9662347571015760, 0.0856622461895852}}};
 
-/// Panels of each side, shrinking as the third power of the distance towards its ends.
+/// Panels of each edge, graded towards its ends with the third power of the distance.
 std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per_side) {
   std::vector<Panel> panels;
   const auto place = [&](int i) {
@@ -46,10 +44,10 @@ std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per
   };
   for (std::size_t k = 0; k < outline.size(); ++k) {
     const Vector2d& a = outline[k];
-    const Vector2d side = outline[(k + 1) % outline.size()] - a;
-    const Vector2d normal = Vector2d(side.y(), -side.x()) / side.norm();
+    const Vector2d edge = outline[(k + 1) % outline.size()] - a;
+    const Vector2d normal = Vector2d(edge.y(), -edge.x()) / edge.norm();
     for (int i = 0; i < panels_per_side; ++i) {
-      Panel panel{a + place(i) * side, a + place(i + 1) * side, normal};
+      Panel panel{a + place(i) * edge, a + place(i + 1) * edge, normal};
       panel.length = (panel.to - panel.from).norm();
       panels.push_back(panel);
     }
@@ -62,8 +60,8 @@ double distance_to(const Vector2d& x, const Vector2d& a, const Vector2d& b) {
   return (a + t * (b - a) - x).norm();
 }
 
-/// G and its normal derivative over a piece of a panel, seen from a point that is not on it:
-/// halved until a piece is no longer than its distance.
+/// Adds G and its normal derivative, integrated over a piece of a panel, at a point off the panel.
+/// The piece is halved until it is no longer than its distance from the point.
 struct Potentials {
   double single = 0, twice = 0;
 };
@@ -76,7 +74,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
     add(x, middle, b, normal, lambda, depth - 1, sum);
     return;
   }
-  const double height = (a - x).dot(normal);  // of the side's line over x: the same all along
+  const double height = (a - x).dot(normal);  // distance of x from the piece's line
   const bool beside = std::abs(height) > 1e-14 * length;
   for (const Node& node : kGauss) {
     const double r = (a + node.at * (b - a) - x).norm();
@@ -86,7 +84,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
   }
 }
 
-/// G over a panel seen from its own middle: s = (length / 2) t^3 takes the logarithm away.
+/// G integrated over a panel, at the panel's middle: s = (length / 2) t^3 removes the singularity.
 double own_potential(double length, double lambda) {
   double sum = 0;
   for (int half = 0; half < 2; ++half) {
@@ -113,11 +111,11 @@ Result<void> check(std::span<const Vector2d> outline, double reach, int panels_p
   if (outline.size() < 3) return refused("a tool has at least three corners");
   if (panels_per_side < 2 ||
       outline.size() * static_cast<std::size_t>(panels_per_side) > kMaxPanels)
-    return refused("a tool's outline of 2 to " + std::to_string(kMaxPanels) + " panels");
+    return refused("the tool's outline must have 2 to " + std::to_string(kMaxPanels) + " panels");
   for (std::size_t k = 0; k < outline.size(); ++k) {
-    const double side = (outline[(k + 1) % outline.size()] - outline[k]).norm();
-    if (!(side > 0) || !std::isfinite(side))
-      return refused("the tool's corners " + std::to_string(k) + " and the next are one");
+    const double edge = (outline[(k + 1) % outline.size()] - outline[k]).norm();
+    if (!(edge > 0) || !std::isfinite(edge))
+      return refused("the tool's corners " + std::to_string(k) + " and the next coincide");
   }
   if (!(polygon_area(outline) > 0)) return refused("the tool's corners run clockwise");
   return {};
@@ -165,22 +163,6 @@ Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
   if (!per_bed) return per_bed.error();
   const double bed = stiffness_N_per_m / *per_bed;
   return Membrane{bed * reach_m * reach_m, bed};
-}
-
-Result<double> equivalent_radius_m(std::span<const Vector2d> outline_m, double reach_m,
-                                   const UnboundedOptions& options) {
-  const auto wanted = unbounded_stiffness_per_bed_m2(outline_m, reach_m, options);
-  if (!wanted) return wanted.error();
-  // The disc's stiffness grows with its radius: bisection between a point and more than enough.
-  const Membrane unit{reach_m * reach_m, 1};
-  double low = 0, high = 0;
-  for (const Vector2d& corner : outline_m)
-    high = std::max(high, 2 * (corner - outline_m[0]).norm());
-  for (int i = 0; i < 60; ++i) {
-    const double middle = (low + high) / 2;
-    (disc_stiffness_N_per_m(unit, middle) < *wanted ? low : high) = middle;
-  }
-  return (low + high) / 2;
 }
 
 }  // namespace trocar::runtime

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stiffness of an unbounded sheet under a rigid tool of any outline, by boundary elements: what
-// the disc's closed form (disc.h) is for a disc. It sets T and f, so that an undamaged sheet far
-// from any edge feels exactly K whatever the tool's shape, and it is a second exact solution for
-// the network, on polygons, that owes nothing to a mesh.
+// The stiffness of an unbounded sheet under a rigid tool of any outline, by boundary elements. It
+// gives the T and f for which an undamaged sheet far from any edge has the stiffness K under a tool
+// of any shape. For the network it is a reference solution on polygons that depends on no mesh.
 //
 // With w = 1 on the outline, G(r) = K0(r / lambda) / (2 pi) and n pointing into the sheet, the edge
 // slope q = -dw/dn obeys Green's third identity
 //   integral of G q ds = c(x) - integral of dG/dn_y ds for x on the outline (c = 1/2 off corners),
 // solved by collocation with constant q on panels graded towards the corners, where q is singular
-// (r^(pi/omega - 1), omega the angle on the sheet's side).
+// (r^(pi/omega - 1), omega the angle outside the tool).
 #pragma once
 
 #include <Eigen/Core>
@@ -20,24 +19,18 @@
 namespace trocar::runtime {
 
 struct UnboundedOptions {
-  int panels_per_side = 16;  ///< error of a hexagon's stiffness below 3e-5; tested
+  int panels_per_side = 16;  ///< error of a hexagon's stiffness: below 3e-5
 };
 
 /// F / (w f) in m^2: the stiffness under a rigid tool for a bed of 1 N/m^3. `outline_m`: a simple
-/// polygon, counter-clockwise, strictly; reach_m > 0. Refused: anything else, or a system that
-/// cannot be solved. O((sides panels)^3): some ms for a hexagon.
+/// polygon, counter-clockwise, of positive area; reach_m > 0. Refused: anything else, or a system
+/// that cannot be solved. O((edges panels)^3): some ms for a hexagon.
 Result<double> unbounded_stiffness_per_bed_m2(std::span<const Eigen::Vector2d> outline_m,
                                               double reach_m, const UnboundedOptions& options = {});
 
-/// The membrane of reach lambda that feels stiffness K under the tool far from any edge.
+/// The membrane of reach lambda that has the stiffness K under the tool far from any edge.
 Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double reach_m,
                                    std::span<const Eigen::Vector2d> outline_m,
-                                   const UnboundedOptions& options = {});
-
-/// The radius of the disc that is as stiff as the tool. For a regular hexagon of circumradius a it
-/// goes from 0.920 a (its logarithmic capacity) for lambda >> a to 0.909 a (equal area) for
-/// lambda << a, and is within 0.1 % of the former for lambda >= 1.5 a; tested.
-Result<double> equivalent_radius_m(std::span<const Eigen::Vector2d> outline_m, double reach_m,
                                    const UnboundedOptions& options = {});
 
 }  // namespace trocar::runtime

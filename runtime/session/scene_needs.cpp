@@ -97,15 +97,15 @@ Result<std::string> describe_needs(const Scene& scene, const DeviceDescription& 
               (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
 
   std::unique_ptr<Responder> responder;
-  if (scene.force_law.kind == ForceLawKind::kNetwork) {
+  if (needs_response(scene.force_law.kind)) {
     auto made = Responder::make(scene, tissues, sheets.front()->transform.lattice);
     if (!made) return made.error();
     responder = std::move(*made);
-    out += line("force law  network, solver %s, reach %.3g mm\n",
+    out += line("force law  %s, solver %s, reach %.3g mm\n", to_string(scene.force_law.kind),
                 kSolverWords.at(static_cast<std::size_t>(scene.force_law.solver)),
                 scene.force_law.reach_m * 1e3);
   } else {
-    out += "force law  hooke\n";
+    out += line("force law  %s\n", to_string(scene.force_law.kind));
   }
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];

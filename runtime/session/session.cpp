@@ -393,7 +393,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher
     if (!made) return made.error();
     workers.black_box = std::move(*made);
   }
-  if (scene.force_law.kind == ForceLawKind::kNetwork) {
+  if (needs_response(scene.force_law.kind)) {
     std::vector<Tissue> tissues;
     for (std::size_t i = 0; i < remesher.size(); ++i)
       tissues.push_back(remesher.first_version(i).tissue);

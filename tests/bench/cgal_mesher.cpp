@@ -23,9 +23,8 @@ using FaceBase = CGAL::Delaunay_mesh_face_base_2<Kernel>;
 using Cdt = CGAL::Constrained_Delaunay_triangulation_2<
     Kernel, CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>>;
 
-// CGAL's Delaunay_mesh_area_criteria_2 ignores its angle bound once there is an area bound. This
-// one asks for both, and has the same order of badness as CGAL's: large before sharp, then the
-// sharper.
+// CGAL's Delaunay_mesh_area_criteria_2 ignores its angle bound if there is an area bound. This one
+// applies both, in CGAL's order: first too large triangles, then the smallest angle.
 class AngleAndArea {
  public:
   struct Quality {
@@ -97,8 +96,8 @@ CgalInput prepare(const Pslg& pslg) {
   }
   Cdt cdt;
   insert(out, cdt);
-  // Floods region after region, from the outside in; crossing a constraint changes sides. The
-  // largest face of a region outside the material gives its seed.
+  // Floods region after region from the outside in; crossing a constraint switches between inside
+  // and outside. The largest face of a region outside the material gives its seed.
   std::map<Cdt::Face_handle, bool> in_material;
   std::vector<std::pair<Cdt::Face_handle, bool>> starts{{cdt.infinite_face(), false}};
   for (std::size_t k = 0; k < starts.size(); ++k) {

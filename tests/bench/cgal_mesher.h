@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What an expert would use from CGAL: its constrained Delaunay triangulation and Delaunay_mesher_2.
+// CGAL's constrained Delaunay triangulation and Delaunay_mesher_2 on our outlines.
 #pragma once
 
 #include <array>
@@ -31,7 +31,7 @@ struct CgalCounts {
 };
 
 /// Triangulates and refines to an angle and, if given, an area in squared lattice steps.
-/// `measure` looks at the result too (not for timing).
+/// `measure`: also measures the result (not for timing).
 CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg,
                      std::optional<double> max_area_steps2, bool measure);
 

@@ -56,10 +56,10 @@ std::optional<Row> solve(Matrix A, Row b) {
   return b;
 }
 
-/// The laws of torque_allocation.h, taken literally.
+/// The optimum that torque_allocation.h defines, found by enumeration.
 struct Exact {
   Row c;                    ///< minimum-norm torques of the wanted wrench
-  std::array<Row, 2> null;  ///< an orthonormal basis of what gives no wrench
+  std::array<Row, 2> null;  ///< an orthonormal basis of the torques without wrench
   Row working, stiffness;   ///< of each motor
   Precise scale = 1;
   Row tau;
@@ -113,7 +113,7 @@ bool take_spaces(const Jacobian& G, const Wrench& wanted, Exact& out) {
 }
 
 /// The largest scale, at most 1, for which c scale + N y keeps the working limits: a linear
-/// programme of three unknowns, all of its vertices looked at.
+/// programme of three unknowns, solved by checking all its vertices.
 Precise largest_scale(const Exact& e) {
   Matrix rows;  // row . (scale, y) <= limit
   Row limits;
@@ -148,7 +148,8 @@ Row torques(const Exact& e, const std::array<Precise, 2>& y) {
   return tau;
 }
 
-/// Law 5 by Newton's method with halved steps, until the slope is gone.
+/// The fifth law of torque_allocation.h, by Newton's method with halved steps until the slope is
+/// zero.
 bool take_least_cost(Exact& e) {
   const auto excess = [&](const Row& tau, std::size_t i) {
     return tau[i] > e.working[i]    ? Precise(tau[i] - e.working[i])
@@ -233,7 +234,7 @@ Jacobian jacobian_at(const Pose& T) {
   return jacobian(device, T, inverse_kinematics(device, T).joints).G;
 }
 
-/// Of singular values, whatever inverse_condition() does.
+/// From singular values, independent of inverse_condition().
 double inverse_condition_of(const Jacobian& G) {
   Jacobian scaled = G;
   scaled.rightCols<3>() /= kCharacteristicLength_m;
@@ -241,11 +242,11 @@ double inverse_condition_of(const Jacobian& G) {
   return svd.singularValues()[5] / svd.singularValues()[0];
 }
 
-/// The plate's motion along one random direction moves the motors next to nothing.
+/// A map that nearly cancels the plate's motion along one random direction.
 Jacobian nearly_singular(Random& random, double relative) {
   Jacobian G = jacobian_at(random_workspace_pose(random));
   const SingularRange range = singular_range(G);
-  // Along a random direction of the plate's motion nearly nothing is left.
+  // Nearly cancels the motion along a random direction.
   Wrench along = wrench_of(random, 1, 1);
   along.tail<3>() /= kCharacteristicLength_m;
   along.normalize();
@@ -254,7 +255,7 @@ Jacobian nearly_singular(Random& random, double relative) {
   return G;
 }
 
-/// By how many roundings an answer may be off, times what the laws let them grow.
+/// The error bound: a number of rounding errors, times their largest amplification.
 constexpr double kRoundings = 64;
 
 }  // namespace

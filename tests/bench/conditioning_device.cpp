@@ -44,7 +44,7 @@ Vector apply(const std::array<Vector, 3>& rows, const Vector& v) {
   return {dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)};
 }
 
-/// Of the pose's own numbers, the quaternion taken as of unit length.
+/// From the pose's numbers, with the quaternion normalised.
 PrecisePose precise(const Pose& T) {
   const Precise w = T.q.w(), x = T.q.x(), y = T.q.y(), z = T.q.z();
   const Precise s = 2 / (w * w + x * x + y * y + z * z);
@@ -54,7 +54,7 @@ PrecisePose precise(const Pose& T) {
             {s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)}}}};
 }
 
-/// Shifted along an axis of {B} (0..2), or turned about it through its own origin (3..5).
+/// Shifted along an axis of {B} (0..2), or rotated about it through the plate's origin (3..5).
 PrecisePose moved(const PrecisePose& T, int freedom, const Precise& by) {
   PrecisePose out = T;
   const std::size_t k = static_cast<std::size_t>(freedom) % 3;
@@ -68,7 +68,7 @@ PrecisePose moved(const PrecisePose& T, int freedom, const Precise& by) {
   return out;
 }
 
-/// DESIGN, The device: th1 and th4 of a leg.
+/// The motor angles th1 and th4 of a leg.
 std::array<Precise, 2> motor_angles_of(const DeviceGeometry& g, const PrecisePose& T, int leg) {
   static constexpr std::array<std::array<int, 2>, kLegs> kTurn{{{1, 0}, {0, 1}, {-1, 0}, {0, -1}}};
   const auto [c, s] = kTurn[static_cast<std::size_t>(leg)];
@@ -93,7 +93,7 @@ std::array<Precise, 2> motor_angles_of(const DeviceGeometry& g, const PrecisePos
 
 using PreciseJacobian = std::array<std::array<Precise, 6>, kMotors>;
 
-/// Central differences with a step that 50 digits bear: good to some 30 digits, less beside a
+/// Central differences with a step that suits 50 digits: good to about 30 digits, fewer near a
 /// branch.
 PreciseJacobian by_differences(const DeviceGeometry& g, const Pose& pose) {
   const Precise step("1e-17");
@@ -129,7 +129,7 @@ double row_error(const Jacobian& G, const PreciseJacobian& exact) {
   return worst;
 }
 
-/// Distance to the nearest place where two branches meet; negative where a leg does not reach.
+/// Distance to the nearest pose where two branches meet; negative where a leg does not reach.
 double branch_distance(const DeviceDescription& device, const Pose& T) {
   const InverseResult inverse = inverse_kinematics(device, T);
   if (!inverse.status) return -1;
@@ -138,8 +138,8 @@ double branch_distance(const DeviceDescription& device, const Pose& T) {
   return measure_singularity(device, T, inverse.joints, G.G).nearest_branch_m;
 }
 
-/// A pose within `distance_m` of a branch's end: from the workspace outwards until a leg no longer
-/// reaches, by bisection.
+/// A pose within `distance_m` of the end of a branch: by bisection from the workspace outwards to
+/// where a leg no longer reaches.
 Pose beside_branch(const DeviceDescription& device, Random& random, double distance_m) {
   const Pose from = random_workspace_pose(random);
   const Eigen::Vector3d along = random.direction();

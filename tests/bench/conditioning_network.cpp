@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
 #include "runtime/deformation/network.h"
 #include "tests/bench/conditioning.h"
+#include "tests/reference/deformation/global_solver.h"
 
 namespace trocar::test {
 namespace {
@@ -21,11 +21,11 @@ using runtime::NodeKind;
 struct Sheet {
   const char* name;
   std::int32_t cell_x, cell_y;  ///< steps
-  double jitter;                ///< of inner vertices, of a cell
+  double jitter;                ///< of inner vertices, in cells
   LatticePoint origin;
   double reach_cells;  ///< in the longer direction
   double tension_N_per_m;
-  bool ring;  ///< its rim is held
+  bool ring;  ///< its boundary is held
 };
 
 // 1e6 mm at 2^-8 mm a step.
@@ -80,7 +80,7 @@ SliceMesh make_mesh(const Sheet& sheet, int side) {
   return mesh;
 }
 
-// Four nodes in the middle are the tool's; the rim's are the ring.
+// Four nodes in the middle are the tool's; those on the boundary are the ring.
 std::vector<NodeKind> make_kinds(int side, bool ring) {
   std::vector<NodeKind> kind;
   for (int y = 0; y <= side; ++y) {
@@ -94,8 +94,8 @@ std::vector<NodeKind> make_kinds(int side, bool ring) {
   return kind;
 }
 
-/// The network that the integers define, as a dense matrix: springs off the diagonal (negated),
-/// beds apart.
+/// The network computed from the lattice's integers, as a dense matrix: springs off the diagonal
+/// (negated), beds separately.
 struct PreciseNetwork {
   std::vector<std::vector<Precise>> spring;
   std::vector<Precise> bed;
@@ -124,10 +124,10 @@ PreciseNetwork make_precise(const SliceMesh& mesh, const Lattice& lattice, const
 struct PreciseSolution {
   std::vector<Precise> w;
   Precise stiffness = 0;
-  /// max of |A^-1| |A| 1 (Skeel): by how much a relative change of every number of the matrix may
-  /// move a displacement, relative to the largest.
+  /// max of |A^-1| |A| 1 (Skeel): the largest relative change of a displacement, relative to the
+  /// largest one, per relative change of the matrix's numbers.
   double condition = 0;
-  /// The tool's springs over the force that they add up to: what cancels in that sum.
+  /// The sum of the tool's springs over their resulting force: the cancellation in that sum.
   double cancellation = 0;
 };
 

@@ -20,7 +20,7 @@ using Big = boost::multiprecision::int512_t;
 using nlohmann::json;
 using Points = std::array<LatticePoint, 4>;
 
-// Of whatever number: the textbook's formulas.
+// The textbook formulas, for any type of number.
 
 template <typename Number>
 int sign(const Number& value) {
@@ -127,7 +127,7 @@ Points next_to_collinear(Inputs& in) {
   return {a, at(2 * px, 2 * py), c, d};
 }
 
-// Rounded to the lattice from one circle.
+// Points of a circle, rounded to the lattice.
 Points nearly_cocircular(Inputs& in) {
   const LatticePoint middle = in.point(kHalf);
   const double radius = in.unit() * kHalf;
@@ -140,8 +140,8 @@ Points nearly_cocircular(Inputs& in) {
   return out;
 }
 
-// On one circle exactly: (+-x, +-y), (+-y, +-x) about a middle; the last one moved by a step in
-// half of the cases.
+// Exactly on one circle: (+-x, +-y), (+-y, +-x) about a centre; in half of the cases the last point
+// is moved by a step.
 Points cocircular(Inputs& in) {
   const LatticePoint middle = in.point(kHalf);
   const std::int32_t x = in.within(kHalf - 1), y = in.within(kHalf - 1);

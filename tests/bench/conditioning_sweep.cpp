@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what rounding does (conditioning.h). In: a plan as JSON on stdin; out: JSON. Nothing
-// here depends on the machine's speed.
+// Measures rounding errors (conditioning.h). In: a plan as JSON on stdin; out: JSON. No result
+// depends on the machine's speed.
 //
 // Plan: {"predicate_inputs": n, "network_side": n, "poses": n, "allocations": n}
 #include <string>

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""conditioning_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: on few inputs, every error is within the bound that is stated
-for it, and what should be hard is. And the report makes a page of it. Environment: TROCAR_CONDITIONING times as many."""
+"""conditioning_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: on few inputs, every error is within its stated
+bound, the hard inputs are hard, and the report makes a page of the results. Environment: TROCAR_CONDITIONING times as many inputs."""
 import json
 import os
 import pathlib
@@ -24,7 +24,7 @@ def main():
 
     for row in data["predicates"]:
         assert row["wrong_signs"] == 0, row
-    # They are hard: doubles get them wrong.
+    # The inputs are hard: doubles give wrong signs.
     assert all(sum(row["wrong_signs_of_doubles"] for row in data["predicates"] if row["predicate"] == name) > 0
                for name in ("orient2d", "in_circle"))
 
@@ -41,7 +41,7 @@ def main():
             assert max(row["error_compact"], row["error_influence"]) <= row["bound"], row
     workspace, end = data["jacobian"][0], data["jacobian"][-1]
     assert workspace["count"] == plan["poses"] and workspace["error_compact"] < 1e-13, workspace
-    assert end["count"] == 0 and end["refused_as_singular"] > 0, end  # said to be singular, not computed wrong
+    assert end["count"] == 0 and end["refused_as_singular"] > 0, end  # reported as singular, not computed wrongly
 
     for row in data["allocation"]:
         assert row["unanswered"] == 0 and row["largest_part_of_bound"] <= row["bound"], row

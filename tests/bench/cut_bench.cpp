@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// cut_bench [Google Benchmark's options] [--out=ROWS.json]: a cut of a tool that meets about 30
-// triangles, in sheets of 10,000 and 200,000 vertices, stage by stage in CPU time of its thread;
-// against CGAL's constrained Delaunay triangulation of the whole slice with the hole and of the
-// cavity alone, in the same run. Ends with a table of quantiles and ratios.
+// cut_bench [Google Benchmark's options] [--out=ROWS.json]: a cut of a tool that overlaps about 30
+// triangles, in sheets of 10,000 and 200,000 vertices, stage by stage in the thread's CPU time;
+// compared with CGAL's constrained Delaunay triangulation of the whole slice with the hole, and of
+// the cavity alone, in the same run. Ends with a table of quantiles and ratios.
 //
-// A thread's CPU time counts what interrupts and a virtual machine's host take from it. What is a
-// cut's own is told apart by making the very same sequence of cuts kPasses times from the same
-// state: the median of a cut's times keeps cold caches and hard places, which come back, and drops
-// stalls, which do not. Beside it the stalls of plain arithmetic of a cut's length.
+// A thread's CPU time includes interrupts and stalls of a virtual machine's host. To separate them,
+// the same sequence of cuts is made kPasses times from the same state: the median of a cut's times
+// contains cold caches and difficult places, which recur, but not stalls, which do not. For
+// comparison the table has the stalls of plain arithmetic that takes as long as a cut.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -53,7 +53,7 @@ Ring hexagon(double x, double y, double turn_rad) {
   return ring;
 }
 
-// CPU times of one thing, in us.
+// CPU times of one stage, in us.
 struct Samples {
   std::vector<double> us;
   double at(double share) {
@@ -64,7 +64,7 @@ struct Samples {
   }
 };
 
-// The machine's stalls: as many pieces of arithmetic, each about as long as a cut.
+// The machine's stalls: pieces of arithmetic, each about as long as a cut.
 Samples plain_arithmetic(double length_us) {
   std::uint64_t value = 1;
   const auto work = [&value](int rounds) {
@@ -86,7 +86,7 @@ Samples plain_arithmetic(double length_us) {
   return samples;
 }
 
-// A sheet with its replica, as the remesher has them.
+// A sheet and its replica, as in the remesher.
 class Subject {
  public:
   explicit Subject(int vertices)
@@ -109,7 +109,7 @@ class Subject {
                    margin + unit() * (extent_.y - 2 * margin), unit());
   }
 
-  // One cut as the remesher makes it; the time up to the hand-over in us.
+  // One cut as in the remesher. Returns the time until the hand-over in us.
   double cut() {
     if (++cuts_ % cuts_to_reset_ == 0) reset();
     const Ring tool = random_tool();
@@ -238,7 +238,7 @@ nlohmann::json describe(int vertices, Subject& subject) {
   return rows;
 }
 
-// For scripts/report: the table as JSON.
+// The table as JSON, for scripts/report.
 void write_rows(const std::string& file, const std::map<int, std::unique_ptr<Subject>>& subjects) {
   nlohmann::json rows = nlohmann::json::array();
   nlohmann::json sheets = nlohmann::json::array();

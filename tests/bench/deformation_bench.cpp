@@ -1,23 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the force law `network` costs: on the haptic thread (a tick's solve with 200 free nodes),
-// and off it (a region from sheet to answer, stage by stage; a whole slice's factorisation).
-// Medians:
+// What the force law `network` costs: a region from sheet to answer, stage by stage; a whole
+// slice's factorisation; one solve with 200 free nodes. Medians:
 // --benchmark_repetitions=9 --benchmark_report_aggregates_only=true.
+//
+// The table at the end compares sparse_factor with Eigen's SimplicialLDLT in the same run, call by
+// call in turn: factorisation and solve alone, and the times for which a user waits. The table
+// alone: --benchmark_filter=none.
 #include <benchmark/benchmark.h>
 
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <cstdio>
+#include <ctime>
 #include <map>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "runtime/contact/puncture.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
 #include "runtime/mesh/triangle_grid.h"
+#include "tests/reference/deformation/general_load.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -245,6 +256,195 @@ void PropagationTick(benchmark::State& state) {
 }
 BENCHMARK(PropagationTick)->DenseRange(1, 12)->Unit(benchmark::kMicrosecond);
 
+// --- sparse_factor beside Eigen's SimplicialLDLT ---
+
+/// The free nodes' matrix, factored by Eigen in its order of approximate minimum degree.
+struct EigenFactor {
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower> ldlt;
+  std::vector<std::uint32_t> nodes;  ///< of each unknown
+
+  bool make(const Network& network, std::span<const NodeKind> kind) {
+    nodes.clear();
+    std::vector<int> unknown(network.size(), -1);
+    for (std::uint32_t i = 0; i < network.size(); ++i) {
+      if (kind[i] != NodeKind::kFree) continue;
+      unknown[i] = static_cast<int>(nodes.size());
+      nodes.push_back(i);
+    }
+    const auto n = static_cast<int>(nodes.size());
+    Eigen::SparseMatrix<double> matrix(n, n);
+    matrix.reserve(static_cast<Eigen::Index>(nodes.size() + network.neighbour.size() / 2));
+    for (int u = 0; u < n; ++u) {
+      const std::uint32_t i = nodes[static_cast<std::size_t>(u)];
+      double diagonal = network.bed_N_per_m[i];
+      for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
+        diagonal += network.stiffness_N_per_m[k];
+      matrix.startVec(u);
+      matrix.insertBack(u, u) = diagonal;
+      for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+        if (const int v = unknown[network.neighbour[k]]; v > u)
+          matrix.insertBack(v, u) = -network.stiffness_N_per_m[k];
+      }
+    }
+    matrix.finalize();
+    ldlt.compute(matrix);
+    return ldlt.info() == Eigen::Success;
+  }
+};
+
+double thread_us() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
+}
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
+/// Median CPU times of both in us, called in turn.
+struct Pair {
+  double ours_us = 0, eigen_us = 0;
+};
+template <typename Ours, typename Eigens>
+Pair in_turn(int repetitions, Ours&& ours, Eigens&& eigens) {
+  std::vector<double> ours_us, eigen_us;
+  for (int i = 0; i < repetitions; ++i) {
+    const double start = thread_us();
+    ours();
+    const double middle = thread_us();
+    eigens();
+    ours_us.push_back(middle - start);
+    eigen_us.push_back(thread_us() - middle);
+  }
+  return {median(ours_us), median(eigen_us)};
+}
+
+void print_row(const char* what, std::size_t free_nodes, const Pair& t) {
+  std::printf("%-58s %9zu %11.1f %11.1f %9.2f\n", what, free_nodes, t.ours_us, t.eigen_us,
+              t.eigen_us / t.ours_us);
+}
+
+struct Comparison {
+  std::size_t free_nodes = 0;
+  Pair factor, solve;
+  double difference = 0;  ///< largest relative one of the two solutions
+};
+
+/// False if the solutions differ by more than rounding: then the times mean nothing.
+bool compare(const Network& network, std::span<const NodeKind> kind, int repetitions,
+             Comparison& out) {
+  SparseFactor ours;
+  EigenFactor eigens;
+  bool made = true;
+  out.factor = in_turn(
+      repetitions, [&] { made = ours.make(network, kind) && made; },
+      [&] { made = eigens.make(network, kind) && made; });
+  if (!made) return false;
+  out.free_nodes = ours.size();
+  const auto n = static_cast<Eigen::Index>(ours.size());
+  std::vector<double> x(ours.size());
+  Eigen::VectorXd right(n), y(n);
+  out.solve = in_turn(
+      10 * repetitions,
+      [&] {
+        std::fill(x.begin(), x.end(), 1.0);
+        ours.solve(x);
+        benchmark::DoNotOptimize(x.data());
+      },
+      [&] {
+        right.setOnes();
+        y = eigens.ldlt.solve(right);
+        benchmark::DoNotOptimize(y.data());
+      });
+  std::vector<double> by_node(network.size());
+  for (std::size_t u = 0; u < ours.size(); ++u)
+    by_node[ours.nodes()[u]] = x[u];
+  for (Eigen::Index u = 0; u < n; ++u) {
+    const double expected = by_node[eigens.nodes[static_cast<std::size_t>(u)]];
+    out.difference = std::max(out.difference, std::abs(y[u] / expected - 1));
+  }
+  return out.difference <= 1e-9;
+}
+
+/// The time of a task, and what it would be if `factors` factorisations and `solves` solves in it
+/// were Eigen's.
+Pair with_eigen(double task_us, const Comparison& c, double factors, double solves) {
+  return {task_us, task_us + factors * (c.factor.eigen_us - c.factor.ours_us) +
+                       solves * (c.solve.eigen_us - c.solve.ours_us)};
+}
+
+template <typename Act>
+double median_us(int repetitions, Act&& act) {
+  return in_turn(repetitions, act, [] {}).ours_us;
+}
+
+bool print_comparison() {
+  std::printf("\n%-58s %9s %11s %11s %9s\n", "sparse_factor beside Eigen's SimplicialLDLT", "nodes",
+              "ours, us", "Eigen's, us", "ratio");
+  bool agree = true;
+  double difference = 0;
+  for (const std::uint32_t wanted : {100U, 200U, 400U}) {
+    Setting& s = setting(wanted);
+    Comparison c;
+    agree = compare(s.region.network, s.region.mesh.kind, 201, c) && agree;
+    difference = std::max(difference, c.difference);
+    print_row("factorisation", c.free_nodes, c.factor);
+    print_row("one solve", c.free_nodes, c.solve);
+    const double prepare_us = median_us(51, [&] {
+      auto region =
+          prepare_region(s.sheet, s.seeds, s.tool, s.lattice, s.membrane, s.options, s.workspace);
+      benchmark::DoNotOptimize(region);
+    });
+    // The shape and the bounds are a solve each.
+    print_row("user waits: the response to a new place", c.free_nodes,
+              with_eigen(prepare_us, c, 1, 2));
+  }
+  for (const int cells : {100, 200}) {
+    const Network network =
+        make_network(test::triangular_mesh({0, 0}, 256, cells), Lattice{8}, {320, 5e6});
+    std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
+    kind[network.size() / 2] = NodeKind::kTool;
+    Comparison c;
+    agree = compare(network, kind, 9, c) && agree;
+    difference = std::max(difference, c.difference);
+    print_row("factorisation, a whole slice", c.free_nodes, c.factor);
+    print_row("one solve, a whole slice", c.free_nodes, c.solve);
+  }
+  // calibrate() prepares 12 regions and solves each 6 times more, on sheets of two triangles.
+  const Lattice lattice{8};
+  const Ring tool = test::regular_polygon({}, 768, 6);
+  const std::int32_t half = 20000;
+  const SheetMesh square = sheet_of(
+      {{{-half, -half}, {half, -half}, {half, half}, {-half, half}}, {{0, 1, 2}, {0, 2, 3}}});
+  ResponseOptions whole;
+  whole.error_bound = 0;
+  RegionWorkspace workspace;
+  const auto region = prepare_region(square, std::array<std::uint32_t, 2>{0, 1}, tool, lattice,
+                                     setting(200).membrane, whole, workspace);
+  Comparison c;
+  agree = compare(region->network, region->mesh.kind, 201, c) && agree;
+  difference = std::max(difference, c.difference);
+  const double load_us = median_us(9, [&] {
+    const auto calibration = calibrate(5000, kReach_m, tool, lattice);
+    benchmark::DoNotOptimize(calibration->membrane);
+  });
+  print_row("user waits: the calibration when a scene is loaded", c.free_nodes,
+            with_eigen(load_us, c, 12 * 7, 12 * 7));
+  std::printf("ratio: Eigen's time over ours. A haptic tick neither factors nor solves.\n");
+  std::printf("largest relative difference of the two solutions: %.2g\n", difference);
+  return agree;
+}
+
 }  // namespace
 
-BENCHMARK_MAIN();
+int main(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+  benchmark::RunSpecifiedBenchmarks();
+  benchmark::Shutdown();
+  if (print_comparison()) return 0;
+  std::fprintf(stderr, "deformation_bench: the two factorisations give different answers\n");
+  return 1;
+}

@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// deformation_sweep < PLAN.json > ROWS.json: speed against error of the network's solvers, at
-// random places of scans' slices. Exit codes as everywhere.
+// deformation_sweep < PLAN.json > ROWS.json: speed and error of the network's solvers, at random
+// places of scans' slices. Exit codes as for the programs.
 //
 // PLAN: {"assets": [{"name", "path"}], "places", "repetitions", "reach_m", "tool_radius_m"}
-//
-// At each place the whole slice, with the tool cut out and graded around it, is one network; its
-// equilibrium (global_solver) is what the others are measured against, on the same triangles:
+// At each place the whole slice, with the tool cut out and graded around it, is one network. The
+// others are compared with its equilibrium (global_solver), on the same triangles:
 //   propagation, at depths 1 .. 12, at rest (error of the depth) and in the first tick of a step;
 //   local, at radii of 1 .. 12 half lambdas around the tool;
 //   auto, at bounds of 10, 1 and 0.1 %.
 // A row for each scan, method and parameter: errors (relative to the force, to the depth) and times
-// (of the calling thread's CPU) as medians, 95 % and largest over the places. solve_us: a tick's
-// work for a general load; prepare_us: what comes before, from the network on; mesh_us (auto):
-// region cut out and refined.
+// (of the calling thread's CPU) as medians, 95 % and largest over the places. solve_us: one
+// solve for a general load; prepare_us: network and factorisation; mesh_us (auto): the region cut
+// out and refined.
 
 #include <algorithm>
 #include <cmath>
@@ -26,10 +25,12 @@
 
 #include "formats/asset/asset.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
 #include "tests/bench/sweep_main.h"
+#include "tests/reference/deformation/general_load.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace {
@@ -62,7 +63,7 @@ double median_us(int repetitions, Act&& act) {
   return times[static_cast<std::size_t>(repetitions / 2)];
 }
 
-/// Of one scan, method and parameter: a value a place.
+/// One scan, method and parameter: a value for each place.
 struct Row {
   std::vector<double> force_error, displacement_error, early_force_error, solve_us, prepare_us,
       mesh_us, answer_us, nodes, radius_mm;

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """deformation_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: a small sweep over the assets of the folder
-TROCAR_ASSETS, whose figures must obey what is known beforehand; and the report makes a page of it."""
+TROCAR_ASSETS, whose results must have known properties; and the report makes a page of them."""
 import json
 import os
 import pathlib
@@ -27,7 +27,7 @@ def main():
     rows = {method: [row for row in data["rows"] if row["method"] == method] for method in ("propagation", "local", "auto", "global")}
     assert [len(rows[method]) for method in rows] == [12, 12, 3, 1]
     assert len({row["id"] for row in data["rows"]}) == 28
-    # A ring or a depth further out never makes the error larger; the bounds are kept.
+    # The error does not grow with radius or depth, and errors are within the bounds.
     for method in ("propagation", "local"):
         for error in ("force_error_max", "displacement_error_max"):
             values = [row[error] for row in rows[method]]

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// device_sweep < PLAN.json > ANSWER.json: the device of the description against the same one with
-// three legs, and the torque allocation against clipping. The plan is made by
+// device_sweep < PLAN.json > ANSWER.json: the built-in device compared with the same one with three
+// legs, and the torque allocation compared with clipping. The plan is made by
 // scripts/lib/report/sections/device.py. Exit codes as everywhere.
 //
 // PLAN: {"poses": 20000,                     random poses of the stated workspace
@@ -42,7 +42,7 @@ double quantile(const std::vector<double>& sorted, double q) {
   return sorted[std::min(at, sorted.size() - 1)];
 }
 
-// What poses give, one number each.
+// Results, one number for each pose.
 struct Survey {
   std::vector<double> inverse_condition, smallest_per_m, torque_Nm;
   int unreachable = 0;
@@ -123,7 +123,7 @@ std::vector<Eigen::Vector3d> spread(int count) {
   return out;
 }
 
-// Maps are looked at: four digits after the point.
+// Four digits after the point are enough for maps.
 double shown(double inverse_condition) {
   return std::round(inverse_condition * 1e4) / 1e4;
 }
@@ -243,8 +243,8 @@ json allocation(const DeviceDescription& device, const json& plan) {
   return rows;
 }
 
-// Every task several times in a row: its least time is the work, its first one the work when the
-// caches are as a loop leaves them at worst, both free of most interruptions or not.
+// Every task runs several times in a row. Its shortest time is the work itself; its first time
+// includes cold caches.
 json times(const DeviceDescription& device, int count) {
   constexpr int kRepetitions = 7;
   Random random(73);

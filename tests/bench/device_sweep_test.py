@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""device_sweep_test.py PROGRAM: a small sweep whose figures must obey what is known beforehand."""
+"""device_sweep_test.py PROGRAM: a small sweep whose results must have known properties."""
 import json
 import subprocess
 import sys
@@ -29,11 +29,11 @@ def main():
             assert len(each["upright"]) == len(each["tilted"]) == 5
             for upright, tilted in zip(sum(each["upright"], []), sum(each["tilted"], [])):
                 assert 0 <= tilted <= upright <= 1
-    # Four legs have a quarter turn's symmetry, upright: the map turned by it is the map.
+    # Upright, four legs are symmetric under a rotation by 90 degrees, and so is the map.
     grid = four["maps"][0]["upright"]
     turned = [list(row) for row in zip(*grid[::-1])]
     assert all(abs(a - b) < 1e-9 for x, y in zip(grid, turned) for a, b in zip(x, y))
-    # What tests/runtime/mechanism/jacobian_test.cpp asserts of the same poses' like.
+    # As tests/runtime/mechanism/jacobian_test.cpp asserts for similar poses.
     assert four["rows"][0]["inverse_condition_min"] > 0.15 and four["rows"][0]["torque_for_35N_max_Nm"] < 4.5
 
     inverse, forward, motors, compact, influence = answer["kinematics"]

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes that operator new has handed out and not got back: now, and at most. A program that links
+// Bytes allocated by operator new and not yet freed: now, and at most. A program that links
 // heap_meter.cpp counts from its start; on one thread or several.
 #pragma once
 
@@ -11,7 +11,7 @@ struct HeapBytes {
   std::int64_t now = 0, most = 0;
 };
 HeapBytes heap_bytes() noexcept;
-/// From here on `most` is the most since now.
+/// Restarts `most` from the present value.
 void reset_heap_peak() noexcept;
 
 }  // namespace trocar::test

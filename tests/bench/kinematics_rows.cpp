@@ -21,7 +21,8 @@ using testing_support::random_workspace_pose;
 constexpr int kPasses = 15;
 
 struct Sample {
-  Pose pose, before;  ///< `before`: half a millimetre and half a degree away, as the last tick's
+  Pose pose,
+      before;  ///< `before`: half a millimetre and half a degree away, as in the previous tick
   InverseResult inverse;
   std::array<double, kEncoders> encoder_rad;
   MotorVector motor_rad;
@@ -33,7 +34,7 @@ double distance_m(const Pose& a, const Pose& b) {
          kCharacteristicLength_m * rotation_vector(a.q.conjugate() * b.q).norm();
 }
 
-/// The median pass's time a call.
+/// The time of a call in the median pass.
 template <typename Call>
 double median_us(const std::vector<Sample>& samples, Call&& call) {
   std::vector<double> us;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kinematics, speed against error: what a tick computes between encoders and wrench.
+// Speed and error of a tick's kinematics, from encoders to wrench.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -8,9 +8,9 @@
 
 namespace trocar::test {
 
-/// A row a function: its largest error over random poses of the stated workspace, and the median
-/// time of a call (of a pass over all of the poses). Forward kinematics must find the pose that the
-/// angles were made from.
+/// A row for each function: its largest error over random poses of the stated workspace, and the
+/// median time of a call (a pass over all poses, divided by their number). Forward kinematics must
+/// find the pose that the angles were computed from.
 nlohmann::json kinematics_rows(const DeviceDescription& device, int poses);
 
 }  // namespace trocar::test

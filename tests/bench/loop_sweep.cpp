@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what the loop does to a hand: a simulated device pressed into a made-up sheet by a hand
-// that damps nothing, tick by tick as in a session. In: a plan as JSON on stdin; out: JSON. Nothing
-// here depends on the machine's speed.
+// Measures the stability of the loop: a simulated device is pressed into a synthetic sheet by a
+// hand without damping, tick by tick as in a session. In: a plan as JSON on stdin; out: JSON. No
+// result depends on the machine's speed.
 //
 // Plan: {"rates_Hz": [..], "walls": [{"rate_Hz", "stiffness_N_per_m", "pressed_N"}, ..],
 //        "region": {"damping_N_s_per_m": [..], "bisections": n}, "traces": bool}
@@ -59,7 +59,7 @@ json press(double rate_Hz, double stiffness_N_per_m, double pressed_N, bool pass
   return row;
 }
 
-/// What the motors gave after the sheet gave way, and in all of a press and lift.
+/// The energy from the motors after the puncture, and over a whole press and lift.
 json release(double rate_Hz, bool passivity) {
   RigOptions options;
   options.rate_Hz = rate_Hz;
@@ -85,7 +85,7 @@ json release(double rate_Hz, bool passivity) {
           {"given_by_press_and_lift_mJ", lifted.device_->truth().work.motors_J * 1e3}};
 }
 
-/// Does an oscillation die out? Pressed with 10 N.
+/// True if an oscillation decays, pressed with 10 N.
 bool is_stable(double rate_Hz, double stiffness_N_per_m, double damping_N_s_per_m, bool passivity,
                double& device_damping_N_s_per_m) {
   RigOptions options;

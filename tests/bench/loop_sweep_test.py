@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""loop_sweep_test.py PROGRAM: a small sweep whose figures must obey what is known beforehand."""
+"""loop_sweep_test.py PROGRAM: a small sweep whose results must have known properties."""
 import json
 import math
 import subprocess
@@ -33,7 +33,7 @@ def main():
     assert len(answer["region"]) == 8
     of = {(r["rate_Hz"], r["wall_damping_N_s_per_m"], r["passivity_controller"]): r for r in answer["region"]}
     for row in answer["region"]:
-        # The bound is sufficient for whatever hand; 20 % for the bisection.
+        # The bound is sufficient for any hand; 20 % for the bisection.
         assert row["largest_stable_stiffness_N_per_m"] > 0.8 * row["bound_stiffness_N_per_m"], row
     for rate in (500, 1000):
         assert of[rate, 0, True]["largest_stable_stiffness_N_per_m"] > 3 * of[rate, 0, False]["largest_stable_stiffness_N_per_m"]

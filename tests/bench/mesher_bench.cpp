@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // mesher_bench [--list] [--out=ROWS.json] [NAME=]SCAN... [Google Benchmark's options]: our
-// triangulation and refinement against CGAL's on the same outlines, in the same run, on one thread.
+// triangulation and refinement compared with CGAL's on the same outlines, in the same run, on one
+// thread.
 // Ends with a table of ratios, also as JSON for scripts/report; --list names every triangle below
-// 30 degrees and the input angle that it sits at. Fails if one sits at none below 60 degrees, or if
-// an edge has negative stiffness.
+// 30 degrees and the input angle in which it lies. Fails if one does not lie in an input angle
+// below 60 degrees, or if an edge has negative stiffness.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -105,7 +106,7 @@ Refined our_mesh(const Pslg& pslg, const RefinementOptions& options) {
   return refine(*cdt, kLattice, options);
 }
 
-// Google Benchmark's console output, and the medians of repetitions kept.
+// Google Benchmark's console output, which also keeps the medians of the repetitions.
 class Medians : public benchmark::ConsoleReporter {
  public:
   void ReportRuns(const std::vector<Run>& runs) override {
@@ -117,7 +118,7 @@ class Medians : public benchmark::ConsoleReporter {
     }
     ConsoleReporter::ReportRuns(runs);
   }
-  // NaN if it was not run.
+  // NaN if the benchmark was not run.
   double ms(const std::string& name) const {
     const auto it = times_.find(name);
     if (it == times_.end()) return std::nan("");
@@ -136,7 +137,7 @@ struct Counts {
   bool is_refined = true;
 };
 
-// Lists every triangle below the angle if asked to.
+// With --list, lists every triangle below the angle.
 Counts count_ours(const Case& c, bool list) {
   Counts out;
   for (std::size_t k = 0; k < c.outlines->simple.size(); ++k) {

@@ -12,8 +12,8 @@ using sample::CrossSection;
 using sample::SectionDistance;
 using sample::Vec2;
 
-// Distances from the curve `from` to another: every step_mm of arc into `samples`, all of them and
-// the vertices into the maximum.
+// Distances from the curve `from` to another: samples every step_mm of arc go into `samples`; they
+// and the vertices go into the maximum.
 void directed(const CrossSection& from, const SectionDistance& to, double step_mm,
               std::vector<float>& samples, double& max_mm) {
   for (const std::vector<Vec2>& ring : from.rings) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How far an outline lies from the truth, both ways, by dense sampling.
+// The distance of an outline from the true one, in both directions, by dense sampling.
 #pragma once
 
 #include <vector>
@@ -9,19 +9,19 @@
 
 namespace trocar::pipeline::bench {
 
-/// An outline in mm of its slice plane, as the type that SectionDistance measures against.
+/// An outline in mm in its slice plane, in the type that SectionDistance takes.
 sample::CrossSection as_section(const Pslg& outline, const Lattice& lattice);
 
-/// The truth of one slice. Empty where the slice holds no material.
+/// The true outline of one slice; empty if the slice has no material.
 struct Truth {
   explicit Truth(sample::CrossSection truth);
   sample::CrossSection section;
   sample::SectionDistance distance;
 };
 
-/// What was found over any number of slices.
+/// Results over any number of slices.
 struct ErrorSamples {
-  std::vector<float> outline_to_truth_mm;  ///< at equal steps of arc length, vertices left out
+  std::vector<float> outline_to_truth_mm;  ///< at equal steps of arc length, without vertices
   std::vector<float> truth_to_outline_mm;
   double outline_to_truth_max_mm = 0;  ///< over samples and vertices
   double truth_to_outline_max_mm = 0;
@@ -30,8 +30,8 @@ struct ErrorSamples {
   int unmatched = 0;            ///< slices with material in only one of the two: not measured
 };
 
-/// Adds one slice. Distances are read every `step_mm` along both curves and at all vertices;
-/// distance being 1-Lipschitz, no maximum is missed by more than step_mm / 2.
+/// Adds one slice. Distances are sampled every `step_mm` along both curves and at all vertices. A
+/// distance is 1-Lipschitz, so the error of a maximum is at most step_mm / 2.
 void add_errors(const sample::CrossSection& outline, const Truth& truth, double step_mm,
                 ErrorSamples& into);
 

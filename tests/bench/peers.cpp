@@ -38,7 +38,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-// The share of each pixel that the disc covers, times 1000: sharp, or blurred by a Gaussian edge.
+// The share of each pixel that the disc covers, times 1000; sharp, or with a Gaussian edge.
 Field disc(double radius_px, double sigma_px, double cx, double cy) {
   const int side = static_cast<int>(std::ceil(2 * radius_px)) + 6;
   Field field{{side, side, {}}, 500};
@@ -72,8 +72,8 @@ struct Broken {
   std::size_t collapsed = 0, crossing = 0, slices = 0;
 };
 
-// A ring collapses when it has no area left or turns over; it crosses when an edge of it meets
-// another, its own or another ring's, elsewhere than in a shared vertex. Both exact.
+// A ring has collapsed if its area is zero or its orientation reversed. It crosses if one of its
+// edges intersects another edge, of any ring, except in a shared vertex. Both tests are exact.
 void count_broken(const Pslg& contours, const Pslg& simple, Broken& into) {
   struct Edge {
     LatticePoint a, b;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The named peers: what OpenCV alone gives for the same step, measured beside ours in one run.
+// The same steps by OpenCV alone, measured beside ours in one run.
 #pragma once
 
 #include <array>
@@ -12,23 +12,24 @@
 
 namespace trocar::pipeline::bench {
 
-/// Milliseconds of f by the wall clock, and of CPU; the median of `repetitions`.
+/// Wall clock and CPU time of f in ms; medians of `repetitions`.
 double median_ms(int repetitions, const std::function<void()>& f);
 double median_cpu_ms(int repetitions, const std::function<void()>& f);
 
-/// Discs of the radii (pixels), at `offsets` places within a pixel each, as a scanner shows them:
-/// every pixel its coverage (sigma_px 0, by 64 x 64 samples) or blurred by a Gaussian edge. The
-/// area error of both contour kinds, a row a radius.
+/// Images of discs of the given radii (pixels), each at `offsets` places within a pixel: a pixel's
+/// value is its coverage (sigma_px 0, by 64 x 64 samples) or a Gaussian edge. The area error of
+/// both contour kinds, a row for each radius.
 nlohmann::json disc_rows(const std::vector<double>& radii_px, double sigma_px, int offsets);
 
-/// simplify() and cv::approxPolyDP (Douglas-Peucker ring by ring) on the same contours: what each
-/// breaks, counted by one exact test for both, and milliseconds a slice. A row a tolerance.
+/// simplify() and cv::approxPolyDP (Douglas-Peucker, ring by ring) on the same contours: the
+/// numbers of collapsed and crossing rings, by the same exact test, and milliseconds per slice. A
+/// row for each tolerance.
 nlohmann::json simplifier_rows(const SweepScan& scan, const std::vector<double>& tolerances_px,
                                int repetitions);
 
-/// A folder of PNGs: cv::imread of every file, then the whole path from files to a proved .glb in
-/// one thread and in two, verification of that .glb included; and from the DICOM files beside them.
-/// Repetitions are interleaved. Times are wall clock and CPU, medians.
+/// A folder of PNGs: cv::imread of every file, then the whole path from files to a verified .glb,
+/// with one thread and with two; and the same from the DICOM files beside them. Repetitions are
+/// interleaved. Wall clock and CPU times, medians.
 Result<nlohmann::json> path_row(const std::filesystem::path& png,
                                 const std::filesystem::path& dicom,
                                 std::array<double, 3> spacing_mm, double grey_threshold,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// pipeline_sweep < PLAN.json > ROWS.json: speed against error of the pipeline. The plan (made by
-// scripts/lib/report/pipeline.py) names scans, points of the parameter space and peers; the answer
-// has a row for each scan and point. Exit codes as everywhere.
+// pipeline_sweep < PLAN.json > ROWS.json: speed and error of the pipeline. The plan (made by
+// scripts/lib/report/sections/pipeline.py) names scans, points of the parameter space and peers;
+// the result has a row for each scan and point. Exit codes as for the programs.
 //
 // PLAN: {"repetitions": 5,
 //        "scans": [{"name", "slices": [..], "noise_hu"} (phantom)
@@ -10,7 +10,7 @@
 //                    "lattice_bits"}],
 //        "simplifiers": {"tolerances_px": [..]}, "discs": {"radii_px": [..], "blur_sigma_px": [..],
 //        "offsets"}, "path": {"png", "dicom", "spacing_mm", "grey_threshold"}}   (the last three
-//        may be left out)
+//        are optional)
 #include <algorithm>
 #include <iostream>
 
@@ -52,8 +52,8 @@ constexpr Stage kStages[] = {
     {"simplify", &StageTimes::simplify_ms}, {"triangulate", &StageTimes::triangulate_ms},
     {"refine", &StageTimes::refine_ms},     {"check", &StageTimes::check_ms}};
 
-// Of each slice the median of each stage over the repetitions; of these the mean over the slices.
-// All slices are encoded in one go: that time is long enough to be interrupted, and is CPU time.
+// For each stage the median over the repetitions of each slice, then the mean over the slices. All
+// slices are encoded in one call, which is long enough to be interrupted: its time is CPU time.
 json stage_times(const std::vector<std::vector<StageTimes>>& by_slice, double encode_ms_per_slice) {
   json out;
   double total = encode_ms_per_slice;
@@ -76,7 +76,7 @@ json stage_times(const std::vector<std::vector<StageTimes>>& by_slice, double en
   return out;
 }
 
-// What the meshes hold, summed over the slices.
+// Sizes of the meshes, summed over the slices.
 struct Counts {
   std::size_t rings = 0, contour_vertices = 0, pslg_vertices = 0, vertices = 0;
   std::uint32_t below = 0, below_at_small = 0, below_unexplained = 0;
@@ -125,8 +125,8 @@ void put_errors(const ErrorSamples& samples, json& row) {
   row["unmatched_slices"] = samples.unmatched;
 }
 
-// One scan at one point. A point that the scan cannot have (pixels too fine for the lattice) gives
-// a row with "refused": the reason.
+// One scan at one point. If the point does not suit the scan (pixels too fine for the lattice), the
+// row has the reason in "refused".
 Result<json> sweep_row(const SweepScan& scan, const std::string& name, const json& point,
                        int repetitions) {
   const auto options = mesh_options(point, scan.min_region_mm2);

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pipeline_sweep_test.py PROGRAM: a small sweep whose figures must obey what is known beforehand."""
+"""pipeline_sweep_test.py PROGRAM: a small sweep whose results must have known properties."""
 import json
 import math
 import subprocess
@@ -28,7 +28,7 @@ def main():
     row = {r["point"]: r for r in answer["rows"]}
     assert len(row) == 4 and "refused" in row["too_coarse"] and "refused" not in row["default"]
 
-    # The exact contour bounds the others: simplification adds at most its tolerance.
+    # Simplification adds at most its tolerance to the error of the exact contour.
     exact, default, pixel = row["exact"], row["default"], row["pixel"]
     assert exact["simplification_error_mm"] == 0 < default["simplification_error_mm"] <= 0.25
     assert 0 < exact["mean_distance_mm"] < 0.005 < default["mean_distance_mm"] < 0.25
@@ -37,7 +37,7 @@ def main():
     assert exact["hausdorff_mm"] < 0.15
     assert default["hausdorff_mm"] <= exact["hausdorff_mm"] + 0.25 + allowance
     assert exact["hausdorff_mm"] >= exact["p99_distance_mm"] >= exact["mean_distance_mm"]
-    # Chains through pixel centres lie half a pixel inside on average, and lose its perimeter's area.
+    # Chains through pixel centres lie half a pixel inside on average: the area is too small.
     assert pixel["mean_distance_mm"] > 10 * exact["mean_distance_mm"]
     assert pixel["area_error_percent"] < -2 and abs(exact["area_error_percent"]) < 0.2
     assert default["triangles"] < exact["triangles"] and default["asset_bytes"] < exact["asset_bytes"]
@@ -50,12 +50,12 @@ def main():
         assert r["trocar"]["collapsed_rings"] == r["trocar"]["crossing_rings"] == 0, r["id"]
         assert r["trocar"]["vertices"] < r["contour_vertices"]
     for r in answer["discs"]:
-        # A chain through the centres of a disc's border pixels is a disc of half a pixel less.
+        # A chain through the centres of a disc's border pixels is a disc with a radius smaller by half a pixel.
         expected = 100 * ((1 - 0.5 / r["radius_px"]) ** 2 - 1)
         assert math.isclose(r["pixel_area_error_percent"], expected, rel_tol=0.15), r
         assert r["subpixel_worst_area_error_percent"] < (1 if r["radius_px"] < 20 else 0.1), r
 
-    # Wrong plans are refused, not crashed upon.
+    # Wrong plans are refused.
     assert sweep({"repetitions": 0, "scans": [], "points": []}).returncode == 2
     assert sweep({"points": []}).returncode == 2
     missing = {**plan, "scans": [{"name": "x", "path": "/no/such.nii", "first": 0, "stride": 1}]}

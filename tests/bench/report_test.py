@@ -27,7 +27,7 @@ def report(**changed):
 
 def check_against():
     assert against.moved(report(), report()) == ([], [], [])
-    # Times may waver; nothing else may. Rows go by their id, not by their place.
+    # Only times may vary. Rows are matched by id, not by position.
     assert against.moved(report(), report(total_ms=10.5, total_ms_per_slice=0.95, speedup_ratio=1.9))[0] == []
     swapped = report()
     swapped["sections"]["s"]["rows"].reverse()
@@ -48,7 +48,7 @@ def check_against():
 
 
 def check_sections():
-    """Everything that the report is to cover has its section, in this order; the programs they run are built by scripts/report."""
+    """All sections of the report, in this order; scripts/report builds the programs that they run."""
     import main as report_main
     sections = sorted((importlib.import_module(f"sections.{name}") for name in report_main.SECTION_NAMES), key=lambda s: s.ORDER)
     names = [section.__name__.split(".")[1] for section in sections]
@@ -57,7 +57,7 @@ def check_sections():
     for section in sections:
         for program in re.findall(r'context\.programs / "([\w-]+)"', pathlib.Path(section.__file__).read_text()):
             assert program in script, program
-    # The sections that no test of their own programs shows.
+    # Sections without a test of their programs.
     import meshing
     import remeshing
     counts = {"triangles_below_min_angle": 0, "triangles_below_min_angle_at_small_input_angle": 0, "cgal_triangles_below_min_angle": 0}
@@ -77,7 +77,7 @@ def check_sections():
 
 
 def check_recommendation():
-    # Error falls faster than triangles grow down to 0.1 mm, and stays where it is from there on.
+    # Down to 0.1 mm the error falls faster than the number of triangles grows; below it is constant.
     def row(tolerance):
         wanted = pipeline.point(tolerance_mm=tolerance)
         return {**wanted, "point": wanted["id"], "scan": "phantom 12 HU", "slices": 1, "triangles": 3000 + 1000 / max(tolerance, 0.001),

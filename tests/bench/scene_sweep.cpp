@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what a session takes of an asset: scenes of several sizes on assets of several sizes,
-// with the very same slices at the places that the scene names. In: a plan as JSON on stdin; out:
-// JSON. Times are medians, taken in turn, of files in the page cache; their ratios are of CPU time.
+// Measures what a session reads and keeps of an asset: scenes of several sizes on assets of several
+// sizes, with the same slices where the scene names them. In: a plan as JSON on stdin; out: JSON.
+// Times are medians of interleaved runs with the files in the page cache; ratios are of CPU time.
 //
 // Plan: {"assets": [{"name", "path"}, ..], "asset_slices": [..], "scene_slices": [..],
 //        "repetitions": n, "folder": "for assets"}
-// Each of the assets is cut and repeated to the sizes asked for, and to that of the scene alone,
-// against which the ratios are.
+// Each asset is cut or repeated to the requested sizes and to the size of the scene; the ratios
+// refer to the latter.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -34,7 +34,7 @@ namespace {
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-/// On this thread, other programs' work not counted: there is nothing to wait for.
+/// CPU time of this thread, which waits for nothing.
 double cpu_ms_of(const std::function<void()>& work) {
   const auto now = [] {
     timespec time{};
@@ -59,7 +59,7 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-/// The slices with material, the middle one first, so often that there are `count`.
+/// `count` slices with material, the middle one first, repeated as often as necessary.
 Asset repeated(const Asset& source, std::size_t count) {
   std::vector<const AssetSlice*> material;
   for (const AssetSlice& slice : source.slices)
@@ -83,7 +83,7 @@ struct Case {
   std::vector<double> read_ms, load_ms, load_cpu_ms;
 };
 
-/// Over material: the middle of a slice's largest triangle.
+/// A point over material: the middle of the slice's largest triangle.
 std::array<double, 2> anchor_mm(const AssetSlice& slice, const Lattice& lattice) {
   const std::vector<LatticePoint>& v = slice.mesh.vertices;
   const Triangle& t = *std::max_element(
@@ -125,7 +125,7 @@ Result<Loaded> load(const Case& c) {
   return Loaded{std::move(*part), std::move(*sheets)};
 }
 
-/// Free nodes that the network's answers under the tool factor, one answer a slice.
+/// Free nodes in the network's responses under the tool, one response for each slice.
 Result<std::uint64_t> factored_nodes(const Case& c, const Loaded& loaded) {
   std::vector<Tissue> tissues(loaded.sheets.size(), c.scene.tissue);
   auto responder = runtime::Responder::make(c.scene, tissues, loaded.part.asset.lattice);
@@ -153,7 +153,7 @@ std::uint64_t triangles_of(const Asset& asset) {
   return sum;
 }
 
-/// What does not depend on the machine's speed.
+/// The figures that do not depend on the machine's speed.
 Result<json> count(const Case& c) {
   const std::int64_t before = heap_bytes().now;
   reset_heap_peak();
@@ -178,8 +178,8 @@ Result<json> count(const Case& c) {
   return row;
 }
 
-/// Scenes of one size in turn, in another order each time: what a load leaves in the caches and the
-/// heap is what the next one finds, and so is of the same size for all that are compared.
+/// Loads the scenes of one size in turn, in another order each time. A load leaves its traces in
+/// caches and heap for the next one, so that on average these are the same for all.
 Result<void> measure_times(std::vector<Case>& cases, int repetitions) {
   std::mt19937_64 random(1);
   for (std::size_t begin = 0, end = 0; begin < cases.size(); begin = end) {
@@ -274,7 +274,7 @@ Result<json> sweep(const json& plan, const std::string& name, const fs::path& pa
     rows[i]["load_peak_bytes_relative"] = ratio("load_peak_bytes");
     rows[i]["kept_bytes_relative"] = ratio("kept_bytes");
   }
-  // The whole of each file, as every other reader takes it.
+  // The whole file, as other readers read it.
   json whole = json::array();
   for (const std::string& file : files) {
     std::vector<double> ms;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every sweep's program does: a plan is read from standard input, what was measured is written
-// to standard output, both JSON.
+// main() of the sweep programs: reads a plan from standard input and writes the measurements to
+// standard output, both as JSON.
 #pragma once
 
 #include <cstdio>
@@ -12,8 +12,8 @@
 
 namespace trocar::test {
 
-/// main() of the sweep `name`. `measure(plan)` gives a Result<json> or a json; a plan without a
-/// value that it asks for is bad usage.
+/// main() of the sweep `name`. `measure(plan)` returns a Result<json> or a json. A plan without a
+/// value that it needs is wrong usage (exit code 2).
 template <typename Measure>
 int sweep_main(const char* name, const Measure& measure) {
   try {

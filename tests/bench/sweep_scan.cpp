@@ -23,7 +23,7 @@ double ring_area_mm2(const std::vector<sample::Vec2>& ring) {
   return 0.5 * doubled;
 }
 
-// Of the intervals that the rings' areas (mm^2) divide low .. high into.
+// The widest of the intervals into which the rings' areas (mm^2) divide low .. high.
 double middle_of_widest_gap(const std::vector<sample::CrossSection>& slices, double low,
                             double high) {
   std::vector<double> areas{low, high};
@@ -40,7 +40,7 @@ double middle_of_widest_gap(const std::vector<sample::CrossSection>& slices, dou
   return 0.5 * (areas[widest - 1] + areas[widest]);
 }
 
-// Chooses the scan's smallest region; what is smaller is no part of its truth either.
+// Chooses the scan's min_region_mm2 and removes smaller rings from the true outlines.
 void take_truths(std::vector<sample::CrossSection> sections, SweepScan& scan) {
   scan.min_region_mm2 = middle_of_widest_gap(sections, 0.9, 1.1);
   for (sample::CrossSection& section : sections) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The scans that the sweep measures on, their pixels in memory, with the truth of each slice.
+// The scans of the sweep: their pixels in memory, and the true outline of each slice.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,7 @@
 
 namespace trocar::pipeline::bench {
 
-/// Some slices of a scan. Reading one copies it, so that times hold no disk and no decoder.
+/// Some slices of a scan. Reading one copies it: measured times contain neither disk nor decoder.
 class MemoryStack final : public SliceStack {
  public:
   int size() const override { return static_cast<int>(images.size()); }
@@ -27,10 +27,10 @@ class MemoryStack final : public SliceStack {
   std::vector<std::string> names;
 };
 
-/// A region of 1.000 mm^2 would be dropped on one lattice and kept on another, and centimetres of
-/// distance with it: min_region_mm2, trocar-mesh's default of 1, is moved to the middle of the
-/// widest gap between the areas of the truths' rings in 0.9 .. 1.1 mm^2. Smaller rings are no part
-/// of the truth.
+/// A region of almost exactly 1 mm^2 would be dropped on one lattice and kept on another, which
+/// would change distances by centimetres. So min_region_mm2, in trocar-mesh 1 by default, is moved
+/// to the middle of the widest gap between the areas of the true rings within 0.9 .. 1.1 mm^2.
+/// Smaller rings are removed from the true outlines.
 struct SweepScan {
   MemoryStack stack;
   std::vector<Truth> truths;  ///< by slice, in plane coordinates
@@ -41,9 +41,9 @@ struct SweepScan {
 
 inline constexpr double kIso_HU = 226;
 
-/// Slices of the sample's phantom (512 x 512), unrounded without noise and in whole HU with it;
-/// the truth is where a noiseless scanner reads the iso-value. About 1 s a slice for the truths,
-/// which depend on nothing but the slice: `truths` keeps them from call to call.
+/// Slices of the sample's phantom (512 x 512), unrounded without noise and in whole HU with noise.
+/// The true outline is where a noiseless scanner reads the iso-value. It takes about 1 s per slice
+/// and depends on the slice alone: `truths` keeps it between calls.
 class PhantomTruths {
  public:
   Result<sample::CrossSection> at(int slice);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Large sheets made up for cut_bench, and CGAL's way to the same triangulations.
+// Large synthetic sheets for cut_bench, and the same triangulations by CGAL.
 #pragma once
 
 #include <array>
@@ -12,11 +12,11 @@
 
 namespace trocar::bench {
 
-/// A square sheet of about `vertices` vertices, jittered off a hexagonal grid of `spacing` steps,
-/// Delaunay; numbered as CGAL's spatial sort leaves them. The same every time.
+/// A square Delaunay sheet of about `vertices` vertices: a hexagonal grid of `spacing` steps with
+/// random offsets, numbered in the order of CGAL's spatial sort. The same in every call.
 SliceMesh jittered_sheet(int vertices, int spacing, std::uint64_t seed);
 
-/// What CGAL is given to build: points, and segments between them that do not cross.
+/// CGAL's input: points, and segments between them that do not cross.
 struct CgalPslg {
   std::vector<std::array<double, 2>> points;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> segments;
@@ -24,7 +24,7 @@ struct CgalPslg {
 
 /// The whole slice with a hole: the sheet's vertices and boundary, and the tool's outline.
 CgalPslg slice_with_hole(const SliceMesh& sheet, const Ring& tool);
-/// A cut's own local PSLG.
+/// The local PSLG of a cut.
 CgalPslg local_pslg(const runtime::Overlay& overlay);
 
 /// Constrained Delaunay triangulation; the number of its faces.

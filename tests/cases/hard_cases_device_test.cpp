@@ -351,8 +351,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     model.device = device_;
     model.contact.tool = make_tool(test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015).tool);
     model.limits.gap_max_s = 0.1;
-    const std::string law = asked.word("law", "hooke");
-    model.contact.law = law == "network" ? ForceLawKind::kNetwork : ForceLawKind::kHooke;
+    model.contact.law =
+        force_law_from_string(asked.word("law", "hooke")).value_or(ForceLawKind::kHooke);
     DeviceFields set(asked.object("limits"), "/limits", errors_);
     for (const auto& [name, value] : test::limits_by_name(model.limits))
       *value = set.number(name, *value);
@@ -431,7 +431,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       TickInputs inputs;
       inputs.sheets = current;
       inputs.gap_s = wrong ? spoilt.gap_s : 1e-3;
-      if (model.contact.law == ForceLawKind::kNetwork) {
+      if (needs_response(model.contact.law)) {
         inputs.response = {0, 5000, {}};
         if (wrong) inputs.response = {0, spoilt.stiffness, {spoilt.offset_m, spoilt.offset_y_m}};
       }

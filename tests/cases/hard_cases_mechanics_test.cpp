@@ -12,11 +12,13 @@
 
 #include "pipeline/mesh/triangulation.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
 #include "runtime/cut/cut.h"
 #include "tests/cases/cut_case.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
 

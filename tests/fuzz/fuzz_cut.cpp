@@ -9,10 +9,11 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/triangulation.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/response.h"
 #include "runtime/cut/cut.h"
 #include "tests/cases/cut_case.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/cut_checks.h"
 #include "tests/fuzz/harness.h"
 

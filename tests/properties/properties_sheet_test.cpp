@@ -15,6 +15,8 @@
 #include "runtime/deformation/response.h"
 #include "runtime/cut/cut.h"
 #include "runtime/refine/local_refinement.h"
+#include "tests/reference/deformation/network_checks.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/delaunay_fixture.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"

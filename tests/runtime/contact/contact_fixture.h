@@ -24,7 +24,7 @@ inline Pose at(double x_m, double y_m, double z_m, double yaw_rad = 0) {
   return pose;
 }
 
-/// In [0, 1), the same on every standard library.
+/// In [0, 1); the same numbers with every standard library.
 inline double uniform(std::mt19937_64& random) {
   return static_cast<double>(random() >> 11) * 0x1p-53;
 }
@@ -68,7 +68,7 @@ class ContactTest : public testing::Test {
     update_contact(model_, sheets_, response_, pose, model_.dt_s, state_, output);
     return output;
   }
-  /// Makes all sheets of it.
+  /// Gives all sheets this tissue.
   void set_tissue(const Tissue& tissue) {
     for (const Sheet*& sheet : sheets_) {
       auto changed = std::make_unique<Sheet>(*sheet);
@@ -80,12 +80,16 @@ class ContactTest : public testing::Test {
   double overlap_at(const LatticeOutline& outline, std::span<const LatticeOutline> holes = {}) {
     return overlap(*sheets_[0], model_.tool, outline, holes).fraction;
   }
-  /// Cuts and puts the mesh with the hole in use.
+  /// Cuts the hole and puts the new mesh in use.
   void publish(const CutRequest& request) {
     const Sheet& before = *sheets_[request.sheet];
     auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
     ASSERT_TRUE(result) << result.error().message;
-    owned_.push_back(with_mesh(before, result->mesh));
+    auto after = std::make_unique<Sheet>(before);
+    after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
+    after->grid = TriangleGrid(after->mesh);
+    ++after->cuts;
+    owned_.push_back(std::move(after));
     sheets_[request.sheet] = owned_.back().get();
   }
 

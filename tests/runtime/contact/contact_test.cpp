@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/contact/puncture.h, one test each.
+// The contract of runtime/contact/puncture.h, point by point.
 #include <gtest/gtest.h>
 
 #include <numbers>
@@ -10,13 +10,13 @@
 namespace trocar::runtime {
 namespace {
 
-TEST_F(ContactTest, Law1MetFromAboveWithMaterialUnderTheTool) {
+TEST_F(ContactTest, Contract1ContactBeginsFromAboveWithMaterialUnderTheTool) {
   EXPECT_EQ(tick(at(0, 0, 0.125)).phase, ContactPhase::kFree);
   EXPECT_EQ(tick(at(0, 0, kTop_m)).phase, ContactPhase::kFree) << "at the height is not below";
   EXPECT_EQ(tick(at(0, 0, kTop_m - 1e-4)).phase, ContactPhase::kContact);
 }
 
-TEST_F(ContactTest, Law1BesideTheMaterialThereIsNoForceUntilAboveAgain) {
+TEST_F(ContactTest, Contract1BesideTheMaterialThereIsNoForceUntilTheTipWasAbove) {
   tick(at(0.024, 0, 0.125));
   for (const double x_m : {0.024, 0.01, 0.0}) {  // then under the sheet
     const ContactOutput output = tick(at(x_m, 0, 0.115));
@@ -28,12 +28,12 @@ TEST_F(ContactTest, Law1BesideTheMaterialThereIsNoForceUntilAboveAgain) {
   EXPECT_EQ(tick(at(0, 0, 0.119)).phase, ContactPhase::kContact);
 }
 
-TEST_F(ContactTest, Law1ASessionThatBeginsBelowFeelsNothing) {
+TEST_F(ContactTest, Contract1NoForceIfTheSessionStartsBelowTheSheet) {
   EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kBeside);
   EXPECT_EQ(tick(at(0, 0, 0.118)).force_N, 0);
 }
 
-TEST_F(ContactTest, Law2HookesLawTimesOverlap) {
+TEST_F(ContactTest, Contract2HookeForceIsStiffnessTimesOverlapTimesDepth) {
   tick(at(0, 0, 0.125));
   for (const double dx_m : {1e-6, 1e-3, 5e-3, 6.9e-3, 2e-3}) {
     const ContactOutput output = tick(at(0, 0, kTop_m - dx_m));
@@ -44,12 +44,12 @@ TEST_F(ContactTest, Law2HookesLawTimesOverlap) {
   // Half over the edge at x = 20 mm (a hexagon is symmetric): half the force, within rounding of
   // its corners to the lattice.
   EXPECT_NEAR(tick(at(0.02, 0, kTop_m - 4e-3)).force_N, 0.5 * 5000 * 4e-3, 0.02);
-  // Wholly past it: let go, and no force on the way back under the sheet.
+  // Wholly past the edge: contact ends, and there is no force on the way back under the sheet.
   EXPECT_EQ(tick(at(0.024, 0, kTop_m - 4e-3)).force_N, 0);
   EXPECT_EQ(tick(at(0, 0, kTop_m - 4e-3)).force_N, 0);
 }
 
-TEST_F(ContactTest, Law2DampingIsOnTheRateAndNeverPulls) {
+TEST_F(ContactTest, Contract2DampingActsOnTheRateAndTheForceIsNeverNegative) {
   Tissue damped;
   damped.damping_N_s_per_m = 10;
   set_tissue(damped);
@@ -59,22 +59,22 @@ TEST_F(ContactTest, Law2DampingIsOnTheRateAndNeverPulls) {
   EXPECT_EQ(tick(at(0, 0, kTop_m - 0.1e-3)).force_N, 0) << "0.5 N - 10 N";
 }
 
-TEST_F(ContactTest, Law3GivesWayInTheVeryTickAndNotAtTheThresholdItself) {
+TEST_F(ContactTest, Contract3PunctureInTheTickThatExceedsTheThresholdNotAtIt) {
   Tissue round;
   round.stiffness_N_per_m = 4096;
   round.threshold_N = 32;  // dx = 2^-7 m exactly
   set_tissue(round);
   tick(at(0, 0, 0.125));
-  const double break_m = 0x1p-7;
+  const double at_threshold_m = 0x1p-7;
   // A sheet at a height that makes dx exact.
   auto exact = std::make_unique<Sheet>(*sheets_[0]);
   exact->z_m = 0.125;
   sheets_[0] = exact.get();
   tick(at(0, 0, 0.13));
-  const ContactOutput at_threshold = tick(at(0, 0, 0.125 - break_m));
+  const ContactOutput at_threshold = tick(at(0, 0, 0.125 - at_threshold_m));
   EXPECT_EQ(at_threshold.force_N, 32);
   EXPECT_FALSE(at_threshold.gave_way);
-  const ContactOutput beyond = tick(at(0, 0, 0.125 - break_m - 1e-9));
+  const ContactOutput beyond = tick(at(0, 0, 0.125 - at_threshold_m - 1e-9));
   EXPECT_TRUE(beyond.gave_way);
   EXPECT_EQ(beyond.force_N, 0);
   EXPECT_GT(beyond.judged_force_N, 32);
@@ -91,29 +91,29 @@ TEST_F(ContactTest, Law3GivesWayInTheVeryTickAndNotAtTheThresholdItself) {
   }
 }
 
-TEST_F(ContactTest, Law4TheTopmostBearsAndShields) {
+TEST_F(ContactTest, Contract4TheTopmostSheetBearsTheForceAndShieldsTheOthers) {
   place({0.120, 0.118, 0.116});
   tick(at(0, 0, 0.125));
   ContactOutput output = tick(at(0, 0, 0.1135));  // below all three, 6.5 mm into the first
   EXPECT_EQ(output.active_sheet, 0);
   EXPECT_NEAR(output.force_N, 5000 * 6.5e-3, 1e-9);
-  output = tick(at(0, 0, 0.1125));  // 7.5 mm: the first gives way
+  output = tick(at(0, 0, 0.1125));  // 7.5 mm: the first is punctured
   EXPECT_TRUE(output.gave_way);
   EXPECT_EQ(output.active_sheet, 0);
   EXPECT_EQ(output.force_N, 0) << "the second is shielded in this tick";
   output = tick(at(0, 0, 0.1125));  // 5.5 mm into the second
   EXPECT_EQ(output.active_sheet, 1);
   EXPECT_NEAR(output.force_N, 5000 * 5.5e-3, 1e-9);
-  output = tick(at(0, 0, 0.105));  // 13 mm: the second
+  output = tick(at(0, 0, 0.105));  // 13 mm: the second is punctured
   EXPECT_TRUE(output.gave_way);
-  output = tick(at(0, 0, 0.105));  // 11 mm into the third, at once too much
+  output = tick(at(0, 0, 0.105));  // 11 mm into the third: punctured in its first tick
   EXPECT_TRUE(output.gave_way);
   EXPECT_EQ(output.active_sheet, 2);
   EXPECT_EQ(output.force_N, 0);
   EXPECT_EQ(tick(at(0, 0, 0.105)).force_N, 0);
 }
 
-TEST_F(ContactTest, Law4WithdrawalFromAShieldedSheetLeavesItWhole) {
+TEST_F(ContactTest, Contract4WithdrawalDoesNotPunctureAShieldedSheet) {
   place({0.120, 0.118});
   tick(at(0, 0, 0.125));
   tick(at(0, 0, 0.114));
@@ -122,7 +122,7 @@ TEST_F(ContactTest, Law4WithdrawalFromAShieldedSheetLeavesItWhole) {
   EXPECT_EQ(state_.tracks[1].cuts_requested, 0U);
 }
 
-TEST_F(ContactTest, Law5AHoleIsOpenBeforeAndAfterItsMeshIsThere) {
+TEST_F(ContactTest, Contract5AHoleIsOpenBeforeAndAfterItsMeshIsThere) {
   tick(at(0, 0, 0.125));
   const ContactOutput puncture = tick(at(0, 0, 0.112));
   ASSERT_TRUE(puncture.gave_way);
@@ -131,22 +131,22 @@ TEST_F(ContactTest, Law5AHoleIsOpenBeforeAndAfterItsMeshIsThere) {
     EXPECT_EQ(tick(at(0, 0, 0.121)).phase, ContactPhase::kFree);
     EXPECT_EQ(tick(at(0, 0, 0.115)).phase, ContactPhase::kBeside) << published;
     EXPECT_EQ(tick(at(0, 0, 0.111)).force_N, 0);
-    // A few micrometres off it is still its own hole.
+    // A few micrometres beside it the tool is still in its hole.
     tick(at(4e-6, -3e-6, 0.121));
     EXPECT_EQ(tick(at(4e-6, -3e-6, 0.115)).phase, ContactPhase::kBeside) << published;
-    // Half a tool further there is half the material.
+    // Half a tool further about half of the outline is over material.
     tick(at(0.003, 0, 0.121));
     const double force_N = tick(at(0.003, 0, 0.119)).force_N;
     EXPECT_GT(force_N, 0.3 * 5);
     EXPECT_LT(force_N, 0.8 * 5);
-    // And away from it the sheet is whole.
+    // Away from the hole the sheet is intact.
     tick(at(0.01, 0, 0.121));
     EXPECT_NEAR(tick(at(0.01, 0, 0.119)).force_N, 5, 1e-9);
   }
   EXPECT_EQ(state_.tracks[0].pending_count, 0) << "the mesh has the hole now";
 }
 
-TEST_F(ContactTest, Law5PendingHolesArePublishedInOrderAndTooManyAreABacklog) {
+TEST_F(ContactTest, Contract5PendingHolesArePublishedInOrderAndTooManyAreABacklog) {
   std::vector<CutRequest> requests;
   const auto puncture = [&](double x_m) {
     tick(at(x_m, 0, 0.125));
@@ -169,11 +169,11 @@ TEST_F(ContactTest, Law5PendingHolesArePublishedInOrderAndTooManyAreABacklog) {
     tick(at(-0.015 + 0.007 * i, 0, 0.125));
     EXPECT_EQ(tick(at(-0.015 + 0.007 * i, 0, 0.115)).phase, ContactPhase::kBeside) << i;
   }
-  EXPECT_TRUE(puncture(0.015).gave_way) << "there is room again";
+  EXPECT_TRUE(puncture(0.015).gave_way) << "the published holes have left the list";
   EXPECT_EQ(requests.back().cut, 5U);
 }
 
-TEST_F(ContactTest, Law2TheForceActsInTheMiddleOfTheOverlap) {
+TEST_F(ContactTest, Contract2TheForceActsInTheCentroidOfTheOverlap) {
   tick(at(0, 0, 0.125));
   ContactOutput output = tick(at(0.001, 0.002, kTop_m - 4e-3));
   EXPECT_LT((output.wrench_device - (Wrench() << 0, 0, 20, 0, 0, 0).finished()).norm(), 1e-4)
@@ -188,16 +188,16 @@ TEST_F(ContactTest, Law2TheForceActsInTheMiddleOfTheOverlap) {
   EXPECT_NEAR(output.wrench_device[3], 0, 1e-4);
 }
 
-TEST_F(ContactTest, Law2ByNetworkTheResponseIsTheForceOncePublished) {
+TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
   model_.law = ForceLawKind::kNetwork;
   EXPECT_EQ(tick(at(0, 0, 0.16)).ahead.sheet, -1) << "too far above";
   const ContactOutput near = tick(at(0.001, 0, 0.125));
   ASSERT_EQ(near.ahead.sheet, 0);
   EXPECT_EQ(near.ahead.outline,
             outline_on_lattice(model_.tool, at(0.001, 0, 0.125), sheets_[0]->transform, kTop_m));
-  // Without one, Hooke's law.
+  // Without a response: Hooke's law.
   EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 5, 1e-9);
-  // With one it is approached, never passed, and reached.
+  // With a response: the force approaches it without a step or overshoot, and reaches it.
   response_ = {0, 3000, {1e-3, 0}};
   double last_N = 5;
   for (int i = 0; i < 60; ++i) {
@@ -210,20 +210,20 @@ TEST_F(ContactTest, Law2ByNetworkTheResponseIsTheForceOncePublished) {
   const ContactOutput reached = tick(at(0, 0, kTop_m - 1e-3));
   EXPECT_NEAR(reached.force_N, 3, 1e-4);
   EXPECT_NEAR(reached.wrench_device[4], -3e-3, 1e-6) << "about y: x = 1 mm times 3 N";
-  // There before the contact: from its first tick on.
+  // With a response before the contact: from the first tick on.
   tick(at(0, 0, 0.125));
   EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 3, 1e-12);
-  // Another sheet's does not count.
+  // A response of another sheet is not used.
   response_.sheet = 1;
   tick(at(0, 0, 0.125));
   EXPECT_NEAR(tick(at(0, 0, kTop_m - 1e-3)).force_N, 5, 1e-9);
-  // Past the sheet that gave way it is the next one's that is wanted.
+  // After a puncture the next sheet's response is requested.
   place({0.12, 0.11});
   tick(at(0, 0, 0.125));
   EXPECT_EQ(tick(at(0, 0, 0.1125)).ahead.sheet, 1);
 }
 
-TEST_F(ContactTest, Law6DownAlongATiltedAxisTheOutlineKeepsItsPlace) {
+TEST_F(ContactTest, Contract6MovingAlongATiltedAxisKeepsTheOutline) {
   SceneTool shape;
   shape.tilt_deg = 40;
   shape.tilt_azimuth_deg = 25;
@@ -242,11 +242,11 @@ TEST_F(ContactTest, Law6DownAlongATiltedAxisTheOutlineKeepsItsPlace) {
   const LatticeOutline above =
       outline_on_lattice(model_.tool, along(0.005), sheets_[0]->transform, kTop_m);
   ASSERT_EQ(puncture.cut.outline.size, above.size);
-  for (int k = 0; k < above.size; ++k) {  // but for rounding that falls the other way
+  for (int k = 0; k < above.size; ++k) {  // up to rounding
     EXPECT_LE(std::abs(puncture.cut.outline.points[k].x - above.points[k].x), 1);
     EXPECT_LE(std::abs(puncture.cut.outline.points[k].y - above.points[k].y), 1);
   }
-  // Sheared along the tilt, as wide as before across it.
+  // Stretched along the tilt by 1 / cos(tilt), unchanged across it.
   const double stretch =
       static_cast<double>(area(puncture.cut.outline)) /
       static_cast<double>(area(outline_on_lattice(make_tool(SceneTool{}), at(0, 0, 0.1),
@@ -266,7 +266,7 @@ TEST_F(ContactTest, BeyondTheLargestTiltTheToolIsNotUpright) {
   EXPECT_FALSE(tick(tilted).not_upright);
 }
 
-TEST_F(ContactTest, EachSheetHasItsTissueAndHoldsTheShaft) {
+TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {
   place({0.12, 0.11});
   Tissue soft;
   soft.stiffness_N_per_m = 1000;
@@ -280,24 +280,24 @@ TEST_F(ContactTest, EachSheetHasItsTissueAndHoldsTheShaft) {
   tick(at(0, 0, 0.125));
   EXPECT_NEAR(tick(at(0, 0, 0.1185)).force_N, 1.5, 1e-9);
   EXPECT_TRUE(tick(at(0, 0, 0.1179)).gave_way);
-  ContactOutput output = tick(at(0, 0, 0.1129));  // 5 mm further: the friction is fully there
+  ContactOutput output = tick(at(0, 0, 0.1129));  // 5 mm further: full friction
   EXPECT_EQ(output.force_N, 0);
   EXPECT_NEAR(output.wrench_device[2], 3, 1e-12);
-  output = tick(at(0, 0, 0.108));  // and adds to what the next sheet bears
+  output = tick(at(0, 0, 0.108));  // friction adds to the force of the next sheet
   EXPECT_NEAR(output.force_N, 10, 1e-9);
   EXPECT_NEAR(output.wrench_device[2], 13, 1e-9);
-  // Pushed aside by 1 mm: the rim pushes back in the sheet's plane, with its moment.
+  // Displaced by 1 mm: the rim's force in the sheet's plane, and its moment.
   output = tick(at(0.001, 0, 0.108));
   EXPECT_NEAR(output.wrench_device[0], -2, 1e-9);
   EXPECT_NEAR(output.wrench_device[4], 0.012 * -2, 1e-4);
-  // Drawn back out it is gone.
+  // Friction reverses while the tool is drawn out; once it is out there is none.
   EXPECT_LT(tick(at(0, 0, 0.119)).wrench_device[2], 0);
   EXPECT_EQ(tick(at(0, 0, 0.121)).wrench_device, Wrench::Zero());
   EXPECT_EQ(tick(at(0, 0, 0.119)).wrench_device, Wrench::Zero()) << "back through its hole";
 }
 
-TEST_F(ContactTest, TheToolTurnsAndTiltsWithThePlate) {
-  // A tip held out sideways: turning the plate moves it off the sheet.
+TEST_F(ContactTest, TheToolRotatesWithThePlate) {
+  // A tip beside the plate's axis: rotating the plate moves it off the sheet.
   model_.tool.tip_plate_m = {0.03, 0, 0};
   for (Eigen::Vector3d& corner : model_.tool.corner_plate_m)
     corner.x() += 0.03;

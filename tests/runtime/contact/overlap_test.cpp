@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much of the tool stands on material (runtime/contact/overlap.h), against areas found another
-// way.
+// The share of the tool outline over material (runtime/contact/overlap.h), compared with areas
+// found by integration.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -25,8 +25,8 @@ Polygon polygon(const LatticeOutline& outline) {
   return result;
 }
 
-/// Area of the intersection of convex polygons, not by clipping: its width is integrated over y
-/// between all heights where it can have a kink.
+/// Area of the intersection of convex polygons, without clipping: integrates its width over y
+/// between all heights where the width can have a kink.
 long double intersection_area(const std::vector<Polygon>& convex) {
   std::set<long double> kinks;
   const auto crossings = [&](const Polygon& p, const Polygon& q) {
@@ -74,7 +74,7 @@ long double intersection_area(const std::vector<Polygon>& convex) {
   };
   long double area = 0, last = bottom;
   const auto add = [&](long double to) {
-    // Linear within, so the middle's width is exact.
+    // The width is linear in between, so its value in the middle gives the exact area.
     if (to > last) area += (to - last) * width((last + to) / 2);
     last = std::max(last, to);
   };
@@ -89,8 +89,8 @@ long double intersection_area(const std::vector<Polygon>& convex) {
 class OverlapTest : public ContactTest {};
 
 TEST_F(OverlapTest, OverlapIsTheSharedArea) {
-  // The sheet is a square, so tool and square intersected give the area at once; the sheet sums
-  // it over triangles.
+  // The sheet is a square: the intersection of tool and square is the expected area, which
+  // overlap() sums over triangles.
   std::mt19937_64 random(1);
   LatticeOutline square;
   square.size = 4;
@@ -120,7 +120,7 @@ TEST_F(OverlapTest, OverlapIsTheSharedArea) {
 }
 
 TEST_F(OverlapTest, PendingHolesAreTakenOffOnce) {
-  // Against inclusion and exclusion over up to three holes that overlap one another.
+  // Compared with inclusion and exclusion over up to three holes that may overlap.
   std::mt19937_64 random(2);
   for (int i = 0; i < 500; ++i) {
     std::array<LatticeOutline, 4> outlines;  // the tool, three holes
@@ -154,7 +154,7 @@ TEST_F(OverlapTest, OverlapInsideIsExactlyOneAndOutsideExactlyZero) {
     const Pose pose = at(1e-4 * i, -7e-5 * i, 0.1, 0.1 * i);
     const LatticeOutline inside = outline_on_lattice(tool, pose, sheets_[0]->transform, kTop_m);
     EXPECT_EQ(overlap_at(inside), 1);
-    // In its own hole there is nothing, exactly.
+    // In its own hole the overlap is exactly zero.
     EXPECT_EQ(overlap_at(inside, std::span(&inside, 1)), 0);
   }
   const PlanarTransform& transform = sheets_[0]->transform;
@@ -164,7 +164,7 @@ TEST_F(OverlapTest, OverlapInsideIsExactlyOneAndOutsideExactlyZero) {
 }
 
 TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
-  // The tool's two halves are triangles: each one's overlap is found by integration.
+  // The tool consists of two triangles; the overlap of each is found by integration.
   std::mt19937_64 random(7);
   model_.tool = make_tool(arrow());
   ASSERT_EQ(model_.tool.sides, 4);
@@ -201,9 +201,8 @@ TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
   EXPECT_GT(partial, 300);
 }
 
-TEST_F(OverlapTest, TheOverlapsCentroidIsWhereTheAreaIs) {
-  // Over the edge x = 20 mm: the part that is in is symmetric about y = 0, and its moment is that
-  // of a trapezium.
+TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
+  // Over the edge x = 20 mm: the part over material is a rectangle, symmetric about y = 0.
   SceneTool shape;
   shape.outline_m = {{-0.004, -0.002}, {0.004, -0.002}, {0.004, 0.002}, {-0.004, 0.002}};
   model_.tool = make_tool(shape);
@@ -213,7 +212,7 @@ TEST_F(OverlapTest, TheOverlapsCentroidIsWhereTheAreaIs) {
   EXPECT_NEAR(part.fraction, 3.0 / 8, 1e-9);
   const Eigen::Vector2d centre_m = sheets_[0]->transform.to_scene(part.centroid_steps);
   EXPECT_LT((centre_m - Eigen::Vector2d(0.0185, 0)).norm(), 1e-9);
-  // All material, and none: the tool's own middle.
+  // Wholly over material, and wholly beside it: the middle of the tool.
   for (const double x_m : {0.0, 0.03}) {
     const Overlap whole = overlap(
         *sheets_[0], model_.tool,

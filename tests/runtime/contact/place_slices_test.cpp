@@ -41,7 +41,7 @@ TEST(PlaceSlices, RefusesWhatCannotBePlaced) {
   EXPECT_NE(comb.error().message.find("convex parts"), std::string::npos);
 }
 
-TEST(PlaceSlices, SortsTheTopmostFirstAndKnowsTheCentroid) {
+TEST(PlaceSlices, SortsTheTopmostFirstAndPlacesTheCentroid) {
   Scene scene = test::descent_scene({0.12, 0.19, 0.14}, 0.2, 0.1, 0.015);
   scene.placement.anchor_mm.reset();
   const auto placed = place_slices(scene, test::square_asset(3), "a");
@@ -52,7 +52,7 @@ TEST(PlaceSlices, SortsTheTopmostFirstAndKnowsTheCentroid) {
   EXPECT_LT(((*placed)[0]->transform.anchor_mm - Eigen::Vector2d(80, 60)).norm(), 1e-9);
 }
 
-TEST(TissueChoice, ByNameThenByLabelOrHuThenTheScenes) {
+TEST(TissueChoice, ByNameThenByLabelOrHuThenTheSceneDefault) {
   Scene scene;
   scene.tissue.threshold_N = 1;
   const auto add = [&](const char* name, double threshold_N) -> NamedTissue& {
@@ -79,7 +79,7 @@ TEST(TissueChoice, ByNameThenByLabelOrHuThenTheScenes) {
   wanted.tissue = "named";
   EXPECT_EQ(threshold(), 2);
   wanted.tissue.reset();
-  asset.parameters_json = R"({"labels":"22"})";  // not what the pipeline writes
+  asset.parameters_json = R"({"labels":"22"})";  // not an array, as the pipeline writes
   slice.measures_json = R"({"mean_hu":"400"})";
   EXPECT_EQ(threshold(), 1);
 }

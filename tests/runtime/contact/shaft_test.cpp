@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/contact/shaft.h.
+// The contract of runtime/contact/shaft.h.
 #include "runtime/contact/shaft.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ ShaftTissue sticky() {
   return tissue;
 }
 
-TEST(Shaft, NothingWithoutAHoleAndByDefault) {
+TEST(Shaft, NoForceWithoutAHoleOrWithDefaultTissue) {
   ShaftState state;
   EXPECT_EQ(shaft_force(sticky(), down_to(0.01, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
   EXPECT_EQ(shaft_force(sticky(), down_to(0.02, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
@@ -33,7 +33,7 @@ TEST(Shaft, NothingWithoutAHoleAndByDefault) {
   EXPECT_EQ(shaft_force({}, down_to(0.03, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
 }
 
-TEST(Shaft, DryFrictionRisesToItsValueAndTurnsWithTheMotion) {
+TEST(Shaft, DryFrictionRisesToItsValueAndReversesWithTheMotion) {
   const ShaftTissue tissue = sticky();
   ShaftState state;
   enter_hole(down_to(0.01), state);
@@ -58,7 +58,7 @@ TEST(Shaft, ViscousFrictionIsTheSpeedTimesTheCoefficientAlongATiltedAxis) {
             1e-12);
 }
 
-TEST(Shaft, FrictionNeverExceedsItsValueNorGivesEnergyOverAClosedMotion) {
+TEST(Shaft, FrictionIsBoundedAndDissipatesOverAClosedMotion) {
   const ShaftTissue tissue = sticky();
   std::mt19937_64 random(1);
   for (int trial = 0; trial < 200; ++trial) {
@@ -84,7 +84,7 @@ TEST(Shaft, FrictionNeverExceedsItsValueNorGivesEnergyOverAClosedMotion) {
   }
 }
 
-TEST(Shaft, TheRimPushesBackInThePlane) {
+TEST(Shaft, TheRimForceOpposesTheDisplacementInThePlane) {
   ShaftTissue tissue;
   tissue.rim_stiffness_N_per_m = 3000;
   ShaftState state;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tool's prism and where it meets a sheet (runtime/contact/tool.h).
+// The tool's prism and its section with a sheet (runtime/contact/tool.h).
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -50,9 +50,8 @@ TEST(ToolOutline, IsSimpleWhereTheClearanceAllowsIt) {
   EXPECT_LT(narrow, 4000);
 }
 
-TEST(ToolOutline, IsThePrismsSectionWithTheSheet) {
-  // Against the prism itself: the points of the section, measured from the axis across it, are the
-  // cross-section's corners.
+TEST(ToolOutline, IsTheSectionOfThePrismWithTheSheet) {
+  // The section's points, projected along the axis, are the corners of the cross-section.
   std::mt19937_64 random(5);
   for (int i = 0; i < 1000; ++i) {
     SceneTool shape;
@@ -112,7 +111,7 @@ TEST(ToolOutline, PiecesTileTheCrossSection) {
     EXPECT_NEAR(sum, whole, 1e-12 * whole);
   }
   EXPECT_EQ(make_tool(SceneTool{}).pieces, 1);
-  SceneTool comb;  // 15 teeth: more parts than there is room for
+  SceneTool comb;  // 15 teeth: more than kMaxToolPieces parts
   for (int k = 0; k < 15; ++k) {
     comb.outline_m.push_back({0.001 * k, -0.002});
     comb.outline_m.push_back({0.001 * k + 0.0005, 0});
@@ -122,7 +121,7 @@ TEST(ToolOutline, PiecesTileTheCrossSection) {
   EXPECT_EQ(make_tool(comb).pieces, 0);
 }
 
-TEST(ToolOutline, TransformsThereAndBack) {
+TEST(ToolOutline, TransformAndItsInverseCancel) {
   PlanarTransform transform;
   transform.at_m = {0.01, -0.02};
   transform.anchor_mm = {80, 72};
@@ -131,7 +130,7 @@ TEST(ToolOutline, TransformsThereAndBack) {
   const Eigen::Vector2d p(0.013, 0.004);
   EXPECT_LT((transform.to_scene(transform.to_lattice(p)) - p).norm(), 1e-15);
   EXPECT_LT((transform.to_lattice(transform.at_m) - transform.anchor_mm * 256).norm(), 1e-9);
-  // u -> x turned by +0.7: one mm along u.
+  // x is u rotated by +0.7: one mm along u.
   const Eigen::Vector2d u = transform.to_scene({256 * 81, 256 * 72}) - transform.at_m;
   EXPECT_LT((u - Eigen::Vector2d(std::cos(0.7), std::sin(0.7)) * 1e-3).norm(), 1e-15);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How near a region's stiffness comes to the exact one of an unbounded sheet, before and after
-// calibration, and to that of a very fine mesh at rims and holes of real slices.
+// The error of a region's stiffness: against the exact one of an unbounded sheet, before and after
+// calibration, and against that of a very fine mesh at rims and holes of real slices.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -8,6 +8,7 @@
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/response.h"
 #include "runtime/deformation/unbounded.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -23,15 +24,15 @@ Ring hexagon(const Lattice& lattice, LatticePoint centre = {}, double turn = 0) 
 
 Result<Region> respond(const SheetMesh& sheet, const Ring& tool, const Lattice& lattice,
                        const Membrane& membrane, const ResponseOptions& options) {
-  static RegionWorkspace workspace;  // of very fine meshes too: too large to be made each time
+  static RegionWorkspace workspace;  // for very fine meshes too: too large to make for each call
   return prepare_region(sheet, find_seeds(sheet, tool), tool, lattice, membrane, options,
                         workspace);
 }
 
-// Without calibration: the mesh alone tends to the exact solution of the polygon. Where the tool
-// has corners the slope is singular there, r^(pi / omega - 1) with omega = 240 degrees on the
-// sheet's side of a hexagon's, and a mesh of one size along the tool converges with the power 2 pi
-// / omega = 1.5 only; a polygon of 32 sides is all but smooth, and converges with the square.
+// Without calibration the stiffness converges to the exact solution of the polygon. At the tool's
+// corners the slope is singular, r^(pi / omega - 1), with omega = 240 degrees outside a hexagon's
+// corner, and a mesh of uniform size along the tool converges with the power 2 pi / omega = 1.5
+// only. A polygon of 32 edges is nearly smooth, and the mesh converges with the power 2.
 TEST(Accuracy, TheMeshTendsToTheExactSolution) {
   const Lattice fine{13};
   const double step_m = fine.step_m(), lambda_m = 0.008;
@@ -68,9 +69,9 @@ TEST(Accuracy, TheMeshTendsToTheExactSolution) {
   }
 }
 
-// The usual grading, in a sheet of 8 mm triangles that knows nothing of the calibration's: within
-// 1 % of K for any place and turn, at some 200 free nodes.
-TEST(Accuracy, AnUndamagedSheetFarFromAnyEdgeFeelsK) {
+// The default grading in a sheet of 8 mm triangles, which the calibration has not seen: within 1 %
+// of K at any place and rotation, with about 200 free nodes.
+TEST(Accuracy, AnUndamagedSheetFarFromAnyEdgeHasStiffnessK) {
   const Lattice lattice{8};
   const auto sheet = make_sheet_mesh(test::square_mesh({-102400, -102400}, 2048, 100), 0, 0);
   ASSERT_TRUE(sheet);
@@ -104,7 +105,7 @@ TEST(Accuracy, AnUndamagedSheetFarFromAnyEdgeFeelsK) {
   }
 }
 
-// A reach below the tool's own size, other tools and lattices.
+// A reach below the tool's size, other tools and lattices.
 TEST(Accuracy, OtherToolsReachesAndLattices) {
   for (const int bits : {6, 10}) {
     const Lattice lattice{bits};
@@ -139,7 +140,7 @@ TEST(Accuracy, OtherToolsReachesAndLattices) {
   }
 }
 
-TEST(Accuracy, CalibrationRefusesWhatCannotBe) {
+TEST(Accuracy, CalibrationRefusesInvalidArguments) {
   const Lattice lattice{8};
   const Ring tool = hexagon(lattice);
   EXPECT_FALSE(calibrate(0, 0.01, tool, lattice));
@@ -153,7 +154,7 @@ TEST(Accuracy, CalibrationRefusesWhatCannotBe) {
   EXPECT_EQ(ungraded->membrane.bed_N_per_m3, ungraded->exact_bed_N_per_m3);
 }
 
-// Real slices, near rims and over holes: against a mesh of a fifth of the size, itself calibrated.
+// Real slices, near rims and over holes: compared with a calibrated mesh of a fifth of the size.
 TEST(Accuracy, OfRealSlicesAgainstAVeryFineMesh) {
   const std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";

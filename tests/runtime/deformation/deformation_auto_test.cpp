@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// `auto` on the phantom, L3 and the head: at random places, near rims and holes among them, the
-// region that it chooses meets the bounds that it was given, against the whole slice on the very
-// same triangles. TROCAR_CASES=1000: places on each scan.
+// The solver `auto` on the phantom, L3 and the head, at random places, some of them near rims and
+// holes: the error of the chosen region is within the given bounds, compared with the whole slice
+// on the same triangles. TROCAR_CASES=1000: number of places on each scan.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -9,23 +9,24 @@
 #include <optional>
 #include <set>
 
+#include "runtime/cut/cut.h"
 #include "runtime/deformation/calibration.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/response.h"
-#include "runtime/cut/cut.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
-/// A region's mesh in the place that it has in its sheet. None where two of the sheet's vertices at
-/// one point make it doubtful which is which.
+/// A region's mesh put back into its sheet. None if two vertices of the sheet at one point make
+/// this ambiguous.
 struct InSheet {
   SliceMesh mesh;
   std::vector<NodeKind> kind;            ///< without a ring
-  std::vector<std::uint32_t> of_region;  ///< the mesh's vertex of each of the region's
+  std::vector<std::uint32_t> of_region;  ///< for each vertex of the region: its vertex in the mesh
 };
 std::optional<InSheet> put_back(const SheetMesh& sheet, const Region& region,
                                 const std::vector<std::uint32_t>& under, const Ring& tool,
@@ -34,19 +35,19 @@ std::optional<InSheet> put_back(const SheetMesh& sheet, const Region& region,
   std::vector<std::uint32_t> queue;
   const SheetPart part = part_around(sheet, under, circle_around(tool), radius_steps, queue);
   const std::set<std::uint32_t> taken(queue.begin(), queue.end());
-  std::map<LatticePoint, std::uint32_t> slot_at;  // of the part's border
+  std::map<LatticePoint, std::uint32_t> slot_at;  // on the part's border
   for (std::size_t v = 0; v < part.parent.size(); ++v) {
     const LatticePoint p = part.mesh.vertices[v];
-    const auto side = std::lower_bound(part.outer.begin(), part.outer.end(),
-                                       OuterSide{p, {-kMaxCoordinate, -kMaxCoordinate}});
-    const bool starts = side != part.outer.end() && side->from == p;
+    const auto edge = std::lower_bound(part.outer.begin(), part.outer.end(),
+                                       OuterEdge{p, {-kMaxCoordinate, -kMaxCoordinate}});
+    const bool starts = edge != part.outer.end() && edge->from == p;
     const bool ends = std::any_of(part.outer.begin(), part.outer.end(),
-                                  [&](const OuterSide& s) { return s.to == p; });
+                                  [&](const OuterEdge& s) { return s.to == p; });
     if (!starts && !ends) continue;
     const auto [at, fresh] = slot_at.emplace(p, part.parent[v]);
     if (!fresh && at->second != part.parent[v]) return std::nullopt;
   }
-  std::map<std::uint32_t, std::uint32_t> number;  // of slots outside of the region or on its ring
+  std::map<std::uint32_t, std::uint32_t> number;  // of slots outside the region or on its ring
   const auto number_of = [&](std::uint32_t slot) {
     const auto [at, fresh] =
         number.emplace(slot, static_cast<std::uint32_t>(out.mesh.vertices.size()));
@@ -90,7 +91,7 @@ INSTANTIATE_TEST_SUITE_P(Bounds, Auto, testing::Values(0.1, 0.01, 0.001), [](con
   return "Permille" + std::to_string(std::lround(1000 * bound.param));
 });
 
-TEST_P(Auto, MeetsItsBoundAgainstTheWholeSlice) {
+TEST_P(Auto, ErrorAgainstTheWholeSliceIsWithinTheBound) {
   const std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
   const int places = test::cases(60);
@@ -106,7 +107,7 @@ TEST_P(Auto, MeetsItsBoundAgainstTheWholeSlice) {
       const LatticePoint centre = test::place_in(slice.mesh, random);
       const Ring tool = test::regular_polygon(centre, circumradius, 6, test::uniform(random));
       SliceMesh mesh = slice.mesh;
-      if (i % 2 == 1) {  // a hole from before, near by or under part of the tool
+      if (i % 2 == 1) {  // an earlier hole, near the tool or under part of it
         const auto off = [&] {
           return static_cast<std::int32_t>((2 * test::uniform(random) - 1) * 3 * circumradius);
         };

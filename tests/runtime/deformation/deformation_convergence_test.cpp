@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network under a fine polygon in a large sheet tends to the exact disc, and the region
-// inside a ring to the whole sheet, each at the rate that theory gives.
+// The network under a fine polygon in a large sheet converges to the exact disc with the
+// theoretical order.
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "formats/geometry/mesh_validity.h"
-#include "runtime/deformation/disc.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
+#include "tests/reference/deformation/disc.h"
+#include "tests/reference/deformation/global_solver.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-const Lattice kFine{14};  // rounding is far below the elements' error
+const Lattice kFine{14};  // rounding error far below the discretisation error
 constexpr double kRadius_mm = 3;
 constexpr double kFar_mm = 200;
 
@@ -27,7 +27,7 @@ struct Solved {
 Solved solve_polar(double lambda_mm, int sides) {
   const Membrane membrane = membrane_for_disc(5000, lambda_mm * 1e-3, kRadius_mm * 1e-3);
   const double step_per_mm = 1 / kFine.step_mm();
-  // Rings whose triangles are about equilateral.
+  // Rings of nearly equilateral triangles.
   const int rings = static_cast<int>(
       std::lround(sides * std::log(kFar_mm / kRadius_mm) / (2 * kPi) * 2 / std::sqrt(3)));
   const SliceMesh mesh =

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The exact solutions of runtime/deformation/{disc,unbounded}.h against each other and against
-// what they must be in the limits.
+// The exact solutions (tests/reference/deformation/disc.h, runtime/deformation/unbounded.h)
+// compared with each other and with their limits.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,8 +8,8 @@
 #include <numbers>
 #include <vector>
 
-#include "runtime/deformation/disc.h"
 #include "runtime/deformation/unbounded.h"
+#include "tests/reference/deformation/disc.h"
 
 namespace trocar::runtime {
 namespace {
@@ -26,8 +26,8 @@ std::vector<Vector2d> regular(int sides, double circumradius, double turn = 0.1)
   return out;
 }
 
-// Shooting from afar inwards: (r w')' = r w / lambda^2 by Runge and Kutta's rule in t = ln r, from
-// the decaying solution's slope -w / lambda (1 + lambda / 2 r) at 40 lambda.
+// By shooting inwards: (r w')' = r w / lambda^2 by the Runge-Kutta method in t = ln r, starting at
+// 40 lambda with the decaying solution's slope -w / lambda (1 + lambda / 2 r).
 double slope_by_integration(double a, double lambda) {
   const double far = a + 40 * lambda;
   double w = 1, u = -far / lambda * (1 + lambda / (2 * far));  // u = dw / d ln r
@@ -61,7 +61,7 @@ TEST(Disc, IsTheSolutionOfItsEquation) {
   }
 }
 
-TEST(Disc, ShapeHasTheSlopeThatTheStiffnessSays) {
+TEST(Disc, SlopeOfTheShapeMatchesTheStiffness) {
   const Membrane membrane{250, 1e7};
   const double a = 0.003, h = 1e-7;
   EXPECT_DOUBLE_EQ(disc_shape(membrane, a, a), 1);
@@ -73,7 +73,7 @@ TEST(Disc, ShapeHasTheSlopeThatTheStiffnessSays) {
       1, 1e-4);
 }
 
-TEST(Disc, TheMembraneMadeForAStiffnessHasIt) {
+TEST(Disc, MembraneForDiscHasTheStiffness) {
   for (const double a_over_lambda : {1e-3, 0.1, 1.0, 10.0, 499.0, 501.0, 1e5}) {
     const double lambda = 0.01;
     const Membrane membrane = membrane_for_disc(5000, lambda, a_over_lambda * lambda);
@@ -131,7 +131,7 @@ TEST(Unbounded, EquivalentRadiusOfAHexagon) {
   EXPECT_NEAR(ratio(a / 1000), equal_area, 1e-3);
 }
 
-TEST(Unbounded, PlaceTurnAndFirstCornerDoNotMatter) {
+TEST(Unbounded, PlaceRotationAndFirstCornerDoNotMatter) {
   std::vector<Vector2d> outline{{0, 0}, {4, 0}, {4, 3}, {2, 1}, {0, 3}};  // not convex
   for (Vector2d& p : outline)
     p *= 0.001;
@@ -140,14 +140,14 @@ TEST(Unbounded, PlaceTurnAndFirstCornerDoNotMatter) {
     p = Vector2d(0.05, -0.02) + Vector2d(0.6 * p.x() - 0.8 * p.y(), 0.8 * p.x() + 0.6 * p.y());
   std::rotate(outline.begin(), outline.begin() + 2, outline.end());
   EXPECT_NEAR(stiffness(outline, 0.006) / found, 1, 1e-9);
-  // More tool, more force; its convex hull is hardly stiffer than the dented tool.
+  // A larger tool is stiffer; the convex hull is only slightly stiffer than the concave tool.
   std::erase_if(outline,
                 [](const Vector2d& p) { return (p - Vector2d(0.0504, -0.0178)).norm() < 1e-5; });
   ASSERT_EQ(outline.size(), 4U);
   EXPECT_GT(stiffness(outline, 0.006), found);
 }
 
-TEST(Unbounded, TheMembraneMadeForATool) {
+TEST(Unbounded, MembraneForToolHasTheStiffness) {
   const auto hexagon = regular(6, 0.003);
   const auto membrane = membrane_for_tool(5000, 0.008, hexagon);
   ASSERT_TRUE(membrane);
@@ -155,7 +155,7 @@ TEST(Unbounded, TheMembraneMadeForATool) {
   EXPECT_NEAR(stiffness(hexagon, 0.008) * membrane->bed_N_per_m3, 5000, 1e-9);
 }
 
-TEST(Unbounded, RefusesWhatIsNoTool) {
+TEST(Unbounded, RefusesInvalidOutlines) {
   auto hexagon = regular(6, 0.003);
   EXPECT_FALSE(unbounded_stiffness_per_bed_m2(hexagon, 0));
   EXPECT_FALSE(unbounded_stiffness_per_bed_m2(hexagon, std::nan("")));

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/deformation/local_solver.h: the ring's errors, how they fall with its radius,
-// and the bounds on them.
+// The laws of runtime/deformation/local_solver.h: the errors caused by the ring, their decay with
+// its radius, and the bounds on them.
 #include "runtime/deformation/local_solver.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "runtime/deformation/disc.h"
-#include "runtime/deformation/global_solver.h"
+#include "tests/reference/deformation/disc.h"
+#include "tests/reference/deformation/general_load.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -78,11 +80,10 @@ TEST(Local, WithoutARingIsTheGlobalSolution) {
   EXPECT_NEAR(2 * energy_J(r.network, local.w) / local.stiffness_N_per_m, 1, 1e-10);
 }
 
-// w falls like K0(r / lambda), about exp(-r / lambda), and the ring's displacement error is w
-// there. The force differs by K0(R / lambda) / I0(R / lambda), about exp(-2 R / lambda): the ring
-// is felt on the way out and on the way back. Both against the annulus in closed form, and as
-// slopes.
-TEST(Local, TendsToGlobalAsTheExponentialOfTheRadius) {
+// w decays as K0(r / lambda), about exp(-r / lambda), and the displacement error at the ring is w
+// there. The force error is K0(R / lambda) / I0(R / lambda), about exp(-2 R / lambda): from the
+// tool to the ring and back. Both are compared with the annulus in closed form, and as slopes.
+TEST(Local, ErrorFallsExponentiallyWithTheRadius) {
   for (const double lambda_mm : {5.0, 8.0, 12.0}) {
     Rings r;
     r.lambda_mm = lambda_mm;
@@ -111,7 +112,7 @@ TEST(Local, TendsToGlobalAsTheExponentialOfTheRadius) {
       EXPECT_NEAR(displacement_error / (std::cyl_bessel_k(0.0, radius) / std::cyl_bessel_k(0.0, a)),
                   1, 0.1)
           << lambda_mm << ", " << radius;
-      // What was said about them beforehand.
+      // The bounds.
       EXPECT_TRUE(local.bounds.proved);
       EXPECT_GE(local.bounds.force, force_error / (1 + force_error));
       EXPECT_GE(local.bounds.displacement, displacement_error);
@@ -126,8 +127,8 @@ TEST(Local, TendsToGlobalAsTheExponentialOfTheRadius) {
   }
 }
 
-// Sheets that are no disc: random triangulations, the ring wherever. Law 1 on all, 2 and 3 where no
-// spring is negative.
+// Random triangulations with a ring at a random place. Law 1 on all, laws 2 and 3 where no spring
+// is negative.
 TEST(Local, BoundsHoldOnRandomNetworks) {
   std::mt19937_64 random(11);
   int proved = 0, not_proved = 0;
@@ -144,7 +145,7 @@ TEST(Local, BoundsHoldOnRandomNetworks) {
     const double radius = 1200 + 2600 * test::uniform(random);
     const double x = 3000 * (2 * test::uniform(random) - 1),
                  y = 3000 * (2 * test::uniform(random) - 1);
-    // The region: whole triangles, as a mesh of its own for what is left out beyond it.
+    // The region: whole triangles, as a separate mesh.
     const auto distance = [&](std::uint32_t v) {
       return std::hypot(mesh.vertices[v].x - x, mesh.vertices[v].y - y);
     };
@@ -191,7 +192,7 @@ TEST(Local, BoundsHoldOnRandomNetworks) {
   }
   EXPECT_GT(proved, 80);
   EXPECT_GT(not_proved, 80);
-  EXPECT_LT(tightest, 2.5);  // not so wide that anything would pass
+  EXPECT_LT(tightest, 2.5);  // the bounds are not trivially wide
 }
 
 TEST(Local, SolvesForAnyLoadAndHeldDisplacements) {

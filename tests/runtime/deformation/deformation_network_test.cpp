@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/deformation/network.h, against finite elements written out triangle by
-// triangle, and the solvers of a whole network against each other and the exact disc.
+// The laws of runtime/deformation/network.h, compared with finite elements assembled triangle by
+// triangle, and sparse_factor compared with dense factorisations.
 #include "runtime/deformation/network.h"
 
 #include <gtest/gtest.h>
@@ -10,9 +10,9 @@
 #include <cmath>
 
 #include "formats/geometry/mesh_validity.h"
-#include "runtime/deformation/disc.h"
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -24,7 +24,7 @@ using Eigen::Matrix3d, Eigen::MatrixXd, Eigen::Vector2d, Eigen::Vector3d;
 const Lattice kLattice{8};
 const Membrane kMembrane{320, 5e6};
 
-/// Random points in a box, each new triangle's corners moved by up to `shake` of a cell.
+/// A grid whose points are moved at random by up to `shake` of a cell.
 SliceMesh shaken_square(std::uint64_t seed, double shake) {
   SliceMesh mesh = test::square_mesh({-1000, -700}, 256, 6);
   std::mt19937_64 random(seed);
@@ -35,8 +35,8 @@ SliceMesh shaken_square(std::uint64_t seed, double shake) {
   return mesh;
 }
 
-/// T times the integral of grad phi_i . grad phi_j over each triangle, assembled, by the gradients
-/// themselves; no cotangent.
+/// T times the integral of grad phi_i . grad phi_j over each triangle, assembled from the
+/// gradients, without cotangents.
 MatrixXd membrane_matrix(const SliceMesh& mesh) {
   const auto n = static_cast<Eigen::Index>(mesh.vertices.size());
   MatrixXd matrix = MatrixXd::Zero(n, n);
@@ -92,7 +92,7 @@ TEST(Network, IsTheMembraneOfLinearElements) {
   }
 }
 
-TEST(Network, EnergyAndReactionBelongTogether) {
+TEST(Network, ReactionIsTheGradientOfTheEnergy) {
   const Network network = make_network(shaken_square(7, 0.24), kLattice, kMembrane);
   std::mt19937_64 random(1);
   std::vector<double> w(network.size());
@@ -106,7 +106,7 @@ TEST(Network, EnergyAndReactionBelongTogether) {
     EXPECT_NEAR(reaction_N(network, w, i), force[static_cast<Eigen::Index>(i)], 1e-12);
 }
 
-// Law 3, against floating point where that can tell, and where it cannot.
+// Law 3, compared with floating point, and where floating point cannot decide.
 TEST(Network, SignsAreExact) {
   std::uint32_t negative = 0;
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
@@ -125,13 +125,14 @@ TEST(Network, SignsAreExact) {
   }
   EXPECT_GT(negative, 50U);
 
-  // A right angle is not obtuse, and a step more is; far from the origin, in large triangles.
+  // A right angle gives no negative spring, one step more does; far from the origin, in large
+  // triangles.
   const std::int32_t far = kMaxCoordinate - 10;
   SliceMesh right{{{-far, -far}, {far, -far}, {-far, far}}, {{0, 1, 2}}};
   EXPECT_EQ(spring_signs(right).negative(), 0U);
   right.vertices[0] = {-far + 1, -far};
   EXPECT_EQ(spring_signs(right).negative_boundary, 1U);
-  // The two diagonals of a square are equally good; a step off, one is negative.
+  // Both diagonals of a square give 0; one step off, one of them is negative.
   SliceMesh square{{{0, 0}, {far, 0}, {far, far}, {0, far}}, {{0, 1, 2}, {0, 2, 3}}};
   EXPECT_EQ(spring_signs(square).negative(), 0U);
   square.vertices[1] = {far - 1, 1};
@@ -140,8 +141,9 @@ TEST(Network, SignsAreExact) {
   EXPECT_EQ(spring_signs(square).negative_interior, 0U);
 }
 
-// Law 2 on meshes with many negative springs: every eigenvalue positive, both factorisations done.
-TEST(Network, IsPositiveDefiniteWhateverTheAngles) {
+// Law 2 on meshes with many negative springs: all eigenvalues positive, both factorisations
+// succeed.
+TEST(Network, IsPositiveDefiniteForAnyAngles) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     SliceMesh mesh = shaken_square(seed, 0.24);
     for (LatticePoint& p : mesh.vertices)
@@ -162,7 +164,7 @@ TEST(Network, IsPositiveDefiniteWhateverTheAngles) {
   }
 }
 
-TEST(SparseFactor, SolvesWhatADenseFactorisationSolves) {
+TEST(SparseFactor, AgreesWithADenseFactorisation) {
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     const Network network = make_network(shaken_square(seed, 0.24), kLattice, kMembrane);
     std::mt19937_64 random(seed);
@@ -192,8 +194,8 @@ TEST(SparseFactor, SolvesWhatADenseFactorisationSolves) {
   }
 }
 
-// A planar mesh in a good order has about n log n entries: here 8 for each of 225 unknowns, where
-// the nodes' own order has 15.
+// A planar mesh in a good order has about n log n entries: here 8 for each of 225 unknowns; in the
+// given order of the nodes there are 15.
 TEST(SparseFactor, OrderKeepsItSparse) {
   const Network network = make_network(test::triangular_mesh({0, 0}, 256, 15), kLattice, kMembrane);
   SparseFactor factor;
@@ -201,7 +203,7 @@ TEST(SparseFactor, OrderKeepsItSparse) {
   EXPECT_LT(factor.entries(), 10 * factor.size());
 }
 
-TEST(SparseFactor, NothingIsFree) {
+TEST(SparseFactor, IsEmptyWithoutFreeNodes) {
   const Network network = make_network(shaken_square(0, 0), kLattice, kMembrane);
   SparseFactor factor;
   EXPECT_TRUE(factor.make(network, std::vector(network.size(), NodeKind::kTool)));
@@ -210,7 +212,7 @@ TEST(SparseFactor, NothingIsFree) {
   EXPECT_TRUE(factor.make(make_network({}, kLattice, kMembrane), {}));
 }
 
-TEST(SparseFactor, SaysWhenAMatrixIsNotDefinite) {
+TEST(SparseFactor, FailsIfTheMatrixIsNotDefinite) {
   Network network = make_network(shaken_square(0, 0.2), kLattice, kMembrane);
   for (double& f : network.bed_N_per_m)
     f = -f;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the haptic thread may call of runtime/deformation makes no allocation.
+// The noexcept functions of runtime/deformation do not allocate: a solve, a tick of propagation.
 #include <gtest/gtest.h>
 
 #include <vector>
@@ -7,12 +7,13 @@
 #include "runtime/deformation/local_solver.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/realtime/allocation_counter.h"
+#include "tests/reference/deformation/general_load.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
-TEST(DeformationOnTheHapticThread, MakesNoAllocation) {
+TEST(DeformationSolve, DoesNotAllocate) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
   const Network network =
       make_network(test::triangular_mesh({0, 0}, 256, 20), Lattice{8}, {320, 5e6});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What runtime/deformation/propagation.h says of force propagation, against the equilibrium.
+// Force propagation (runtime/deformation/propagation.h) compared with the equilibrium.
 #include "runtime/deformation/propagation.h"
 
 #include <gtest/gtest.h>
@@ -8,8 +8,8 @@
 #include <cmath>
 #include <set>
 
-#include "runtime/deformation/global_solver.h"
 #include "runtime/deformation/local_solver.h"
+#include "tests/reference/deformation/global_solver.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -71,7 +71,7 @@ TEST(Propagation, ActivatesBreadthFirstDownToItsDepth) {
   }
 }
 
-// Where it comes to rest: the equilibrium with all that lies deeper held at 0.
+// The state at rest is the equilibrium with all deeper nodes held at 0.
 TEST(Propagation, SettlesAtTheDepthLimitedEquilibrium) {
   const Net net;
   for (const int depth : {1, 4, 9}) {
@@ -114,7 +114,7 @@ TEST(Propagation, ErrorFallsWithTheDepth) {
   EXPECT_LT(last, 0.1);
 }
 
-// One tick moves every ring: the order of activation carries the force outwards at once.
+// One tick moves every ring, as nodes are updated in the order of activation.
 TEST(Propagation, OneTickReachesTheWholeDepth) {
   const Net net;
   const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = 7, .sweeps = 1});

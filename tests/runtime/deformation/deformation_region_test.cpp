@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/deformation/region.h.
+// The contract of runtime/deformation/region.h.
 #include "runtime/deformation/region.h"
 
 #include <gtest/gtest.h>
@@ -10,6 +10,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/deformation/part.h"
 #include "runtime/deformation/response.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -59,7 +60,7 @@ struct Case {
   }
 };
 
-TEST(Region, HasAllThatIsNearLessTheTool) {
+TEST(Region, HasAllTrianglesNearTheToolLessTheTool) {
   std::mt19937_64 random(4);
   for (int i = 0; i < 60; ++i) {
     Case c(test::place_in(Case({0, 0}).mesh, random), test::uniform(random));
@@ -71,7 +72,7 @@ TEST(Region, HasAllThatIsNearLessTheTool) {
     ASSERT_EQ(region->kind.size(), region->mesh.vertices.size());
     const Circle circle = circle_around(c.tool);
     const double reach = circle.radius + c.options.radius_m / kStep_m;
-    SliceMesh expected;  // of the sheet's own triangles, by the law alone: the square is convex
+    SliceMesh expected;  // from the sheet's triangles by contract 1 alone: the square is convex
     expected.vertices = c.mesh.vertices;
     for (const Triangle& t : c.mesh.triangles) {
       if (distance_to_triangle(circle.centre, c.mesh, t) < reach) expected.triangles.push_back(t);
@@ -98,8 +99,8 @@ TEST(Region, HasAllThatIsNearLessTheTool) {
   }
 }
 
-// Wholly over material: the borne part is the tool, its moment that of its centroid.
-TEST(Region, BorneIsTheToolItself) {
+// Wholly over material: the borne area is the tool's, its moment that of the tool's centroid.
+TEST(Region, BorneAreaIsTheToolOverMaterial) {
   Case c({100, -300});
   const auto region = c.region();
   ASSERT_TRUE(region);
@@ -113,14 +114,13 @@ TEST(Region, BorneIsTheToolItself) {
 }
 
 // Over the sheet's straight border at x = -5120: half of the tool, and the centroid of that half.
-TEST(Region, BorneIsWhatLiesUnderAToolOverTheRim) {
+TEST(Region, BorneAreaIsTheMaterialUnderAToolOverTheRim) {
   Case c({-5120, 0}, 0);
   const auto region = c.region();
   ASSERT_TRUE(region);
   const double whole = static_cast<double>(doubled_area(c.tool)) / 2;
   EXPECT_NEAR(region->borne.area_steps2 / whole, 0.5, 2e-3);
-  // Half a regular hexagon, cut through two corners' axis... its centroid lies 7/(9 sqrt 3) / ...
-  // of the circumradius off: by quadrature.
+  // The centroid of half a regular hexagon, by quadrature.
   double area = 0, moment = 0;
   for (int k = 0; k < 768; ++k) {
     const double x = k + 0.5,
@@ -132,8 +132,8 @@ TEST(Region, BorneIsWhatLiesUnderAToolOverTheRim) {
   EXPECT_NEAR(region->borne.moment_steps3.y() / region->borne.area_steps2, 0, 1);
 }
 
-// Law 2: a walk along every side of the mesh.
-TEST(Region, SidesAreOnTheToolOnTheOutlineOrOnTheRing) {
+// Contract 2, for every boundary edge of the mesh.
+TEST(Region, BoundaryEdgesAreOnTheToolTheOutlineOrTheRing) {
   std::mt19937_64 random(9);
   for (int i = 0; i < 40; ++i) {
     Case c(test::place_in(Case({0, 0}).mesh, random), test::uniform(random));
@@ -166,8 +166,8 @@ TEST(Region, SidesAreOnTheToolOnTheOutlineOrOnTheRing) {
   }
 }
 
-// Two sheets side by side, less than the radius apart: only that under the tool takes part. The
-// tool over both: both do.
+// Two sheets side by side, less than the radius apart: the region has only the one under the tool,
+// and both if the tool is over both.
 TEST(Region, GapsAreNotCrossed) {
   SliceMesh two = test::square_mesh({0, 0}, 512, 8);
   const SliceMesh right = test::square_mesh({4096 + 256, 0}, 512, 8);
@@ -190,7 +190,7 @@ TEST(Region, GapsAreNotCrossed) {
   EXPECT_EQ(rightmost({4200, 2000}), 4096 + 256 + 4096);
 }
 
-TEST(Region, BesideAllMaterialThereIsNone) {
+TEST(Region, IsEmptyBesideAllMaterial) {
   Case c({-6200, 0});
   const auto region = c.region();
   ASSERT_TRUE(region);
@@ -202,8 +202,8 @@ TEST(Region, BesideAllMaterialThereIsNone) {
   EXPECT_EQ(response->response.stiffness_N_per_m, 0);
 }
 
-// A tool larger than the sheet: the bed bears it alone, at the sheet's centroid.
-TEST(Region, UnderAToolThatCoversAllTheBedBearsAlone) {
+// A tool larger than the sheet: only the bed acts on it, at the sheet's centroid.
+TEST(Region, OnlyTheBedActsOnAToolThatCoversTheSheet) {
   const SliceMesh small = test::square_mesh({-200, -100}, 50, 4);
   const SheetMesh sheet = sheet_of(small);
   const Ring tool = test::regular_polygon({0, 0}, 768, 6);
@@ -220,7 +220,7 @@ TEST(Region, UnderAToolThatCoversAllTheBedBearsAlone) {
   EXPECT_EQ(r.bounds.force, 0);
 }
 
-TEST(Region, RefusesWhatIsNoTool) {
+TEST(Region, RefusesInvalidOutlines) {
   Case c({0, 0});
   c.tool.resize(2);
   EXPECT_FALSE(c.region());
@@ -233,8 +233,8 @@ TEST(Region, RefusesWhatIsNoTool) {
   EXPECT_FALSE(c.region());
 }
 
-// Wrong seeds do no harm, and none of them is looked at twice.
-TEST(Region, SeedsMayBeTooManyAndRepeated) {
+// Extra and repeated seeds do not change the region.
+TEST(Region, ExtraAndRepeatedSeedsDoNotMatter) {
   Case c({300, 200});
   RegionWorkspace workspace;
   std::vector<std::uint32_t> seeds = find_seeds(c.sheet, c.tool);
@@ -251,7 +251,7 @@ TEST(Region, SeedsMayBeTooManyAndRepeated) {
   EXPECT_EQ(found->kind, expected->kind);
 }
 
-// A border that passes through a vertex twice: the part has it twice.
+// Where the border passes through a vertex twice, the part has the vertex twice.
 TEST(Part, IsAValidMeshWhereItsBorderPinches) {
   std::mt19937_64 random(1);
   const SheetMesh sheet = sheet_of(test::square_mesh({0, 0}, 512, 20));
@@ -261,7 +261,7 @@ TEST(Part, IsAValidMeshWhereItsBorderPinches) {
     Circle circle;
     circle.centre = {10240 * test::uniform(random), 10240 * test::uniform(random)};
     circle.radius = 30;
-    // Two seeds apart from each other: their surroundings meet in places.
+    // Two seeds apart from each other, whose surroundings touch.
     const auto t = static_cast<std::uint32_t>(random() % 600);
     const std::vector<std::uint32_t> seeds{t, t + 43, t + 86};
     const SheetPart part = part_around(sheet, seeds, circle, 900 * test::uniform(random), queue);
@@ -274,7 +274,7 @@ TEST(Part, IsAValidMeshWhereItsBorderPinches) {
   EXPECT_GT(pinched, 10);
 }
 
-// Law 4: the same region out of a sheet a hundred times as large costs the same work, to the byte.
+// Contract 4: in a sheet a hundred times as large the region is the same, and its search as small.
 TEST(Region, DoesNotDependOnTheRestOfTheSheet) {
   const SliceMesh small = test::square_mesh({-10 * 512, -10 * 512}, 512, 20);
   const SliceMesh large = test::square_mesh({-100 * 512, -100 * 512}, 512, 200);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Refinement is what makes a slice's mesh a true spring network; and what a cut does to that.
+// Refinement makes all springs of a slice's mesh non-negative; and what a cut changes.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,9 +8,10 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/triangulation.h"
-#include "runtime/deformation/global_solver.h"
-#include "runtime/deformation/sparse_factor.h"
 #include "runtime/cut/cut.h"
+#include "runtime/deformation/sparse_factor.h"
+#include "tests/reference/deformation/global_solver.h"
+#include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {
@@ -30,15 +31,15 @@ SpringSigns of_all_slices(const test::ScanAsset& scan) {
   return all;
 }
 
-TEST(Springs, OfEveryRefinedMeshAreNotNegative) {
+TEST(Springs, AreNotNegativeInRefinedMeshes) {
   const std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
   for (const test::ScanAsset& scan : scans)
     EXPECT_EQ(of_all_slices(scan).negative(), 0U) << scan.name;
 }
 
-/// The outline without the vertices that refinement put on its sides: those within the lattice's
-/// rounding of the line between the ones beside them.
+/// The outline without the vertices that refinement put on its edges: those within the lattice's
+/// rounding of the line between their neighbours.
 Pslg before_refinement(const Pslg& pslg) {
   Pslg out;
   for (const Ring& ring : pslg.rings) {
@@ -55,10 +56,10 @@ Pslg before_refinement(const Pslg& pslg) {
   return out;
 }
 
-// The counter-example: constrained Delaunay alone keeps the inner springs, not those on the
-// boundary, and loses the maximum principle with them: a sheet pressed down somewhere comes up
-// elsewhere.
-TEST(Springs, OfUnrefinedMeshesAreNegativeOnTheBoundary) {
+// The counter-example: a constrained Delaunay triangulation has no negative inner springs, but
+// negative ones on the boundary, and the maximum principle fails: a sheet pressed down at one place
+// rises at another.
+TEST(Springs, AreNegativeOnTheBoundaryOfUnrefinedMeshes) {
   std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
   for (test::ScanAsset& scan : scans) {
@@ -95,10 +96,10 @@ TEST(Springs, OfUnrefinedMeshesAreNegativeOnTheBoundary) {
   }
 }
 
-// A cut flips its surroundings until they are Delaunay again: no inner spring becomes negative.
-// Sides of the hole and of the outline near it may: the cut counts them, and the energy stays
-// positive definite all the same (network.h, law 2).
-TEST(Springs, AfterACutTheNegativeOnesAreCountedAndTheEnergyStaysDefinite) {
+// A cut flips edges around the hole until they are Delaunay again: no inner spring becomes
+// negative. Springs on the hole and on the outline near it may: the cut counts them, and the energy
+// is still positive definite (network.h, law 2).
+TEST(Springs, NegativeSpringsAfterACutAreCountedAndTheEnergyIsDefinite) {
   const std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
   const Membrane membrane{320, 5e6};

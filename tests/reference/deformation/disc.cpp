@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/deformation/disc.h"
+#include "tests/reference/deformation/disc.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+
+#include "runtime/deformation/unbounded.h"
 
 namespace trocar::runtime {
 namespace {
@@ -30,6 +33,21 @@ double disc_shape(const Membrane& membrane, double radius_m, double r_m) {
 Membrane membrane_for_disc(double stiffness_N_per_m, double lambda_m, double radius_m) {
   const double bed = stiffness_N_per_m / stiffness_per_bed_m2(radius_m, lambda_m);
   return {bed * lambda_m * lambda_m, bed};
+}
+
+Result<double> equivalent_radius_m(std::span<const Eigen::Vector2d> outline_m, double reach_m) {
+  const auto wanted = unbounded_stiffness_per_bed_m2(outline_m, reach_m);
+  if (!wanted) return wanted.error();
+  // The disc's stiffness grows with its radius: bisection between a point and more than enough.
+  const Membrane unit{reach_m * reach_m, 1};
+  double low = 0, high = 0;
+  for (const Eigen::Vector2d& corner : outline_m)
+    high = std::max(high, 2 * (corner - outline_m[0]).norm());
+  for (int i = 0; i < 60; ++i) {
+    const double middle = (low + high) / 2;
+    (disc_stiffness_N_per_m(unit, middle) < *wanted ? low : high) = middle;
+  }
+  return (low + high) / 2;
 }
 
 }  // namespace trocar::runtime

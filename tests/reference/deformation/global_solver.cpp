@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/deformation/global_solver.h"
+#include "tests/reference/deformation/global_solver.h"
 
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/deformation/region_sides.h"
+#include "runtime/deformation/region_boundary.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,22 +10,22 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// How far off the tool's outline, in steps, a node may lie that is held by it: where the outline
-/// crosses the sheet's own, both are bent to the lattice (cut.h, law 3).
+/// Largest distance, in steps, of a node on the tool from the tool's outline: where the outline
+/// crosses the sheet's, both are rounded to the lattice (runtime/cut/cut.h).
 constexpr double kOnTool = 2;
 
 /// Where the sheet's outline meets the tool's at a small angle, the tip of the wedge between them
-/// is thinner than any mesh of good triangles. It goes with the tool, to which it clings on one
-/// side: nodes of the outline that are this near to the tool, in circumradii, are held by it.
-constexpr double kClings = 0.02;
+/// is too thin for well-shaped triangles. It moves with the tool: nodes of the outline that are
+/// this near to the tool, in circumradii, are kTool.
+constexpr double kWedgeDistance = 0.02;
 
 bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& circle) {
   return (Vector2d(p.x, p.y) - circle.centre).norm() <= circle.radius + distance &&
          distance_to_outline(tool, p.x, p.y) <= distance;
 }
 
-BoundarySides boundary_sides(const SheetMesh& mesh) {
-  BoundarySides out;
+BoundaryEdges boundary_edges(const SheetMesh& mesh) {
+  BoundaryEdges out;
   out.next.assign(mesh.vertices.size(), kNone);
   out.kind.assign(mesh.vertices.size(), NodeKind::kFree);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
@@ -46,34 +46,34 @@ double distance_to_outline(const Ring& tool, double x, double y) noexcept {
   for (std::size_t k = 0; k < tool.size(); ++k) {
     const Vector2d a(tool[k].x, tool[k].y);
     const LatticePoint to = tool[k + 1 == tool.size() ? 0 : k + 1];
-    const Vector2d side = Vector2d(to.x, to.y) - a;
-    const double t = std::clamp((p - a).dot(side) / side.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (a + t * side - p).squaredNorm());
+    const Vector2d edge = Vector2d(to.x, to.y) - a;
+    const double t = std::clamp((p - a).dot(edge) / edge.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (a + t * edge - p).squaredNorm());
   }
   return std::sqrt(least);
 }
 
-BoundarySides classified_sides(const SheetMesh& mesh, const std::vector<OuterSide>& outer,
-                               const Ring& tool, const Circle& circle) {
-  BoundarySides sides = boundary_sides(mesh);
-  for (std::size_t v = 0; v < sides.next.size(); ++v) {
-    if (sides.next[v] == kNone) continue;
-    const LatticePoint from = mesh.vertices[v], to = mesh.vertices[sides.next[v]];
-    if (std::binary_search(outer.begin(), outer.end(), OuterSide{from, to})) {
-      sides.kind[v] = NodeKind::kRing;
+BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<OuterEdge>& outer,
+                                  const Ring& tool, const Circle& circle) {
+  BoundaryEdges edges = boundary_edges(mesh);
+  for (std::size_t v = 0; v < edges.next.size(); ++v) {
+    if (edges.next[v] == kNone) continue;
+    const LatticePoint from = mesh.vertices[v], to = mesh.vertices[edges.next[v]];
+    if (std::binary_search(outer.begin(), outer.end(), OuterEdge{from, to})) {
+      edges.kind[v] = NodeKind::kRing;
     } else if (is_near(from, kOnTool, tool, circle) && is_near(to, kOnTool, tool, circle)) {
-      // Both ends on the tool, and the middle as well: not a side that bridges a corner.
+      // Both ends and the middle are on the tool: not an edge across one of its corners.
       const double x = (static_cast<double>(from.x) + to.x) / 2;
       const double y = (static_cast<double>(from.y) + to.y) / 2;
-      if (distance_to_outline(tool, x, y) <= kOnTool) sides.kind[v] = NodeKind::kTool;
+      if (distance_to_outline(tool, x, y) <= kOnTool) edges.kind[v] = NodeKind::kTool;
     }
   }
-  return sides;
+  return edges;
 }
 
-std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& before,
+std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
                                  const Ring& tool, const Circle& circle) {
-  const BoundarySides after = boundary_sides(refined);
+  const BoundaryEdges after = boundary_edges(refined);
   std::vector<NodeKind> kind(refined.vertices.size(), NodeKind::kFree);
   const auto hold = [&](std::uint32_t v, NodeKind by) {
     if (by != NodeKind::kFree && kind[v] != NodeKind::kTool) kind[v] = by;
@@ -86,10 +86,10 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundarySides& 
       hold(at, before.kind[v]);
     }
   }
-  const double clings = std::max(kOnTool, kClings * circle.radius);
+  const double near_tool = std::max(kOnTool, kWedgeDistance * circle.radius);
   for (std::size_t v = 0; v < kind.size(); ++v) {
     if (kind[v] == NodeKind::kFree && after.next[v] != kNone &&
-        is_near(refined.vertices[v], clings, tool, circle))
+        is_near(refined.vertices[v], near_tool, tool, circle))
       kind[v] = NodeKind::kTool;
   }
   return kind;

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// The triangles near a tool without a grid, and a region mesh cut down to a smaller radius on the
+// same triangles.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "runtime/deformation/region.h"
+
+namespace trocar::runtime {
+
+/// The slots of all triangles whose bounding box intersects the tool's, ascending; none for an
+/// empty tool. Looks at every triangle: O(slots). The programs use triangle_grid.h.
+std::vector<std::uint32_t> find_seeds(const SheetMesh& sheet, const Ring& tool);
+
+/// What `region` has within `radius_m` of the tool's circumscribed circle, connected with the tool,
+/// on the same triangles; nodes on the new border are kRing. Its equilibrium differs from that of
+/// `region` by the effect of the ring alone. O(n).
+struct RegionPart {
+  RegionMesh region;
+  std::vector<std::uint32_t> parent;  ///< of each vertex: its number in the whole region
+};
+RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice& lattice,
+                       double radius_m);
+
+}  // namespace trocar::runtime
