@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What one haptic device is: geometry, motors, joint limits, and what its
 // simulation needs. The mechanism is the paper's four-legged, eight-motor device
-// (section III); how its lengths are read stands in runtime/device/README.md.
+// (section III); how its lengths are read stands in runtime/mechanism/README.md.
 // On disk: JSON, schema formats/session/device.schema.json.
 #pragma once
 

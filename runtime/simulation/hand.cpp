@@ -71,7 +71,7 @@ Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& i
       return refused("hand: stiffness, damping and mass must be finite and not negative");
     }
   }
-  if (std::isnan(impedance.let_go_t_s)) return refused("hand: the time to let go is not a number");
+  if (std::isnan(impedance.let_go_t_s)) return refused("hand: let_go_t_s is not a number");
   return {};
 }
 
