@@ -40,7 +40,7 @@ struct DriveOptions {
   std::size_t record_steps = 0;  ///< capacity of DriveReport::steps
 };
 
-/// What the drive did in one step of its world.
+/// One simulation step of the drive.
 struct DriveStep {
   std::uint64_t session = 0;  ///< from 1
   double t_s = 0;             ///< simulated time at the end of the step

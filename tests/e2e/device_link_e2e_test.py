@@ -81,13 +81,13 @@ class Simulator:
         return bytes.fromhex(self.key_file.read_text())
 
 
-def check_hand(name, felt, punctures, sheets):
-    peaks = [peak["force_N"] for peak in felt["hand_peaks"]]
+def check_hand(name, drive_report, punctures, sheets):
+    peaks = [peak["force_N"] for peak in drive_report["hand_peaks"]]
     check(len(peaks) == sheets, f"{name}: {len(peaks)} peaks of the hand's force for {sheets} sheets")
     for peak in peaks:
         check(abs(peak - FORCE_N) <= SHARE * FORCE_N, f"{name}: a peak of {peak} N on the hand")
-    check(abs(felt["hand_force_max_N"] - FORCE_N) <= SHARE * FORCE_N,
-          f"{name}: largest force on the hand {felt['hand_force_max_N']} N")
+    check(abs(drive_report["hand_force_max_N"] - FORCE_N) <= SHARE * FORCE_N,
+          f"{name}: largest force on the hand {drive_report['hand_force_max_N']} N")
     check(len(punctures) == sheets, f"{name}: {len(punctures)} punctures")
     print(f"{name}: on the hand {', '.join(f'{p:.3f} N' for p in peaks)}")
 
@@ -100,18 +100,18 @@ def experiments(source, programs, asset, work):
         run(trocar_run, scene, "--asset", asset, "--clock", "virtual", "--quiet", "--record", inside)
         for model in ("light", "full"):
             recordings = []
-            for turn in (1, 2) if (name, model) != ("three_slices", "full") else (1,):
-                record, summary = work / f"{name}_{model}_{turn}.csv", work / "run.json"
+            for repeat in (1, 2) if (name, model) != ("three_slices", "full") else (1,):
+                record, summary = work / f"{name}_{model}_{repeat}.csv", work / "run.json"
                 with Simulator(programs, work, scene, "--clock", "lock-step", "--model", model) as simulator:
-                    code, said = simulator.session(trocar_run, scene, asset, "--clock", "virtual",
-                                                   "--record", record, "--summary", summary)
-                    check(code == 0, f"{name} {model} in lock-step ended with {code}: {said}")
-                    felt = simulator.summary()
+                    code, stderr = simulator.session(trocar_run, scene, asset, "--clock", "virtual",
+                                                     "--record", record, "--summary", summary)
+                    check(code == 0, f"{name} {model} in lock-step ended with {code}: {stderr}")
+                    drive_report = simulator.summary()
                 recordings.append(record.read_bytes())
-                told = json.loads(summary.read_text())
-                check(told["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {told['allocations_in_loop']} allocations")
-                if turn == 1:
-                    check_hand(f"{name}, {model} model, lock-step", felt, told["punctures"], sheets)
+                report = json.loads(summary.read_text())
+                check(report["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {report['allocations_in_loop']} allocations")
+                if repeat == 1:
+                    check_hand(f"{name}, {model} model, lock-step", drive_report, report["punctures"], sheets)
             check(recordings[0] == recordings[-1], f"{name} {model}: two runs differ")
             if model == "light":
                 check(recordings[0] == inside.read_bytes(), f"{name}: differs from the device in the process")
@@ -119,16 +119,16 @@ def experiments(source, programs, asset, work):
         for attempt in range(4):
             summary = work / f"{name}_real.json"
             with Simulator(programs, work, scene) as simulator:
-                code, said = simulator.session(trocar_run, scene, asset, "--summary", summary)
-                felt = simulator.summary()
-            told = json.loads(summary.read_text()) if summary.exists() else {"faults": []}
-            if code == 5 and {fault["fault"] for fault in told["faults"]} <= STALLS:
-                print(f"{name} in real time, attempt {attempt + 1}: {said.strip()}")
+                code, stderr = simulator.session(trocar_run, scene, asset, "--summary", summary)
+                drive_report = simulator.summary()
+            report = json.loads(summary.read_text()) if summary.exists() else {"faults": []}
+            if code == 5 and {fault["fault"] for fault in report["faults"]} <= STALLS:
+                print(f"{name} in real time, attempt {attempt + 1}: {stderr.strip()}")
                 continue
-            check(code == 0, f"{name} in real time ended with {code}: {said}")
-            check_hand(f"{name}, real time", felt, told["punctures"], sheets)
-            check(sum(told["link"]["packets_refused"].values()) == 0, f"{name}: {told['link']}")
-            check(felt["watchdog_trips"] == 0, f"{name}: {felt['watchdog_trips']} watchdog trips")
+            check(code == 0, f"{name} in real time ended with {code}: {stderr}")
+            check_hand(f"{name}, real time", drive_report, report["punctures"], sheets)
+            check(sum(report["link"]["packets_refused"].values()) == 0, f"{name}: {report['link']}")
+            check(drive_report["watchdog_trips"] == 0, f"{name}: {drive_report['watchdog_trips']} watchdog trips")
             break
         else:
             print(f"{name} in real time: skipped, this machine stalls")
@@ -148,9 +148,9 @@ def slow_preparation(source, programs, asset, work):
     run(programs / "trocar-run", file, "--asset", asset, "--clock", "virtual", "--duration", "0.01", "--quiet")
     print(f"slow preparation: {time.monotonic() - begun:.2f} s")
     with Simulator(programs, work, file) as simulator:
-        code, said = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
+        code, stderr = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
     rows = list(csv.DictReader(record.open()))
-    check(any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {said}")
+    check(any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}")
 
 
 def faults(source, programs, asset, work):
@@ -165,30 +165,30 @@ def faults(source, programs, asset, work):
         for spec, wanted in cases:
             record, summary = work / "fault.csv", work / "fault.json"
             with Simulator(programs, work, scene, "--clock", clock, "--faults", spec) as simulator:
-                code, said = simulator.session(trocar_run, scene, asset, "--clock",
-                                               "virtual" if clock == "lock-step" else "real", "--duration", "3.2",
-                                               "--record", record, "--summary", summary)
-                check(code == 5, f"{spec} ended with {code}: {said}")
+                code, stderr = simulator.session(trocar_run, scene, asset, "--clock",
+                                                 "virtual" if clock == "lock-step" else "real", "--duration", "3.2",
+                                                 "--record", record, "--summary", summary)
+                check(code == 5, f"{spec} ended with {code}: {stderr}")
             if code != 5:
                 continue
-            told = json.loads(summary.read_text())
-            named = [fault["fault"] for fault in told["faults"]]
+            report = json.loads(summary.read_text())
+            named = [fault["fault"] for fault in report["faults"]]
             allowed = {wanted} if clock == "lock-step" else wanted | STALLS
             check(len(named) == 1 and named[0] in allowed, f"{spec}: named {named}, expected {wanted}")
             rows = list(csv.DictReader(record.open()))
-            check(len(rows) == told["ticks"], f"{spec}: {len(rows)} rows of {told['ticks']} ticks")
+            check(len(rows) == report["ticks"], f"{spec}: {len(rows)} rows of {report['ticks']} ticks")
             last = rows[-1]
             check(all(float(last[c]) == 0 for c in last if c.startswith("tau_")), f"{spec}: torques at the end")
             if clock == "lock-step" and spec.endswith("@2.5"):
-                check(abs(told["faults"][0]["t_s"] - 2.5) < 0.01, f"{spec}: at {told['faults'][0]['t_s']} s")
+                check(abs(report["faults"][0]["t_s"] - 2.5) < 0.01, f"{spec}: at {report['faults'][0]['t_s']} s")
     # Packet faults that a session must survive.
     with Simulator(programs, work, scene, "--faults", "duplicate:0.2,flip:0.05,reorder:0.05,loss:0.02") as simulator:
         summary = work / "noisy.json"
-        code, said = simulator.session(trocar_run, scene, asset, "--summary", summary, "--duration", "1.5")
-        told = json.loads(summary.read_text())
-        refused = told["link"]["packets_refused"]
+        code, stderr = simulator.session(trocar_run, scene, asset, "--summary", summary, "--duration", "1.5")
+        report = json.loads(summary.read_text())
+        refused = report["link"]["packets_refused"]
         print("a noisy link:", "ended with", code, refused)
-        check(code == 0 or {fault["fault"] for fault in told["faults"]} <= STALLS, f"a noisy link: {said}")
+        check(code == 0 or {fault["fault"] for fault in report["faults"]} <= STALLS, f"a noisy link: {stderr}")
         if code == 0:
             check(refused["sequence"] > 100, f"a noisy link: {refused}")
             check(refused["mac"] + refused["magic"] + refused["kind"] + refused["session"] + refused["size"] > 50,
@@ -251,11 +251,11 @@ def other_implementation(source, programs, work):
         state = again.state()
         check(state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is not served")
         again.command(link.STOP)
-        told = simulator.summary()
-        check(told["sessions"] == 2, f"{told['sessions']} sessions")
-        check(told["packets"]["refused"]["sequence"] >= 1, f"replays: {told['packets']}")
-        check(told["packets"]["refused"]["mac"] >= 5, f"other keys: {told['packets']}")
-        check(told["watchdog_trips"] >= 1, f"{told['watchdog_trips']} watchdog trips")
+        report = simulator.summary()
+        check(report["sessions"] == 2, f"{report['sessions']} sessions")
+        check(report["packets"]["refused"]["sequence"] >= 1, f"replays: {report['packets']}")
+        check(report["packets"]["refused"]["mac"] >= 5, f"other keys: {report['packets']}")
+        check(report["watchdog_trips"] >= 1, f"{report['watchdog_trips']} watchdog trips")
 
 
 def contract(source, programs, asset, work):

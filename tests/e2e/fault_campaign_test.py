@@ -143,14 +143,14 @@ class Recording:
     def __init__(self, file):
         self.lines = file.read_text().splitlines()
         head = {name: i for i, name in enumerate(self.lines[0].split(","))}
-        self.torque, self.safety, self.fault, self.asked, self.t_s = [], [], [], [], []
+        self.torque, self.safety, self.fault, self.requested, self.t_s = [], [], [], [], []
         first = head["tau_1_1_Nm"]
         for line in self.lines[1:]:
             cells = line.split(",")
             self.torque.append(max(abs(float(cell)) for cell in cells[first:first + 8]))
             self.safety.append(cells[head["safety"]])
             self.fault.append(cells[head["fault"]])
-            self.asked.append(cells[head["recovery_asked"]] == "1")
+            self.requested.append(cells[head["recovery_asked"]] == "1")
             self.t_s.append(float(cells[head["t_s"]]))
 
 
@@ -203,13 +203,13 @@ def operator(process, folder):
         time.sleep(0.01)
 
 
-def check_files(row, recording, told, folder, duration_s):
+def check_files(row, recording, report, folder, duration_s):
     """The recording has every tick, and each black box has the recording's lines."""
     expected = round(duration_s * RATE_HZ)
     row.rows_lost += expected - (len(recording.lines) - 1)
-    if told["ticks"] != expected or len(recording.lines) - 1 != expected:
-        row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {told['ticks']} ticks of {expected}")
-    for event in told["faults"]:
+    if report["ticks"] != expected or len(recording.lines) - 1 != expected:
+        row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {report['ticks']} ticks of {expected}")
+    for event in report["faults"]:
         rest = expected
         if event["torques_zero_t_s"] is not None:
             rest = round(event["torques_zero_t_s"] * RATE_HZ) + 1
@@ -245,10 +245,10 @@ def check_latch(row, recording, event, last_moment, folder):
     k = round(event["t_s"] * RATE_HZ)
     rest = round(event["torques_zero_t_s"] * RATE_HZ)
     where = f"{folder.name}: {event['fault']} at {event['t_s']} s"
-    asked = next((i for i in range(k, len(recording.t_s)) if recording.asked[i]), len(recording.t_s))
-    if any(s != "fault" for s in recording.safety[k:min(asked, len(recording.safety))]):
+    requested = next((i for i in range(k, len(recording.t_s)) if recording.requested[i]), len(recording.t_s))
+    if any(s != "fault" for s in recording.safety[k:min(requested, len(recording.safety))]):
         row.fail(f"{where}: recovered without a request")
-    if rest - k > TO_ZERO_S * RATE_HZ or any(recording.torque[rest:asked]):
+    if rest - k > TO_ZERO_S * RATE_HZ or any(recording.torque[rest:requested]):
         row.fail(f"{where}: torques {rest - k} ticks later, or again")
     if event["recovered_t_s"] is None:
         if not last_moment:
@@ -318,26 +318,26 @@ def many(rig, name, kind, row, wanted):
     process = rig.start(simulator, folder, kind.clock, duration_s)
     if kind.clock == "real":
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
-    said = process.communicate(timeout=300)[1]
+    stderr = process.communicate(timeout=300)[1]
     simulator.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
-        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {stderr}")
         return 0
-    told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
-    check_files(row, recording, told, folder, duration_s)
+    report, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
+    check_files(row, recording, report, folder, duration_s)
     steps = simulator.steps()
-    done = check_moments(kind, row, moments, told, recording, steps, folder)
+    done = check_moments(kind, row, moments, report, recording, steps, folder)
     if kind.counted and done:
-        row.counted += min(kind.counted(told, simulator.summary()), 10**6)
+        row.counted += min(kind.counted(report, simulator.summary()), 10**6)
     if not row.failures:
         shutil.rmtree(folder)
     return done
 
 
-def check_moments(kind, row, moments, told, recording, steps, folder):
+def check_moments(kind, row, moments, report, recording, steps, folder):
     times, _, applied, _, _, _ = steps
     first_step = first_steps(steps)
-    events = list(told["faults"])
+    events = list(report["faults"])
     for event in events:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
     done = 0
@@ -411,34 +411,34 @@ def killed_drive(rig, name, kind, row, _):
     if kind.clock == "real":
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
     if not await_end(simulator.process, process):
-        said = process.communicate(timeout=30)[1]
+        stderr = process.communicate(timeout=30)[1]
         simulator.end()
-        if process.returncode == 5 and any(f"_{name}.csv" in said for name in STALLS):
+        if process.returncode == 5 and any(f"_{name}.csv" in stderr for name in STALLS):
             row.void += 1  # stopped by the machine before the kill
             row.machine += 1
         else:
-            row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+            row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {stderr}")
         return 0
     steps = simulator.steps()
     if simulator.process.returncode != -signal.SIGKILL:
         row.fail(f"{folder.name}: the simulator ended with {simulator.process.returncode}")
     again = Simulator(rig, row, folder, "", kind.clock, simulator.address)
-    said = process.communicate(timeout=300)[1]
+    stderr = process.communicate(timeout=300)[1]
     again.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
-        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {stderr}")
         return 0
-    told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
-    check_files(row, recording, told, folder, duration_s)
+    report, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
+    check_files(row, recording, report, folder, duration_s)
     if steps[2][-1] < LOADED_NM:
         row.void += 1
         return 0
     first_step = first_steps(steps)
-    for event in told["faults"]:
+    for event in report["faults"]:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
-    events = [e for e in told["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
+    events = [e for e in report["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
     if len(events) == 1 and events[0]["recovered_t_s"] is None and any(
-            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in told["faults"]):
+            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in report["faults"]):
         row.void += 1  # the machine stalled a process during the recovery, and it recovered afterwards
         row.machine += 1
         return 0
@@ -448,25 +448,25 @@ def killed_drive(rig, name, kind, row, _):
         return 0
     row.times += 1
     if not events or events[0]["drive_s"] > moment_s + kind.within_s + 0.003:
-        row.fail(f"{folder.name}: {told['faults']}")
+        row.fail(f"{folder.name}: {report['faults']}")
         return 1
     event = events[0]
     row.found += 1
     row.named += event["fault"] in kind.names
-    row.machine += len(told["faults"]) - 1
+    row.machine += len(report["faults"]) - 1
     if event["fault"] not in kind.names:
         row.fail(f"{folder.name}: named {event['fault']}")
     # Torques after the recovery are those of the new process.
     after = again.steps()
-    felt = max(after[2]) if after[2] else 0
-    if event["recovered_t_s"] is None or (felt < LOADED_NM and len(told["faults"]) == 1):
-        row.fail(f"{folder.name}: no recovery with the new process: {told['faults']}")
+    largest_Nm = max(after[2]) if after[2] else 0
+    if event["recovered_t_s"] is None or (largest_Nm < LOADED_NM and len(report["faults"]) == 1):
+        row.fail(f"{folder.name}: no recovery with the new process: {report['faults']}")
     else:
         row.recovered += check_latch(row, recording, event, False, folder)
     row.to_zero_s.append(0.0)  # torques end with the process
     row.from_moment_s.append(max(0.0, steps[0][-1] - moment_s))
-    if told["link"]["sessions"] < 2:
-        row.fail(f"{folder.name}: {told['link']['sessions']} sessions")
+    if report["link"]["sessions"] < 2:
+        row.fail(f"{folder.name}: {report['link']['sessions']} sessions")
     if not row.failures:
         shutil.rmtree(folder)
     return 1
@@ -481,7 +481,7 @@ def killed_host(rig, name, kind, row, _):
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=30)
     second = rig.start(simulator, folder, "real", 0.6)
-    said = second.communicate(timeout=60)[1]
+    stderr = second.communicate(timeout=60)[1]
     simulator.end()
     times, _, applied, modes, sessions, _ = simulator.steps()
     last = max((i for i in range(len(times)) if sessions[i] == 1 and modes[i] == "torque"), default=0)
@@ -501,14 +501,14 @@ def killed_host(rig, name, kind, row, _):
         row.fail(f"{folder.name}: the drive kept a killed host's torques for {(times[last] - times[first]) * 1e3:.2f} ms")
     if any(applied[i] for i in range(last + 1, len(times)) if sessions[i] == 1):
         row.fail(f"{folder.name}: torques of a killed host")
-    told = json.loads((folder / "run.json").read_text()) if (folder / "run.json").exists() else {"faults": [{"fault": said}]}
+    report = json.loads((folder / "run.json").read_text()) if (folder / "run.json").exists() else {"faults": [{"fault": stderr}]}
     if second.returncode == 0 and max(a for a, s in zip(applied, sessions) if s == 2) > LOADED_NM:
         row.recovered += 1
-    elif {e["fault"] for e in told["faults"]} <= STALLS:
+    elif {e["fault"] for e in report["faults"]} <= STALLS:
         row.machine += 1
         row.recovered += 1
     else:
-        row.fail(f"{folder.name}: the next host: {second.returncode} {said}")
+        row.fail(f"{folder.name}: the next host: {second.returncode} {stderr}")
     if (folder / "run.csv").exists() and len((folder / "run.csv").read_text().splitlines()) != 601 and second.returncode == 0:
         row.fail(f"{folder.name}: the next host's recording is incomplete")
     if not row.failures:

@@ -137,13 +137,13 @@ TEST(SimulatedDevice, GravityIsOffByDefaultAndActsDownwards) {
 }
 
 TEST(SimulatedDevice, EnergyBalanceCloses) {
-  const auto imbalance = [](double substep_s, bool turn) {
+  const auto imbalance = [](double substep_s, bool rotate) {
     DeviceDescription device = default_device_description();
     device.maximum_substep_s = substep_s;
     HandTrajectory hand;
     hand.interpolation = HandInterpolation::kMinimumJerk;
     hand.keyframes = {keyframe(0, 0.16), keyframe(0.15, 0.13), keyframe(0.3, 0.17)};
-    if (turn) hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.08, -0.05, 0.1});
+    if (rotate) hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.08, -0.05, 0.1});
     SimulatedDevice simulated = make(device, hand);
     double most_kinetic = 0;
     for (int tick = 0; tick < 300; ++tick) {
