@@ -49,7 +49,7 @@ Result<void> UdpDevice::start() {
 }
 
 UdpDevice::~UdpDevice() {
-  close();
+  UdpDevice::close();
 }
 
 void UdpDevice::close() {

@@ -51,9 +51,8 @@ class UdpDevice final : public Device {
   void close() override;
 
   /// The newest state since the last call.
-  ///  - kNoData: no new state, for less than silence_s; or so many are queued (after a slow start
-  ///  of
-  ///    the loop) that the socket may have dropped the newest one.
+  ///  - kNoData: no new state, for less than silence_s; or, after a slow start of the loop, so many
+  ///    are queued that the socket may have dropped the newest.
   ///  - kLinkLost: no state for silence_s; the other end is closed; the drive has received none of
   ///    the torques of the last silence_s (2.5 periods if that is longer); or its watchdog tripped.
   ///  - kEmergencyStop, kMotorFault: as the drive reports.
