@@ -11,6 +11,8 @@
 #include <cstdio>
 #include <filesystem>
 #include <limits>
+#include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -22,9 +24,8 @@
 #include "formats/base/json_text.h"
 #include "formats/session/scene.h"
 #include "runtime/library_versions.h"
-#include "runtime/link/link_key.h"
-#include "runtime/link/udp_device.h"
 #include "runtime/session/display.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/scene_needs.h"
 #include "runtime/session/session.h"
@@ -44,7 +45,8 @@ void request_recovery(int) {
 constexpr const char* kName = "trocar-run";
 
 struct Arguments {
-  std::string scene, asset, device = "inproc", key_file, description, clock = "real", force_law;
+  std::string scene, asset, device{kDefaultDevice}, key_file, description, clock = "real",
+                                                                           force_law;
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
   std::string black_box, recover = "never", passivity = "on", compensate = "none";
@@ -67,8 +69,7 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/session/scene.schema.json)")
       ->required();
   app.add_option("--device", arguments.device,
-                 "inproc: simulated in the process; udp:HOST:PORT: a device process, such as\n"
-                 "trocar-device-sim (inproc)");
+                 device_uri_help() + " (" + std::string(kDefaultDevice) + ")");
   app.add_option("--key-file", arguments.key_file,
                  "the key of the link to a device process: the file that it was started with");
   app.add_option("--clock", arguments.clock,
@@ -107,20 +108,11 @@ void declare(CLI::App& app, Arguments& arguments) {
       "a fault; 1 a bug. Ctrl-C ends a session with torques at zero and its files written.");
 }
 
-constexpr std::string_view kRemote = "udp:";
-
-bool is_remote(const Arguments& arguments) {
-  return arguments.device.starts_with(kRemote);
-}
-
 Result<void> check_arguments(const Arguments& a) {
-  if (is_remote(a)) {
-    if (a.key_file.empty()) return usage("--device " + a.device + ": needs --key-file");
-    if (!a.replay.empty()) return usage("--replay: has no device; leave --device out");
-  } else if (a.device != "inproc") {
-    return usage("--device " + a.device + ": must be inproc or udp:HOST:PORT");
-  } else if (!a.key_file.empty()) {
-    return usage("--key-file: is for --device udp:HOST:PORT only");
+  const Result<void> device = check_device_uri(a.device, !a.key_file.empty());
+  if (!device) return device.error();
+  if (!a.replay.empty() && a.device != kDefaultDevice) {
+    return usage("--replay: has no device; leave --device out");
   }
   if (a.clock != "real" && a.clock != "virtual") {
     return usage("--clock " + a.clock + ": must be real or virtual");
@@ -256,67 +248,51 @@ Result<SessionReport> watched(const Arguments& arguments, SessionOptions& option
 }
 
 /// The summary's "link": how many packets were accepted, and how many refused for which reason.
-nlohmann::json describe(const UdpDevice& device) {
+nlohmann::json describe(const LinkReport& link) {
   nlohmann::json refused = nlohmann::json::object();
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    refused[to_word(static_cast<LinkRefusal>(i))] = device.packets().by_refusal[i];
+    refused[to_word(static_cast<LinkRefusal>(i))] = link.packets.by_refusal[i];
   }
-  return {{"sessions", device.sessions()},
-          {"packets_accepted", device.packets().accepted()},
+  return {{"sessions", link.sessions},
+          {"packets_accepted", link.packets.accepted()},
           {"packets_refused", refused},
-          {"states_missed", device.states_missed()}};
+          {"states_missed", link.states_missed}};
 }
 
-Result<SessionReport> run_remote(const Arguments& arguments, const Loaded& loaded,
-                                 Remesher& remesher, SessionOptions& options,
-                                 nlohmann::json& link_summary) {
-  UdpDeviceOptions link;
-  const Result<Endpoint> peer = parse_endpoint(arguments.device.substr(kRemote.size()), 1);
-  if (!peer) return Error{peer.error().code, "--device udp: " + peer.error().message};
-  const Result<LinkKey> key = read_link_key(arguments.key_file);
-  if (!key) return key.error();
-  link.peer = *peer;
-  link.key = *key;
-  link.period_s = 1 / options.rate_Hz;
-  link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
-  // Before connecting, since it takes time: after its welcome packet the drive expects a first
-  // tick.
-  Result<SessionWorkers> workers = make_workers(loaded.scene, remesher, options);
-  if (!workers) return workers.error();
-  auto device = UdpDevice::connect(link);
-  if (!device) return device.error();
-  const auto advance = [&](double) {
-    if (link.clock == LinkClock::kLockStep) (*device)->wait_for_answer();
-  };
-  Result<SessionReport> report = watched(arguments, options, [&] {
-    return run_session(loaded.scene, loaded.description, remesher, **device, advance, options,
-                       std::move(*workers));
-  });
-  (*device)->close();
-  if (const std::optional<Error>& error = (*device)->restore_error()) {
-    std::fprintf(stderr, "trocar-run: the link was not restored: %s\n", error->message.c_str());
-  }
-  link_summary = describe(**device);
-  return report;
-}
-
-Result<SessionReport> run(const Arguments& arguments, Loaded& loaded, Remesher& remesher,
-                          SessionOptions& options) {
+/// `link` gets the report of the device's link, if it has one.
+Result<SessionReport> run(const Arguments& arguments, const Loaded& loaded, Remesher& remesher,
+                          SessionOptions& options, std::optional<LinkReport>& link) {
   if (!loaded.replay.empty()) {
     ReplayDevice device(loaded.replay);
     return run_session(
         loaded.scene, loaded.description, remesher, device, [](double) {}, options);
   }
-  Result<SimulatedDevice> device = make_simulated_device(loaded.scene, loaded.description);
-  if (!device) {
-    return Error{device.error().code, arguments.scene + ": " + device.error().message};
-  }
-  // Simulated time stands still while this process is suspended, so no gap is dangerous.
-  options.limits.gap_max_s = 0;
-  const auto advance = [&](double dt_s) { device->step(dt_s); };
-  return watched(arguments, options, [&] {
-    return run_session(loaded.scene, loaded.description, remesher, *device, advance, options);
+  Result<std::unique_ptr<Device>> opened =
+      open_device(arguments.device, {.scene = loaded.scene,
+                                     .scene_name = arguments.scene,
+                                     .description = loaded.description,
+                                     .key_file = arguments.key_file,
+                                     .clock = options.clock,
+                                     .rate_Hz = options.rate_Hz});
+  if (!opened) return opened.error();
+  Device& device = **opened;
+  if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
+  // Before start(), since a drive behind a link ends a session in which no tick comes.
+  Result<SessionWorkers> workers = make_workers(loaded.scene, remesher, options);
+  if (!workers) return workers.error();
+  if (Result<void> started = device.start(); !started) return started.error();
+  Result<SessionReport> report = watched(arguments, options, [&] {
+    return run_session(
+        loaded.scene, loaded.description, remesher, device,
+        [&device](double dt_s) { device.advance(dt_s); }, options, std::move(*workers));
   });
+  device.close();
+  link = device.link_report();
+  if (link && link->restore_error) {
+    std::fprintf(stderr, "trocar-run: the link was not restored: %s\n",
+                 link->restore_error->message.c_str());
+  }
+  return report;
 }
 
 /// The options of the safety layer and of the loop.
@@ -366,7 +342,7 @@ bool print_faults(const SessionReport& report) {
 /// Writes every output, also after another could not be written. Returns the errors.
 std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loaded,
                                  const SessionOptions& options, const SessionReport& report,
-                                 const Remesher& remesher, const nlohmann::json& link_summary,
+                                 const Remesher& remesher, const std::optional<LinkReport>& link,
                                  const FrameWriter& frames) {
   std::vector<Error> errors;
   const auto keep_error = [&](const Result<void>& done) {
@@ -375,7 +351,7 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
   if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments.summary.empty()) {
     const std::string text = summarize(loaded.scene, options, report, remesher,
-                                       is_remote(arguments) ? json_text(link_summary) : "");
+                                       link ? json_text(describe(*link)) : "");
     keep_error(write_file_atomically(arguments.summary, text + "\n"));
   }
   if (!arguments.meshes.empty()) {
@@ -468,10 +444,8 @@ int session(const Arguments& arguments) {
   }
   Remesher remesher(loaded->sheets);
   loaded->sheets.clear();  // the remesher keeps its own copies
-  nlohmann::json link_summary;
-  const Result<SessionReport> report =
-      is_remote(arguments) ? run_remote(arguments, *loaded, remesher, options, link_summary)
-                           : run(arguments, *loaded, remesher, options);
+  std::optional<LinkReport> link;
+  const Result<SessionReport> report = run(arguments, *loaded, remesher, options, link);
   if (!report) return fail(report.error());
   if (!arguments.quiet) {
     print_outcome(*report, options);
@@ -479,9 +453,9 @@ int session(const Arguments& arguments) {
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
     }
   }
-  return conclude(
-      *report, write_outputs(arguments, *loaded, options, *report, remesher, link_summary, frames),
-      remesher);
+  return conclude(*report,
+                  write_outputs(arguments, *loaded, options, *report, remesher, link, frames),
+                  remesher);
 }
 
 int run_command_line(int argc, char** argv) {

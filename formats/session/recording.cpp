@@ -42,8 +42,8 @@ constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "motor_overload"};
 constexpr std::array<const char*, kSafetyStates> kSafetyWords = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
-constexpr std::array<const char*, kDeviceAnswers> kAnswerWords = {"ok", "no_data", "link_lost",
-                                                                  "emergency_stop", "motor_fault"};
+constexpr std::array<const char*, kRecordedDeviceStatuses> kAnswerWords = {
+    "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
@@ -220,8 +220,8 @@ const char* to_word(Fault fault) {
 const char* to_word(SafetyState state) {
   return kSafetyWords.at(static_cast<std::size_t>(state));
 }
-const char* to_word(DeviceAnswer answer) {
-  return kAnswerWords.at(static_cast<std::size_t>(answer));
+const char* to_word(DeviceStatus status) {
+  return kAnswerWords.at(static_cast<std::size_t>(status));
 }
 
 const std::string& recording_header() {

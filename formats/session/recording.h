@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "formats/session/device_status.h"
 
 namespace trocar {
 
@@ -62,21 +63,11 @@ enum class SafetyState : std::uint8_t {
 };
 inline constexpr int kSafetyStates = 5;
 
-/// How the device answered, as a word in the recording.
-enum class DeviceAnswer : std::uint8_t {
-  kOk,             ///< "ok"
-  kNoData,         ///< "no_data"
-  kLinkLost,       ///< "link_lost"
-  kEmergencyStop,  ///< "emergency_stop"
-  kMotorFault,     ///< "motor_fault"
-};
-
-inline constexpr int kDeviceAnswers = 5;
-
 const char* to_word(ContactPhase phase);
 const char* to_word(Fault fault);
 const char* to_word(SafetyState state);
-const char* to_word(DeviceAnswer answer);
+/// Of a status that is recorded, not kEndOfData.
+const char* to_word(DeviceStatus status);
 
 /// One tick. Everything in frame {B}; wrenches are at the plate's origin: force, then torque.
 struct RecordingRow {
@@ -102,7 +93,7 @@ struct RecordingRow {
   std::array<double, 2> response_offset_m{};  ///< of the force, from the tool's centre
   Fault fault = Fault::kNone;
   // What else a tick's torques depend on, so that a replay gives them to the last bit.
-  DeviceAnswer device_read = DeviceAnswer::kOk, device_write = DeviceAnswer::kOk;
+  DeviceStatus device_read = DeviceStatus::kOk, device_write = DeviceStatus::kOk;
   Fault outside_fault = Fault::kNone;  ///< found outside of the tick: late ticks, a full queue
   std::uint8_t recovery_asked = 0;     ///< 1: the operator requested recovery at this tick
   // Results of the tick.

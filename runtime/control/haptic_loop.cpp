@@ -10,27 +10,10 @@ namespace {
 /// A motor that was overloaded rests until it has this of its budget back.
 constexpr double kCooled = 0.5;
 
-DeviceAnswer answer_of(DeviceStatus status) noexcept {
-  switch (status) {
-    case DeviceStatus::kOk:
-    case DeviceStatus::kEndOfData:
-      return DeviceAnswer::kOk;
-    case DeviceStatus::kNoData:
-      return DeviceAnswer::kNoData;
-    case DeviceStatus::kEmergencyStop:
-      return DeviceAnswer::kEmergencyStop;
-    case DeviceStatus::kMotorFault:
-      return DeviceAnswer::kMotorFault;
-    case DeviceStatus::kLinkLost:
-      break;
-  }
-  return DeviceAnswer::kLinkLost;
-}
-
-/// What an answer other than `ok` and `no_data` means.
-Fault fault_of(DeviceAnswer answer) noexcept {
-  if (answer == DeviceAnswer::kEmergencyStop) return Fault::kEmergencyStop;
-  return answer == DeviceAnswer::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
+/// The fault of a status other than kOk and kNoData.
+Fault fault_of(DeviceStatus status) noexcept {
+  if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
+  return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
 }
 
 /// The device's state in `read`, the last one where there is no new one.
@@ -39,12 +22,12 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
   read = state.device;
   const DeviceStatus status = device.read(read);
   result.end_of_data = status == DeviceStatus::kEndOfData;
-  result.row.device_read = answer_of(status);
+  if (!result.end_of_data) result.row.device_read = status;
   fresh = status == DeviceStatus::kOk;
   if (fresh || result.end_of_data) return Fault::kNone;
   read = state.device;
   ++state.no_data_ticks;
-  if (status != DeviceStatus::kNoData) return fault_of(result.row.device_read);
+  if (status != DeviceStatus::kNoData) return fault_of(status);
   // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
   const double silent_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
   return silent_s < model.limits.silence_max_s - 0.5 / model.rate_Hz ? Fault::kNone
@@ -316,7 +299,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
   advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
   const bool is_away =
-      row.device_read == DeviceAnswer::kLinkLost || row.device_read == DeviceAnswer::kMotorFault;
+      row.device_read == DeviceStatus::kLinkLost || row.device_read == DeviceStatus::kMotorFault;
   if (safety.state == SafetyState::kRecovering && is_away) device.restore();
 
   // Torques.
@@ -335,12 +318,11 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   DeviceCommand command;
   std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
   const DeviceStatus written = device.write(command);
-  row.device_write = answer_of(written);
+  row.device_write = written;
   if (written != DeviceStatus::kOk) {
     // The device may or may not have taken these torques; the ramp starts from them.
     const bool was_running = safety.state == SafetyState::kRunning;
-    raise(safety,
-          written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(row.device_write),
+    raise(safety, written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(written),
           row.t_s);
     if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
   }

@@ -1,10 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pure interface between the loop and whatever carries the motors: a model
-// in the process, a drive behind UDP, a recording being replayed, a test's script.
+// The interface between the haptic loop and a device: the simulated one in the process, a drive
+// behind UDP, a recording that is replayed, or a test's device. runtime/session/open_device.h opens
+// one by its URI.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <optional>
+
+#include "formats/base/result.h"
+#include "formats/session/device_protocol.h"
+#include "formats/session/device_status.h"
 
 namespace trocar::runtime {
 
@@ -13,7 +19,7 @@ inline constexpr int kMotors = 2 * kLegs;    ///< leg-major: th1, th4 of leg 1, 
 inline constexpr int kEncoders = 4 * kLegs;  ///< leg-major: th1, th2, th3, th4 of leg 1, ...
 
 struct DeviceState {
-  double t_s = 0;
+  double t_s = 0;  ///< on the device's clock
   std::array<double, kEncoders> encoder_rad{};
 };
 
@@ -21,26 +27,40 @@ struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
 };
 
-enum class DeviceStatus : std::uint8_t {
-  kOk,
-  kNoData,
-  kLinkLost,
-  kEndOfData,
-  kEmergencyStop,  ///< pressed: the drives hold the torques at zero
-  kMotorFault,     ///< the drives report a motor that does not give its torque
+/// What the link to a device counted.
+struct LinkReport {
+  std::uint64_t sessions = 0;
+  LinkCounts packets;
+  /// States that were sent in these sessions after the first torques, but lost or overtaken.
+  std::uint64_t states_missed = 0;
+  std::optional<Error> restore_error;  ///< why the last attempt to restore the session failed
 };
 
-/// Called from the haptic thread: no call allocates, locks, throws or blocks.
+/// A session calls start() once, then in each tick read(), write() and advance(), and close() at
+/// its end. read(), write() and restore() are called from the haptic thread: they never allocate,
+/// lock, throw or block.
 class Device {
  public:
   virtual ~Device() = default;
-  /// Latest state. On anything but kOk `state` is unchanged.
+
+  /// Begins a session with the device, which from then on may expect ticks. May block.
+  virtual Result<void> start() { return {}; }
+  /// The latest state. `state` changes only on kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
   /// Torques to hold until the next write.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
-  /// While recovering from a fault, after a read() of kLinkLost or kMotorFault: asks that the
-  /// connection be made anew. Returns at once; read() says kLinkLost until it is there.
+  /// After a read() of kLinkLost or kMotorFault: requests a new connection. Returns at once; read()
+  /// gives kLinkLost until the connection is there.
   virtual void restore() {}
+  /// Ends a tick of `dt_s`: moves the time of a device that is paced by the loop. May block.
+  virtual void advance(double /*dt_s*/) {}
+  /// Ends the session.
+  virtual void close() {}
+
+  /// True: the device's time moves in advance() only, so a late tick does no harm.
+  virtual bool is_paced_by_loop() const { return false; }
+  /// After close(): what the link counted; none: a device without a link.
+  virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 
 }  // namespace trocar::runtime

@@ -26,13 +26,13 @@ int value_of(char digit) noexcept {
   return -1;
 }
 
-/// What is wrong with an open key file, or an empty string and its text.
+/// Reads an open key file. Gives the reason why it is refused, or an empty string.
 std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes) {
   struct stat status {};
   if (::fstat(fd, &status) != 0) return why(errno);
   if (!S_ISREG(status.st_mode)) return "not a regular file";
-  if (status.st_uid != ::geteuid()) return "a key must be its user's own file";
-  if ((status.st_mode & 077) != 0) return "others may read or write it; chmod 600 it";
+  if (status.st_uid != ::geteuid()) return "owned by another user";
+  if ((status.st_mode & 077) != 0) return "other users have access to it; chmod 600 it";
   const ssize_t got = ::read(fd, text.data(), text.size());
   if (got < 0) return why(errno);
   bytes = static_cast<std::size_t>(got);
@@ -69,8 +69,8 @@ Result<LinkKey> make_link_key(const std::filesystem::path& file) {
     text += "0123456789abcdef"[byte & 15];
   }
   text += '\n';
-  // Made private from its first moment on: a temporary file of mode 0600, linked to its name
-  // whole, and only where nothing has that name.
+  // Private from the start: a temporary file of mode 0600, which gets its name when it is complete,
+  // and only if no file has that name.
   std::string temporary = file.string() + ".XXXXXX";
   const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
   if (fd < 0) return unwritable(file.string() + ": " + why(errno));

@@ -11,8 +11,8 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kRepeatHello_s = 0.05;
-constexpr auto kLookForRequests = std::chrono::milliseconds(5);
+constexpr double kHelloPeriod_s = 0.05;
+constexpr auto kRequestPoll = std::chrono::milliseconds(5);
 
 std::int64_t now_ns() noexcept {
   timespec now{};
@@ -26,20 +26,30 @@ double since_s(std::int64_t then_ns) noexcept {
 
 }  // namespace
 
-Result<std::unique_ptr<UdpDevice>> UdpDevice::connect(const UdpDeviceOptions& options) {
+Result<std::unique_ptr<UdpDevice>> UdpDevice::make(const UdpDeviceOptions& options) {
   if (Result<void> started = start_link(); !started) return started.error();
   Result<UdpSocket> socket = UdpSocket::connect(options.peer);
   if (!socket) return socket.error();
-  std::unique_ptr<UdpDevice> device(new UdpDevice(options, std::move(*socket)));
-  if (Result<void> shaken = device->shake_hands(options.fresh); !shaken) return shaken.error();
-  if (options.clock == LinkClock::kReal) {
-    device->restorer_ = std::thread([&device = *device] { device.restore_when_asked(); });
-  }
+  return std::unique_ptr<UdpDevice>(new UdpDevice(options, std::move(*socket)));
+}
+
+Result<std::unique_ptr<UdpDevice>> UdpDevice::connect(const UdpDeviceOptions& options) {
+  Result<std::unique_ptr<UdpDevice>> device = make(options);
+  if (!device) return device;
+  if (Result<void> started = (*device)->start(); !started) return started.error();
   return device;
 }
 
+Result<void> UdpDevice::start() {
+  if (Result<void> done = shake_hands(options_.fresh); !done) return done;
+  if (options_.clock == LinkClock::kReal) {
+    restorer_ = std::thread([this] { restore_when_requested(); });
+  }
+  return {};
+}
+
 UdpDevice::~UdpDevice() {
-  close();
+  UdpDevice::close();
 }
 
 void UdpDevice::close() {
@@ -55,17 +65,17 @@ void UdpDevice::restore() noexcept {
   restoring_.store(true, std::memory_order_release);
 }
 
-void UdpDevice::restore_when_asked() {
+void UdpDevice::restore_when_requested() {
   while (!closing_.load()) {
     if (restoring_.load(std::memory_order_acquire)) {
       if (shake_hands_again()) {
         restoring_.store(false, std::memory_order_release);
       } else {
-        // It may have failed at once.
-        std::this_thread::sleep_for(std::chrono::duration<double>(kRepeatHello_s));
+        // The attempt may have failed at once.
+        std::this_thread::sleep_for(std::chrono::duration<double>(kHelloPeriod_s));
       }
     } else {
-      std::this_thread::sleep_for(kLookForRequests);
+      std::this_thread::sleep_for(kRequestPoll);
     }
   }
 }
@@ -74,14 +84,14 @@ bool UdpDevice::shake_hands_again() {
   const Result<void> done = shake_hands(false);
   if (done) {
     restore_error_.reset();
-  } else if (!closing_.load()) {  // an attempt that is broken off says nothing
+  } else if (!closing_.load()) {  // an attempt that close() interrupts is no error
     restore_error_ = done.error();
   }
   return static_cast<bool>(done);
 }
 
 Result<void> UdpDevice::shake_hands(bool fresh) {
-  // What is left of an old session, or of an attempt at a new one, is over.
+  // Ends an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
   const std::int64_t start_ns = now_ns();
   HelloPacket hello;
@@ -97,20 +107,20 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   const auto in_time = [&] {
     return since_s(start_ns) < options_.connect_timeout_s && !closing_.load();
   };
-  const auto silence = [&] {
+  const auto no_answer = [&] {
     return Error{ExitCode::kDeviceFault, to_string(options_.peer) +
                                              ": no device answers there, or it has another key or "
-                                             "host"};
+                                             "another host"};
   };
   while (!welcomed) {
-    if (!in_time()) return silence();
-    if (asked_ns == 0 || since_s(asked_ns) > kRepeatHello_s) {
+    if (!in_time()) return no_answer();
+    if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
       asked_ns = now_ns();
       hello.time_ns = asked_ns;
       const std::size_t size = encode(hello, options_.key, buffer);
       socket_.send(std::span(buffer).first(size));
     }
-    socket_.wait(kRepeatHello_s);
+    socket_.wait(kHelloPeriod_s);
     while (!welcomed && socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
       const auto datagram = std::span(buffer).first(std::min(bytes, buffer.size()));
       if (bytes > buffer.size() || claimed_kind(datagram) != PacketKind::kWelcome) continue;
@@ -122,19 +132,18 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   if (welcome.clock != options_.clock) {
     return usage(to_string(options_.peer) +
                  (welcome.clock == LinkClock::kLockStep
-                      ? ": this device goes in lock-step; run with --clock virtual"
-                      : ": this device goes by its own clock; run with --clock real"));
+                      ? ": this device runs in lock-step; use --clock virtual"
+                      : ": this device runs by its own clock; use --clock real"));
   }
   session_key_ = session_key(options_.key, welcome.host_nonce, welcome.drive_nonce);
   session_ = session_number(welcome.drive_nonce);
-  drive_period_s_ = welcome.period_s;
   last_command_ = last_state_ = 0;
   newest_ = {};
   fresh_state_ = has_written_ = counts_missed_ = false;
-  // The first command begins the session; it may be lost like any other.
+  // The first command begins the session; repeated, since it may be lost.
   for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
-    if (!in_time()) return silence();
-    if (asked_ns == 0 || since_s(asked_ns) > kRepeatHello_s) {
+    if (!in_time()) return no_answer();
+    if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
       asked_ns = now_ns();
       send(CommandMode::kHold, {});
     }
@@ -214,12 +223,12 @@ DeviceStatus UdpDevice::status_of_newest() const noexcept {
   if (newest_.mode == DriveMode::kEmergencyStop) return DeviceStatus::kEmergencyStop;
   if (newest_.motor_faults != 0) return DeviceStatus::kMotorFault;
   if (!has_written_) return DeviceStatus::kOk;
-  // The way there counts too: the state says which of our torques the drive has heard of.
-  const std::uint64_t unheard = last_command_ - std::min(last_command_, newest_.command_taken);
-  const bool is_deaf = static_cast<double>(unheard) * options_.period_s >
-                       std::max(options_.silence_s, 2.5 * options_.period_s);
-  return is_deaf || newest_.mode == DriveMode::kWatchdog ? DeviceStatus::kLinkLost
-                                                         : DeviceStatus::kOk;
+  // The state says which of our commands the drive has received.
+  const std::uint64_t not_received = last_command_ - std::min(last_command_, newest_.command_taken);
+  const bool receives_nothing = static_cast<double>(not_received) * options_.period_s >
+                                std::max(options_.silence_s, 2.5 * options_.period_s);
+  return receives_nothing || newest_.mode == DriveMode::kWatchdog ? DeviceStatus::kLinkLost
+                                                                  : DeviceStatus::kOk;
 }
 
 DeviceStatus UdpDevice::write(const DeviceCommand& command) noexcept {

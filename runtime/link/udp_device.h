@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive behind the device link as a Device of the loop. On the haptic thread only non-blocking
-// receive and send calls: no allocation, lock or exception. What is not authentic, or old, is
-// counted and otherwise as if it had not come.
+// A drive behind the device link (formats/session/device_link.md) as a Device of the loop. On the
+// haptic thread it only makes non-blocking receive and send calls: no allocation, lock or
+// exception. Packets that are not authentic, or old, are counted and otherwise ignored.
 //
-// A session that is lost is made anew when restore() asks for it: real clock, by a thread that has
-// the socket to itself meanwhile; lock-step, where time stands still, by wait_for_answer().
+// restore() requests a new session after the old one is lost. With the real clock a thread of its
+// own makes it, and uses the socket alone meanwhile; in lock-step, where the drive's time stands
+// still, advance() makes it.
 #pragma once
 
 #include <atomic>
@@ -13,8 +14,8 @@
 #include <optional>
 #include <thread>
 
-#include "formats/session/device_protocol.h"
 #include "formats/base/result.h"
+#include "formats/session/device_protocol.h"
 #include "runtime/device/device.h"
 #include "runtime/link/udp_socket.h"
 
@@ -23,93 +24,102 @@ namespace trocar::runtime {
 struct UdpDeviceOptions {
   Endpoint peer;
   LinkKey key;
-  double period_s = 1e-3;              ///< of the loop; a drive in lock-step goes by it
-  LinkClock clock = LinkClock::kReal;  ///< the drive must have the same
-  bool fresh = true;                   ///< a simulated world begins anew
+  double period_s = 1e-3;              ///< of the loop; in lock-step the drive's step as well
+  LinkClock clock = LinkClock::kReal;  ///< must be the drive's
+  bool fresh = true;                   ///< a simulated world starts again
   double connect_timeout_s = 5;
-  double silence_s = 0.01;  ///< without a state: the link is lost (real clock)
-  double answer_s = 2;      ///< lock-step: longest wait for an answer; once one has not come,
-                            ///< silence_s until the next one comes
+  double silence_s = 0.01;  ///< real clock: without a state for so long, the link is lost
+  double answer_s = 2;      ///< lock-step: longest wait for an answer; silence_s after an answer
+                            ///< was missed, until the next one comes
 };
 
 class UdpDevice final : public Device {
  public:
-  /// Hello, welcome, and a first state. Blocks at most connect_timeout_s. Errors: device fault, if
-  /// there is no answer; usage, if the drive goes by another clock.
+  /// Opens the socket. No packet is sent before start(). Errors: device fault.
+  static Result<std::unique_ptr<UdpDevice>> make(const UdpDeviceOptions& options);
+  /// make() and start().
   static Result<std::unique_ptr<UdpDevice>> connect(const UdpDeviceOptions& options);
   /// close().
   ~UdpDevice() override;
-  /// Says that the session is over, and ends what restore() began. Of use afterwards: the counts.
-  void close();
   UdpDevice(const UdpDevice&) = delete;
   UdpDevice& operator=(const UdpDevice&) = delete;
 
-  /// The newest state that has come since the last call. kNoData: none has, and not for long, or so
-  /// many wait (after a loop's slow start) that the newest of all may have found no room;
-  /// kLinkLost: none for silence_s, the other end is closed, or the drive has not heard our torques
-  /// of the last silence_s (2.5 periods if that is longer), or its watchdog has acted;
-  /// kEmergencyStop, kMotorFault: what it says.
-  DeviceStatus read(DeviceState& state) noexcept override;
-  /// kLinkLost: nobody listens; kNoData: not sent (a torque that is none, no room).
-  DeviceStatus write(const DeviceCommand& command) noexcept override;
+  /// Hello, welcome and a first state. Blocks for at most connect_timeout_s. Errors: device fault
+  /// (no answer); usage (the drive has another clock).
+  Result<void> start() override;
+  /// Tells the drive that the session is over, and ends a restore(). The counts can still be read.
+  void close() override;
 
-  /// Lock-step: waits for the answer to the last write, for at most answer_s; the read() after it
-  /// has it, or kLinkLost. Blocks.
+  /// The newest state since the last call.
+  ///  - kNoData: no new state, for less than silence_s; or, after a slow start of the loop, so many
+  ///    are queued that the socket may have dropped the newest.
+  ///  - kLinkLost: no state for silence_s; the other end is closed; the drive has received none of
+  ///    the torques of the last silence_s (2.5 periods if that is longer); or its watchdog tripped.
+  ///  - kEmergencyStop, kMotorFault: as the drive reports.
+  DeviceStatus read(DeviceState& state) noexcept override;
+  /// kLinkLost: the other end is closed. kNoData: not sent, since a torque is not finite or too
+  /// large, or the socket's buffer is full.
+  DeviceStatus write(const DeviceCommand& command) noexcept override;
+  /// Lock-step: wait_for_answer().
+  void advance(double /*dt_s*/) noexcept override {
+    if (options_.clock == LinkClock::kLockStep) wait_for_answer();
+  }
+  bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
+
+  /// Lock-step: waits at most answer_s for the answer to the last write. The next read() gives it,
+  /// or kLinkLost. Blocks. False: no answer.
   bool wait_for_answer() noexcept;
 
-  /// A new session with the same drive, or one that was started at its place, joining the
-  /// simulated world as it is: tried until it is there (lock-step: for connect_timeout_s, then
-  /// never again; what answers but cannot be had, such as a drive that goes by another clock, is
-  /// asked again after a pause). Torques are zero; read() and write() say kLinkLost meanwhile.
-  /// Acts only if the last read() has found the link lost or a motor's fault, which a drive keeps
-  /// for a session.
+  /// A new session with the same drive, or with one started in its place; it joins the simulated
+  /// world as it is. Real clock: tried until it succeeds, with a pause after each attempt.
+  /// Lock-step: tried for connect_timeout_s, then given up. Torques are zero; read() and write()
+  /// give kLinkLost until then. Acts only if the last read() gave kLinkLost or kMotorFault, which a
+  /// drive keeps for a session.
   void restore() noexcept override;
 
-  // While nothing is being restored, or after close().
-  /// Why the last attempt to restore the session failed; none: it did not, or there was none.
+  // Only while no restore() is under way, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
-  /// States that were sent in this device's sessions and never accepted: lost, or overtaken. From
-  /// the first torques on: before them a loop may take its time.
   std::uint64_t states_missed() const noexcept { return states_missed_; }
   std::uint64_t sessions() const noexcept { return sessions_; }
-  double drive_period_s() const noexcept { return drive_period_s_; }
+  std::optional<LinkReport> link_report() const override {
+    return LinkReport{sessions_, counts_, states_missed_, restore_error_};
+  }
 
  private:
   UdpDevice(const UdpDeviceOptions& options, UdpSocket socket)
       : options_(options), socket_(std::move(socket)) {}
   Result<void> shake_hands(bool fresh);
-  /// As part of restore(): the same, its error kept.
+  /// The same as part of restore(); keeps its error.
   bool shake_hands_again();
-  void restore_when_asked();
+  void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;
-  /// Takes what is there, at most kMostDatagrams. False: the other end is closed.
+  /// Takes the waiting datagrams, at most kMostDatagrams. False: the other end is closed.
   bool drain() noexcept;
   UdpSocket::Outcome send(CommandMode mode, const DeviceCommand& command) noexcept;
 
-  /// More than these wait for the next tick, so that no flood can hold one up.
+  /// Taken in one tick, so that a flood cannot delay it.
   static constexpr int kMostDatagrams = 512;
-  /// Of states: a socket's own buffer holds some 270.
+  /// States; a socket's buffer holds some 270.
   static constexpr int kLongQueue = 128;
 
   UdpDeviceOptions options_;
   UdpSocket socket_;
   LinkKey session_key_;
   std::uint64_t session_ = 0, last_command_ = 0, last_state_ = 0;
-  double drive_period_s_ = 0;
   StatePacket newest_;
   bool fresh_state_ = false;
   int queued_ = 0;              ///< states that the last drain() took
-  std::int64_t newest_ns_ = 0;  ///< when newest_ came
-  bool has_written_ = false;    ///< torques, in this session
+  std::int64_t newest_ns_ = 0;  ///< arrival time of newest_
+  bool has_written_ = false;    ///< torques were sent in this session
   LinkCounts counts_;
   std::uint64_t states_missed_ = 0, sessions_ = 0;
-  bool counts_missed_ = false;
-  bool answers_come_ = true;  ///< lock-step
-  bool is_away_ = false;      ///< the last read() has found it so
-  bool given_up_ = false;     ///< lock-step: no drive came back
+  bool counts_missed_ = false;  ///< states missed from now on are counted
+  bool answers_come_ = true;    ///< lock-step
+  bool is_away_ = false;        ///< the last read() gave kLinkLost or kMotorFault
+  bool given_up_ = false;       ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
-  /// All else is the restoring thread's while it is set, and the haptic thread's while it is not.
+  /// While it is set, all other members belong to the restoring thread, else to the haptic thread.
   std::atomic<bool> restoring_{false};
   std::atomic<bool> closing_{false};
   static_assert(std::atomic<bool>::is_always_lock_free);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A non-blocking IPv4 datagram socket and where it leads. After it is made, nothing allocates,
-// blocks or throws: each call is one system call.
+// A non-blocking IPv4 datagram socket and its addresses. Once it is made, no call but wait()
+// blocks, and none allocates or throws: each is one system call.
 #pragma once
 
 #include <cstddef>
@@ -21,15 +21,15 @@ struct Endpoint {
 };
 std::string to_string(const Endpoint& endpoint);
 
-/// HOST:PORT; HOST a dotted address, or a name, which is looked up (IPv4). Usage errors say what is
-/// wrong with `text`. `lowest_port` 0 lets the system choose where one listens.
+/// HOST:PORT; HOST is a dotted address, or a name, which is looked up (IPv4). Usage errors quote
+/// `text`. `lowest_port` 0 allows port 0, with which the system chooses a port to listen on.
 Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port);
 
 class UdpSocket {
  public:
-  /// Bound to `local`. Errors: unwritable, when the address cannot be had.
+  /// Bound to `local`. Errors: unwritable, if the address is not available.
   static Result<UdpSocket> listen(const Endpoint& local);
-  /// Sends to `peer` and hears from nobody else.
+  /// Sends to `peer` and receives from it only.
   static Result<UdpSocket> connect(const Endpoint& peer);
   UdpSocket(UdpSocket&& other) noexcept;
   UdpSocket& operator=(UdpSocket&&) = delete;
@@ -37,14 +37,14 @@ class UdpSocket {
 
   enum class Outcome : std::uint8_t {
     kDone,
-    kNothing,  ///< nothing is there to be received, or no room to send now
-    kGone,     ///< nobody listens at the other end, or the socket failed
+    kNothing,  ///< no datagram is waiting, or the send buffer is full
+    kGone,     ///< the other end is closed, or the socket failed
   };
-  /// One datagram into `buffer`; `bytes` is its whole length, also where the buffer is shorter.
+  /// One datagram into `buffer`; `bytes` is its whole length even if the buffer is shorter.
   Outcome receive(std::span<std::uint8_t> buffer, std::size_t& bytes, Endpoint& from) noexcept;
-  Outcome send(std::span<const std::uint8_t> datagram) noexcept;  ///< connected
+  Outcome send(std::span<const std::uint8_t> datagram) noexcept;  ///< only if connected
   Outcome send_to(std::span<const std::uint8_t> datagram, const Endpoint& to) noexcept;
-  /// Waits until something can be received, at most `seconds`. Blocks.
+  /// Waits for a datagram for at most `seconds`. False: none is waiting.
   bool wait(double seconds) noexcept;
   Endpoint local() const noexcept;
 

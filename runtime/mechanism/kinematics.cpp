@@ -13,9 +13,9 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kUnitTolerance = 1e-9;   // of a quaternion's squared length
-constexpr double kSmallestSpan_m = 1e-9;  // below it a direction means nothing
+constexpr double kSmallestSpan_m = 1e-9;  // below it a direction is undefined
 constexpr double kLargestStep_m = 0.02;   // Gauss-Newton's trust region
-constexpr double kPlateLength_m = 0.05;   // what weighs rotation against translation
+constexpr double kPlateLength_m = 0.05;   // makes a rotation in rad comparable with a translation
 
 KinematicsStatus failure(KinematicsFailure why, int leg, int joint) noexcept {
   return {why, static_cast<std::int8_t>(leg + 1), static_cast<std::int8_t>(joint)};
@@ -25,11 +25,11 @@ bool is_good_pose(const Pose& T) noexcept {
   return is_finite(T) && std::abs(T.q.squaredNorm() - 1) <= kUnitTolerance;
 }
 
-bool inside(const JointLimit& limit, double angle, double margin) noexcept {
-  return angle >= limit.min_rad + margin && angle <= limit.max_rad - margin;  // false for NaN
+bool inside(const JointLimit& limit, double angle) noexcept {
+  return angle >= limit.min_rad && angle <= limit.max_rad;  // false for NaN
 }
 
-// Whether the pose that the iteration found belongs to the assembly of the last one.
+// kOk if the pose that the iteration found is on the assembly branch of the last one.
 KinematicsStatus same_branch(const DeviceDescription& device, const MotorVector& motor_rad,
                              const Pose& T_last, const GaussNewtonOptions& options,
                              const ForwardResult& found) noexcept {
@@ -120,44 +120,11 @@ InverseResult inverse_kinematics(const DeviceDescription& device,
   return result;
 }
 
-std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription& device,
-                                                        const Pose& T_device_plate,
-                                                        int leg) noexcept {
-  std::array<LegAssembly, kBranchesPerLeg> all;
-  const bool good = is_good_pose(T_device_plate) && leg >= 0 && leg < kLegs;
-  for (int b = 0; b < kBranchesPerLeg; ++b) {
-    LegAssembly& each = all[b];
-    each.branch = {b < 2 ? 1 : -1, b % 2 == 0 ? 1 : -1};
-    if (!good) {
-      each.status.failure = KinematicsFailure::kBadInput;
-      continue;
-    }
-    const Vector3d C = T_device_plate * leg::plate_joint(device.geometry, leg);
-    const leg::Status status =
-        leg::inverse(device, leg::to_leg(leg, C), each.branch, each.theta_rad);
-    if (!status) each.status = failure(status.failure, leg, status.joint);
-  }
-  return all;
-}
-
-KinematicsStatus check_joint_limits(const DeviceDescription& device, const JointAngles& joints,
-                                    double margin_rad) noexcept {
-  for (int m = 0; m < kLegs; ++m) {
-    for (int j = 0; j < static_cast<int>(kJointsPerLeg); ++j) {
-      if (!inside(device.joint_limit[j], joints.theta_rad[m][j], margin_rad)) {
-        return failure(KinematicsFailure::kBeyondLimit, m, j + 1);
-      }
-    }
-  }
-  return {};
-}
-
 KinematicsStatus check_joint_limits(const DeviceDescription& device,
-                                    const std::array<double, kEncoders>& encoder_rad,
-                                    double margin_rad) noexcept {
+                                    const std::array<double, kEncoders>& encoder_rad) noexcept {
   for (int m = 0; m < kLegs; ++m) {
     for (int j = 0; j < 4; ++j) {
-      if (!inside(device.joint_limit[j], encoder_rad[encoder_index(m, j)], margin_rad)) {
+      if (!inside(device.joint_limit[j], encoder_rad[encoder_index(m, j)])) {
         return failure(KinematicsFailure::kBeyondLimit, m, j + 1);
       }
     }
@@ -178,18 +145,17 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
       return result;
     }
   }
-  // On the plate the joints lie at +-R_T on its x and y axes. Hence the best
-  // position is the mean of the C_m, and Kabsch's 3 x 3 correlation has rank two:
-  // columns R_T (C1 - C3), R_T (C2 - C4). The best rotation's first two columns
-  // are the orthogonal polar factor of M = [C1 - C3, C2 - C4], that is
-  // M (M^T M)^(-1/2), and a 2 x 2 matrix S has the root (S + d I) / sqrt(tr S + 2 d)
-  // with d = sqrt(det S).
+  // On the plate the joints lie at +-R_T on its x and y axes. Hence the best position is the mean
+  // of the C_m, and Kabsch's 3 x 3 correlation has rank two: columns R_T (C1 - C3), R_T (C2 - C4).
+  // The best rotation's first two columns are the orthogonal polar factor of
+  // M = [C1 - C3, C2 - C4], that is M (M^T M)^(-1/2). A 2 x 2 matrix S has the square root
+  // (S + d I) / sqrt(tr S + 2 d) with d = sqrt(det S).
   Eigen::Matrix<double, 3, 2> M;
   M.col(0) = C[0] - C[2];
   M.col(1) = C[1] - C[3];
   const Eigen::Matrix2d S = M.transpose() * M;
   const double determinant = S.determinant();
-  // Below this the four points lie on a line and the plate could turn about it.
+  // Below this the four points lie on a line, about which the rotation is undefined.
   if (!(determinant > 1e-6 * S(0, 0) * S(1, 1)) || !(S.trace() > 1e-4 * g.R_T_m * g.R_T_m)) {
     result.status.failure = KinematicsFailure::kSingular;
     return result;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Position kinematics of the four-legged device (paper, section III.B; the
-// reading of its lengths stands in README.md). Every function is called from the
-// haptic thread: no allocation, no exception, bounded loops.
+// Position kinematics of the four-legged device (paper, section III.B; README.md defines the points
+// and lengths). Functions may be called from the haptic thread: no allocation, no exception,
+// bounded loops.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,8 +17,8 @@ namespace trocar::runtime {
 /// Leg-major th1, th4 of leg 1, of leg 2, ... (as DeviceCommand).
 using MotorVector = Eigen::Matrix<double, kMotors, 1>;
 
-/// Places in MotorVector and in the encoders' array; legs from 0, which = 0 for
-/// th1 and 1 for th4, joint = 0..3 for th1..th4.
+/// Indices into MotorVector and into the encoders' array. Legs count from 0; which = 0 for th1 and
+/// 1 for th4; joint = 0..3 for th1..th4.
 constexpr int motor_index(int leg, int which) noexcept {
   return 2 * leg + which;
 }
@@ -32,16 +32,16 @@ enum class KinematicsFailure : std::uint8_t {
   kOutOfReach,    ///< the joint's two links cannot span the distance
   kSingular,      ///< the joint's direction or rate is not determined
   kBeyondLimit,   ///< outside the description's joint limits
-  kNotConverged,  ///< the iteration met its bound
+  kNotConverged,  ///< the iteration reached its limit
   kOtherBranch,   ///< the iteration ended on another assembly branch, or may have
 };
-/// A word for logs, such as "out of reach".
+/// Name for logs, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
 
 struct KinematicsStatus {
   KinematicsFailure failure = KinematicsFailure::kOk;
-  std::int8_t leg = 0;    ///< 1..4; 0 where it is no single leg's failure
-  std::int8_t joint = 0;  ///< 1..6, theta's index; 0 likewise
+  std::int8_t leg = 0;    ///< 1..4; 0: the failure concerns no single leg
+  std::int8_t joint = 0;  ///< 1..6, theta's index; 0: the failure concerns no single joint
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
@@ -58,45 +58,25 @@ MotorVector motor_angles(const std::array<double, kEncoders>& encoder_rad) noexc
 
 struct InverseResult {
   KinematicsStatus status;
-  JointAngles
-      joints;  ///< valid only if status holds; each within half a turn of its limits' middle
+  /// Valid only if status holds; each within half a turn of the middle of its limits.
+  JointAngles joints;
 };
 
 /// All 24 joint angles of a pose, in closed form, on the description's branches.
-/// Limits are not judged here: see check_joint_limits. A failure names the first
-/// leg and joint that cannot follow.
+/// Does not check the joint limits: see check_joint_limits. A failure names the first leg and joint
+/// without a solution.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
-/// How a leg is assembled: the sign of acos in th1 and in th4 (DeviceGeometry).
+/// The assembly of a leg: the sign of acos in th1 and in th4 (DeviceGeometry).
 struct LegBranch {
   int theta1 = 1, theta4 = 1;
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
 };
-inline constexpr int kBranchesPerLeg = 4;
 
-struct LegAssembly {
-  LegBranch branch;
-  KinematicsStatus status;
-  std::array<double, kJointsPerLeg> theta_rad{};  ///< valid only if status holds
-};
-
-/// Every way to assemble leg 0..3 at a pose: (th1, th4) = ++, +-, -+, --. The legs
-/// choose independently, so that a pose has up to 4^4 = 256 assemblies, of which
-/// the device is built in one; inverse_kinematics gives that one. (The passive
-/// joints add none: th3 and pi - th3 with th2 half a turn on are the same links
-/// in the same place, and so are th6 and th5.)
-std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription& device,
-                                                        const Pose& T_device_plate,
-                                                        int leg) noexcept;
-
-/// The first joint outside its limits narrowed by margin_rad at both ends, or
-/// not finite. The second form judges th1..th4 only.
-KinematicsStatus check_joint_limits(const DeviceDescription& device, const JointAngles& joints,
-                                    double margin_rad = 0) noexcept;
+/// The first of th1..th4 that is outside its limits, or not finite.
 KinematicsStatus check_joint_limits(const DeviceDescription& device,
-                                    const std::array<double, kEncoders>& encoder_rad,
-                                    double margin_rad = 0) noexcept;
+                                    const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct ForwardResult {
   KinematicsStatus status;
@@ -105,32 +85,32 @@ struct ForwardResult {
   int iterations = 0;
 };
 
-/// The pose from th1, th2, th3 of every leg (th4 is not used): they give the ball
-/// joints C_m, and the least-squares rigid fit (Kabsch; closed form here, since
-/// the C_m form a square on the plate) gives the pose. residual_m is the root
-/// mean square distance between measured and fitted C_m: zero if the encoders agree.
+/// The pose from th1, th2, th3 of every leg (th4 is not used). They give the ball joints C_m; the
+/// least-squares rigid fit to them gives the pose (Kabsch; in closed form, since the C_m form a
+/// square on the plate). residual_m is the root mean square distance between measured and fitted
+/// C_m: zero if the encoders agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct GaussNewtonOptions {
   int max_iterations = 20;
   double step_m = 1e-12;  ///< converged when no component moves the plate further than this
-  /// Beyond either of these the pose is not taken for the last one's continuation
-  /// (kOtherBranch). The defaults let no wrong landing pass from starts up to 100 mm
-  /// and 60 deg away (tests/runtime/mechanism/kinematics_test.cpp). To search from afar, raise the first.
+  /// Beyond either of these the result is kOtherBranch. With the defaults every wrong solution is
+  /// detected from starts up to 100 mm and 60 deg away
+  /// (tests/runtime/mechanism/kinematics_test.cpp). To search from farther away, raise the first.
   double travel_max_m = 0.01;  ///< of the plate since the last pose; a radian counts as 0.05 m
   double residual_max_m = 3e-4;
 };
-/// The pose from the eight motor angles alone, by Gauss-Newton on the eight
-/// constraints |C - E| = l2, |D - F| = l4 from the last pose, which picks among
-/// the mechanism's several solutions. Eight angles for six freedoms leave few exact
-/// solutions but many near ones, in which an iteration that starts far away can end.
-/// kOtherBranch says that it did, or may have: with leg and joint where a chain has
-/// changed to the side that is not the description's; with leg 0 where the plate has
-/// travelled too far, or the angles fit the pose too badly, for it to be the last
-/// one's continuation (or an encoder is wrong); the pose found is given. residual_m is the root
-/// mean square of the constraints' errors at the end. Each iteration moves at most 20 mm and 0.4
-/// rad an axis.
+/// The pose from the eight motor angles alone, for a device without passive encoders: Gauss-Newton
+/// on the eight constraints |C - E| = l2, |D - F| = l4, from the last pose, which selects one of
+/// the mechanism's several solutions. Eight angles for six degrees of freedom leave few exact
+/// solutions but many near ones, in which an iteration that starts far away can end. kOtherBranch
+/// says that it did, or may have; the pose found is given:
+///  - with leg and joint: that chain is on the branch that is not the description's;
+///  - with leg 0: the plate has travelled too far since the last pose, or the angles fit the pose
+///    too badly (an encoder may be wrong).
+/// residual_m is the root mean square of the constraints' errors at the end. Each iteration moves
+/// at most 20 mm and 0.4 rad per axis.
 ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
                                              const MotorVector& motor_rad,
                                              const Pose& T_device_plate_last,

@@ -10,8 +10,8 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr double kSmallestSpan_m = 1e-9;  // below it a direction means nothing
-// How near to stretched or folded a chain may be: sine of the angle left.
+constexpr double kSmallestSpan_m = 1e-9;  // below it a direction is undefined
+// A chain counts as stretched or folded below this sine of the angle between its links.
 constexpr double kSmallestSine = 1e-6;
 
 double wrapped_near(double angle, double centre) noexcept {
@@ -26,9 +26,9 @@ int sign(double x) noexcept {
   return (x > 0) - (x < 0);
 }
 
-// A two-link chain whose first link (length a) turns in the plane of coordinates
-// (px, py) and whose second (length b) may also leave it, by pn along the normal.
-// Gives the first joint's angle, the second's relative to it, and the lift.
+// A two-link chain: the first link (length a) turns in the plane of coordinates (px, py), the
+// second one (length b) may also leave it, by pn along the normal. Gives the first joint's angle,
+// the second's relative to it, and the lift out of the plane.
 struct ChainAngles {
   double first = 0, second = 0, lift = 0;
 };
@@ -48,8 +48,8 @@ KinematicsFailure solve_chain(double px, double py, double pn, double a, double 
   return KinematicsFailure::kOk;
 }
 
-// How far the motor's link stands across the link that it drives: link . E' with
-// E' the end of the motor's link, per rad. Zero where the chain is stretched or folded.
+// Lever arm of each motor's link on the link that it drives: link . E', with E' the motion per rad
+// of the end of the motor's link. Zero where the chain is stretched or folded.
 struct Arms {
   Vector3d upper, lower;  // E to C, F to D
   Vector3d E_th1;         // dE / dth1
@@ -96,7 +96,7 @@ Status inverse(const DeviceDescription& device, const Vector3d& C, LegBranch bra
 }
 
 LegBranch branch_of(const DeviceGeometry& g, const Vector3d& C, double th1, double th4) noexcept {
-  // The driven point lies behind a link that is turned ahead of it, by the acos, and vice versa.
+  // A positive acos turns the motor's link ahead of the driven point, which makes the arm negative.
   const Arms a = arms(g, C, th1, th4);
   return {-sign(a.upper_arm_m2), -sign(a.lower_arm_m2)};
 }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// One leg of the mechanism in its own frame: x radially outward, y tangential,
-// z up, origin at {B}. Points A, B, C, D, E, F as in README.md. Internal to the
-// kinematics; the haptic thread calls all of it. Legs may stand at any azimuth:
-// the four-legged device is kAzimuth, other rings are for comparison only
-// (leg_ring.h).
+// One leg of the mechanism in its own frame: x radially outward, y tangential, z up, origin at {B}.
+// Points A, B, C, D, E, F as in README.md. Internal to the kinematics and the simulation. Called
+// from the haptic thread: no allocation, no exception. The device's legs stand at kAzimuth; the
+// functions take any azimuth, for comparison with other numbers of legs
+// (tests/reference/mechanism/leg_ring.h).
 #pragma once
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@ namespace trocar::runtime::leg {
 struct Azimuth {
   double cosine = 1, sine = 0;
 };
-/// Of the device's legs: multiples of a right angle, so that turning is exact.
+/// Of the device's legs: multiples of a right angle, so that the rotation is exact.
 inline constexpr std::array<Azimuth, kLegs> kAzimuth = {Azimuth{1, 0}, Azimuth{0, 1},
                                                         Azimuth{-1, 0}, Azimuth{0, -1}};
 
@@ -85,35 +85,35 @@ inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d
   return E + (g.l5_m / g.l2_m) * (C - E);
 }
 
-/// What went wrong in one leg, and at which joint (1..6, theta's index).
+/// The failure of one leg, and its joint (1..6, theta's index).
 struct Status {
   KinematicsFailure failure = KinematicsFailure::kOk;
   int joint = 0;
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
-/// theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`,
-/// each within half a turn of its limits' middle.
+/// theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`, each within half a
+/// turn of the middle of its limits.
 Status inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// The side on which each chain is assembled, from where its links stand: the
-/// branch whose inverse gives these th1 and th4. 0 where the chain is stretched
-/// or folded, which belongs to both.
+/// The branch on which each chain is assembled, from the positions of its links: the branch whose
+/// inverse gives these th1 and th4. 0 where the chain is stretched or folded, so that both branches
+/// meet.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 
-/// th1' = w1 . C' and th4' = w4 . C', all in the leg's frame.
+/// th1' = w1 . C' and th4' = w4 . C', all in the leg's frame. kSingular: the chain is stretched or
+/// folded.
 Status motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
                    Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
-/// Distance in m of a chain's end point to the nearest one at which its branches
-/// meet (the acos saturates). (px, py) lie in the first link's plane, pn along its
-/// normal, from the motor's axis; a and b are the links. The second link's end
-/// moves on a sphere about the first's, so the chain reaches exactly the points
-/// inside the circle of radius b about (a, 0) and outside the one about (-a, 0)
-/// in the half plane of (radius, pn), and the branches meet on these circles.
-/// Negative: out of reach by that much.
+/// Distance in m of a chain's end point to the nearest point at which its branches meet (the acos
+/// saturates). (px, py) lie in the first link's plane, pn along its normal, from the motor's axis;
+/// a and b are the links' lengths. The second link's end moves on a sphere about the first link's
+/// end. So in the half plane of (radius, pn) the chain reaches exactly the points inside the circle
+/// of radius b about (a, 0) and outside the one about (-a, 0), and the branches meet on these
+/// circles. Negative: out of reach by that much.
 inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
   const double span = std::hypot(px, py);
   return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);

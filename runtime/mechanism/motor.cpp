@@ -8,14 +8,14 @@
 namespace trocar::runtime {
 namespace {
 
-MotorVector budget_A2s(const MotorModel& model) noexcept {
+MotorVector capacity_A2s(const MotorModel& model) noexcept {
   return (model.peak_A.cwiseAbs2() - model.continuous_A.cwiseAbs2()) * model.peak_time_s;
 }
 
-// 1 while the budget is good for the peak, 0 when it is spent.
-double share_of_peak(double excess_A2s, double budget_A2s) noexcept {
-  if (!(budget_A2s > 0)) return 0;
-  return std::clamp((1 - excess_A2s / budget_A2s) / kFoldBack, 0.0, 1.0);
+// 1 while the peak current is available, 0 when the i2t capacity is used up.
+double share_of_peak(double excess_A2s, double capacity_A2s) noexcept {
+  if (!(capacity_A2s > 0)) return 0;
+  return std::clamp((1 - excess_A2s / capacity_A2s) / kFoldBack, 0.0, 1.0);
 }
 
 }  // namespace
@@ -49,7 +49,7 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
   for (int i = 0; i < kMotors; ++i) {
     const double current = std::isfinite(current_A[i]) ? current_A[i] : model.peak_A[i];
     const double beyond = current * current - model.continuous_A[i] * model.continuous_A[i];
-    // The square of a current that no motor bears may overflow.
+    // The square of an unphysically large current may overflow.
     next.excess_A2s[i] =
         std::clamp(load.excess_A2s[i] + beyond * dt_s, 0.0, std::numeric_limits<double>::max());
   }
@@ -57,19 +57,19 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
 }
 
 double budget_spent(const MotorModel& model, const MotorLoad& load) noexcept {
-  const MotorVector budget = budget_A2s(model);
+  const MotorVector capacity = capacity_A2s(model);
   double most = 0;
   for (int i = 0; i < kMotors; ++i) {
-    if (budget[i] > 0) most = std::max(most, load.excess_A2s[i] / budget[i]);
+    if (capacity[i] > 0) most = std::max(most, load.excess_A2s[i] / capacity[i]);
   }
   return most;
 }
 
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept {
-  const MotorVector budget = budget_A2s(model);
+  const MotorVector capacity = capacity_A2s(model);
   MotorVector current_A;
   for (int i = 0; i < kMotors; ++i) {
-    const double share = share_of_peak(load.excess_A2s[i], budget[i]);
+    const double share = share_of_peak(load.excess_A2s[i], capacity[i]);
     const double low2 = model.continuous_A[i] * model.continuous_A[i];
     const double high2 = model.peak_A[i] * model.peak_A[i];
     current_A[i] = share >= 1 ? model.peak_A[i] : std::sqrt(low2 + share * (high2 - low2));
@@ -106,13 +106,13 @@ MotorVector compensation_torques(const DeviceDescription& device, const MotorMod
 
 AllocationResult allocate_torques_beside(const Jacobian& G, const Wrench& wrench_device,
                                          const MotorVector& limit_Nm,
-                                         const MotorVector& beside_Nm) noexcept {
-  if (!beside_Nm.allFinite()) return {};
+                                         const MotorVector& bias_Nm) noexcept {
+  if (!bias_Nm.allFinite()) return {};
   AllocationResult result =
-      allocate_torques(G, wrench_device, MotorVector(limit_Nm - beside_Nm.cwiseAbs()));
+      allocate_torques(G, wrench_device, MotorVector(limit_Nm - bias_Nm.cwiseAbs()));
   if (result.kind == Allocation::kRefused) return result;
-  // Only rounding can leave the limits here.
-  result.tau_motor_Nm = (result.tau_motor_Nm + beside_Nm).cwiseMin(limit_Nm).cwiseMax(-limit_Nm);
+  // Only rounding can exceed the limits here.
+  result.tau_motor_Nm = (result.tau_motor_Nm + bias_Nm).cwiseMin(limit_Nm).cwiseMax(-limit_Nm);
   return result;
 }
 

@@ -44,7 +44,7 @@ inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   return factor * v;
 }
 
-/// The inverse: the unit quaternion that turns about r by |r|.
+/// The inverse: the unit quaternion of a rotation about r by |r|.
 inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
   const double angle = r.norm();
   const double factor = angle < 1e-6 ? 0.5 - angle * angle / 48 : std::sin(angle / 2) / angle;
@@ -54,19 +54,11 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   return q.normalized();
 }
 
-/// The same wrench with its moment about a point that lies `lever_m` before the
-/// old one: new point + lever_m = old point.
+/// The same wrench with its moment about another point: new point + lever_m = old point.
 inline Wrench moved_by(const Wrench& wrench, const Eigen::Vector3d& lever_m) noexcept {
   Wrench moved = wrench;
   moved.tail<3>() += lever_m.cross(Eigen::Vector3d(wrench.head<3>()));
   return moved;
-}
-
-/// A wrench about the tool's tip, in {B}, as the wrench about the plate's origin
-/// that does the same work.
-inline Wrench wrench_at_plate(const Wrench& wrench_tip, const Pose& T_device_plate,
-                              const Pose& T_plate_tool) noexcept {
-  return moved_by(wrench_tip, T_device_plate.q * T_plate_tool.p_m);
 }
 
 }  // namespace trocar::runtime

@@ -13,7 +13,7 @@ using Eigen::Vector2d;
 using NullSpace = Eigen::Matrix<double, kMotors, 2>;  // orthonormal columns: G^T N = 0
 
 // Rotation's columns are scaled to metres before factoring; the answer does not
-// depend on it, the rounding does.
+// depend on it, only the rounding does.
 constexpr double kPlateLength_m = 0.05;
 constexpr double kParallel = 1e-8;
 constexpr int kMostSteps = 50;
@@ -24,12 +24,11 @@ double cross(const Vector2d& a, const Vector2d& b) noexcept {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// min over z of max_i |tau_i + n_i . z| / limit_i, the least load to which the
-// null space can bring the most loaded motor. A minimax over two unknowns is
-// settled by three of its terms; for three rows the one combination that
-// eliminates z, lambda = (n_j x n_k, n_k x n_i, n_i x n_j), bounds the load from
-// below by |lambda . tau| / |lambda| . limit with equality at their own optimum
-// (de la Vallee-Poussin; also this linear programme's dual vertices). Exact.
+// min over z of max_i |tau_i + n_i . z| / limit_i: the smallest load of the most loaded motor that
+// the null space allows. Three terms determine a minimax over two unknowns. For three rows, the
+// combination that eliminates z, lambda = (n_j x n_k, n_k x n_i, n_i x n_j), bounds the load from
+// below by |lambda . tau| / (|lambda| . limit), with equality at the optimum of these three
+// (de la Vallee-Poussin; also the dual vertices of this linear programme). Exact.
 double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector& limit) noexcept {
   double load = 0;
   for (int i = 0; i < kMotors; ++i) {
@@ -41,7 +40,7 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
         const double weight = std::abs(lambda_i) * limit[i] + std::abs(lambda_j) * limit[j] +
                               std::abs(lambda_k) * limit[k];
         const double demand = std::abs(lambda_i * tau[i] + lambda_j * tau[j] + lambda_k * tau[k]);
-        // Three nearly parallel rows say nothing that other triples do not, and say it badly.
+        // Three nearly parallel rows give an ill-conditioned bound that other triples give better.
         if (weight > kParallel * (limit[i] + limit[j] + limit[k]))
           load = std::max(load, demand / weight);
       }
@@ -50,8 +49,8 @@ double least_load(const MotorVector& tau, const NullSpace& N, const MotorVector&
   return load;
 }
 
-// The law 5 problem in null-space coordinates: c + N y, at least |y|^2 + penalty. A convex,
-// piecewise quadratic function of two unknowns.
+// The minimisation of law 5 in null-space coordinates: tau = c + N y, cost |y|^2 + penalty. A
+// convex, piecewise quadratic function of two unknowns.
 struct Penalty {
   const MotorVector& c;
   const NullSpace& N;
@@ -71,7 +70,7 @@ struct Penalty {
   // limit_min))^2 stiffer than the rest, so both are expanded into terms that do not cancel:
   //   det H = 1 + sum s |n|^2 + sum over pairs s_i s_j (n_i x n_j)^2,
   //   adj H slope = slope + sum over i of s_i p_i (p_i . y + sum over j of s_j e_j p_i . n_j),
-  // p_i being n_i turned by a right angle: what p_i has to do with its own n_i is exactly nothing.
+  // with p_i = n_i rotated by a right angle, so that p_i . n_i is exactly 0.
   Vector2d step(const Vector2d& y, const MotorVector& excess_Nm) const noexcept {
     double determinant = 1;
     Vector2d numerator = y;
@@ -113,7 +112,7 @@ Vector2d least_cost(const Penalty& penalty) noexcept {
       next = penalty.excess(y + step);
       next_cost = penalty.cost(y + step, next);
     }
-    if (!(next_cost < cost)) return y;  // a torque sits on its working limit, up to rounding
+    if (!(next_cost < cost)) return y;  // a torque is at its working limit, up to rounding
     y += step;
     excess = next;
     cost = next_cost;
@@ -162,7 +161,7 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
         (limit_Nm.norm() / kTorqueReserve * limit_Nm.cwiseInverse()).cwiseAbs2();
     tau = part + N * least_cost({part, N, working, stiffness});
     if (!(tau.array().abs() <= limit_Nm.array()).all()) {
-      // Law 1 whatever rounding does: the minimum-norm torques scaled down alone are feasible.
+      // Law 1 despite rounding: the minimum-norm torques, scaled down, are feasible.
       result.kind = Allocation::kScaled;
       result.scale = 1 / (minimum_norm.array().abs() / working.array()).maxCoeff();
       tau = result.scale * minimum_norm;

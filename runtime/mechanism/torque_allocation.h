@@ -1,30 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a wanted wrench to eight motor torques: paper Eq. 17-18 with the motors'
-// limits respected. Called from the haptic thread: no allocation, no exception,
-// a fixed number of operations.
+// From a wanted wrench to eight motor torques: paper Eq. 17-18 within the motors' limits. Called
+// from the haptic thread: no allocation, no exception, bounded time.
 //
-// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). Working limits are the limits less kTorqueReserve of
-// them; c = (G^T)^+ wanted are the minimum-norm torques; P projects torques onto the null space
-// of G^T; |limit| and limit_min are the length and the least of the limits.
+// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). The working limits are
+// (1 - kTorqueReserve) limit; c = (G^T)^+ wanted are the minimum-norm torques; P projects torques
+// onto the null space of G^T; |limit| and limit_min are the norm and the smallest of the limits.
 //  1. |tau_i| <= limit_i, always.
-//  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench is never bent.
+//  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench keeps its direction.
 //  3. If c keeps the working limits, tau = c and scale = 1.
 //  4. Else, if any torques within the working limits give `wanted`, scale = 1; else scale is the
-//     largest for which some do. So what the limits allow is delivered exactly up to their
-//     reserve, and beyond that nothing but the reserve is lost.
+//     largest for which some do.
 //  5. tau minimises |tau|^2 + sum_i stiffness_i max(0, |tau_i| - working_i)^2 among the torques
 //     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
 //  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), whatever the pose, with
 //     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min); where scale = 1 and the pose
 //     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 142 for eight equal motors.
 //
-// Why a reserve. At the end of what is feasible a single torque vector gives the wrench, and
-// where several rows of the null space are nearly parallel (all four upper motors at any upright,
-// centred pose) it races along them: torques that were exact to the last would move arbitrarily
-// fast there, and jump with the pose. Some reserve is the price of any bound; the slope goes as
-// its inverse. Law 1 follows from law 5: some y0 with |y0| < |limit| keeps the working limits at
-// no penalty, so at the optimum stiffness_i excess_i^2 <= |y0|^2, excess_i < kTorqueReserve
-// limit_i.
+// Why a reserve: at the boundary of the feasible wrenches a single torque vector gives the wrench.
+// Where several rows of the null space are nearly parallel (all four upper motors at any upright,
+// centred pose) that vector changes arbitrarily fast with the pose. A bound on the rate needs a
+// reserve, and is inversely proportional to it. Law 1 follows from law 5: some y0 with
+// |y0| < |limit| keeps the working limits at no penalty, so at the optimum
+// stiffness_i excess_i^2 <= |y0|^2, hence excess_i < kTorqueReserve limit_i.
 #pragma once
 
 #include <cstdint>
@@ -35,7 +32,7 @@
 
 namespace trocar::runtime {
 
-/// Of every limit: kept back so that torques move at a bounded rate (laws 4 to 6).
+/// Share of every limit that is held back so that torques change at a bounded rate (laws 4 to 6).
 inline constexpr double kTorqueReserve = 0.01;
 
 enum class Allocation : std::uint8_t {
@@ -54,8 +51,8 @@ struct AllocationResult {
   bool limited() const noexcept { return kind >= Allocation::kScaled; }
 };
 
-/// `wrench_device`: wanted [f; n] on the plate about its origin in {B}; `G` at
-/// the current pose; one positive limit a motor.
+/// `wrench_device`: wanted [f; n] on the plate about its origin in {B}; `G`: at the current pose;
+/// one positive limit per motor.
 AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device,
                                   const MotorVector& limit_Nm) noexcept;
 

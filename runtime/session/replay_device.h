@@ -18,32 +18,16 @@ class ReplayDevice final : public Device {
   DeviceStatus read(DeviceState& state) noexcept override {
     if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
     const RecordingRow& row = rows_[next_++];
-    if (row.device_read != DeviceAnswer::kOk) return status_of(row.device_read);
+    if (row.device_read != DeviceStatus::kOk) return row.device_read;
     state.t_s = row.t_s;
     state.encoder_rad = row.encoder_rad;
     return DeviceStatus::kOk;
   }
   DeviceStatus write(const DeviceCommand&) noexcept override {
-    return next_ == 0 ? DeviceStatus::kOk : status_of(rows_[next_ - 1].device_write);
+    return next_ == 0 ? DeviceStatus::kOk : rows_[next_ - 1].device_write;
   }
 
  private:
-  static DeviceStatus status_of(DeviceAnswer answer) noexcept {
-    switch (answer) {
-      case DeviceAnswer::kOk:
-        return DeviceStatus::kOk;
-      case DeviceAnswer::kNoData:
-        return DeviceStatus::kNoData;
-      case DeviceAnswer::kEmergencyStop:
-        return DeviceStatus::kEmergencyStop;
-      case DeviceAnswer::kMotorFault:
-        return DeviceStatus::kMotorFault;
-      case DeviceAnswer::kLinkLost:
-        break;
-    }
-    return DeviceStatus::kLinkLost;
-  }
-
   std::span<const RecordingRow> rows_;
   std::size_t next_ = 0;
 };

@@ -8,9 +8,9 @@
 namespace trocar::runtime {
 namespace {
 
-// A motor whose torque differs from its command by more than this, for so long, is reported.
+// A motor whose torque differs from its command by more than these, for so long, is reported.
 constexpr double kFollows_Nm = 0.1, kFollowsShare = 0.1, kFollows_s = 5e-3;
-// A felt force that has fallen to half of its peak has given way. A peak rises by at least this.
+// A peak of the hand's force rises by at least this.
 constexpr double kSmallestPeak_N = 10;
 
 double seconds(std::int64_t ns) noexcept {
@@ -32,7 +32,7 @@ bool Drive::is_alive(std::int64_t now_ns) const noexcept {
   return seconds(now_ns - session_->last_command_ns) <= longest_s;
 }
 
-bool Drive::plans(FaultKind kind) const noexcept {
+bool Drive::is_injected(FaultKind kind) const noexcept {
   return std::any_of(options_.faults.begin(), options_.faults.end(),
                      [&](const PlannedFault& fault) {
                        return fault.kind == kind && fault.is_on(session_time_s());
@@ -40,7 +40,7 @@ bool Drive::plans(FaultKind kind) const noexcept {
 }
 
 bool Drive::must_die() const noexcept {
-  return session_ && plans(FaultKind::kKill);
+  return session_ && is_injected(FaultKind::kKill);
 }
 
 LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns,
@@ -80,11 +80,11 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
 }
 
 void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept {
-  // A host that asks again is offered the same: the answers may all reach it at once, late.
+  // A repeated hello gets the same offer, since several answers may reach the host at once.
   auto* const known = std::find_if(offers_.begin(), offers_.end(), [&](const auto& offered) {
     return offered && offered->host_nonce == hello.host_nonce;
   });
-  // Several are kept: an old hello sent again must not spoil the one that is being answered.
+  // Several offers are kept: a replayed hello must not replace the offer to the true host.
   auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
   if (known == offers_.end()) {
     Session made;
@@ -106,7 +106,7 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
   answer.size = encode(welcome, options_.key, answer.bytes);
 }
 
-/// By value: the offers, of which it is one, are gone in here.
+/// `offered` is a copy, since this clears the offers.
 void Drive::begin(Session offered) noexcept {
   session_ = offered;
   offers_.fill(std::nullopt);
@@ -115,7 +115,7 @@ void Drive::begin(Session offered) noexcept {
     model_ = fresh_;
     stuck_at_rad_.fill(std::nullopt);
     peak_N_ = 0;
-    falls_ = false;
+    falling_ = false;
   }
   mode_ = DriveMode::kReady;
   command_ = {};
@@ -132,12 +132,13 @@ void Drive::end_session() noexcept {
 void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept {
   session_->last_command_ns = now_ns;
   if (command.mode == CommandMode::kStop) return end_session();
-  judge_stop();
+  check_emergency_stop();
   const auto& tau = command.tau_motor_Nm;  // zeros unless the mode is torque
-  const bool knows = command.state_seen >= session_->told_from &&
-                     std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
-  if (!stop_pressed_ && knows) session_->told_from = 0;
-  if (session_->told_from == 0) {
+  const bool acknowledges =
+      command.state_seen >= session_->reported_from &&
+      std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
+  if (!stop_pressed_ && acknowledges) session_->reported_from = 0;
+  if (session_->reported_from == 0) {
     const bool torque = command.mode == CommandMode::kTorque;
     mode_ = torque ? DriveMode::kTorque : DriveMode::kReady;
     command_ = {};
@@ -150,60 +151,59 @@ void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answ
   send_state(answer);
 }
 
-/// Torques are zero until the host has seen why and asks for none.
-void Drive::take_away(DriveMode mode) noexcept {
+/// Torques stay at zero until the host acknowledges (contract 1).
+void Drive::zero_torques(DriveMode mode) noexcept {
   mode_ = mode;
   command_ = {};
-  if (session_) session_->told_from = session_->last_state + 1;
+  if (session_) session_->reported_from = session_->last_state + 1;
 }
 
 void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
   answer.size = 0;
   if (session_) {
-    const double silence_s = seconds(now_ns - session_->last_command_ns);
-    if (silence_s > options_.session_s) {
+    const double without_command_s = seconds(now_ns - session_->last_command_ns);
+    if (without_command_s > options_.session_s) {
       end_session();
-    } else if (silence_s > session_->watchdog_s && mode_ == DriveMode::kTorque) {
+    } else if (without_command_s > session_->watchdog_s && mode_ == DriveMode::kTorque) {
       const auto& tau = command_.tau_motor_Nm;
       if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; })) {
         ++report_.watchdog_trips;
       }
-      take_away(DriveMode::kWatchdog);
+      zero_torques(DriveMode::kWatchdog);
     }
   }
-  if (report_.sessions == 0) return;  // the world begins with its first session
+  if (report_.sessions == 0) return;  // simulated time starts with the first session
   for (int i = 0; i < periods; ++i)
     advance(options_.period_s);
   if (session_) send_state(answer);
 }
 
-/// The emergency stop as the plan has it. A session that begins while it is pressed is told too.
-void Drive::judge_stop() noexcept {
-  const bool pressed = plans(FaultKind::kStop);
+/// The injected emergency stop. It is also reported to a session that begins while it is pressed.
+void Drive::check_emergency_stop() noexcept {
+  const bool pressed = is_injected(FaultKind::kStop);
   if (pressed && !stop_pressed_) ++report_.emergency_stops;
-  if (pressed && mode_ != DriveMode::kEmergencyStop) take_away(DriveMode::kEmergencyStop);
+  if (pressed && mode_ != DriveMode::kEmergencyStop) zero_torques(DriveMode::kEmergencyStop);
   stop_pressed_ = pressed;
 }
 
 void Drive::advance(double dt_s) noexcept {
-  judge_stop();
-  const bool planned =
-      std::any_of(options_.faults.begin(), options_.faults.end(),
-                  [&](const PlannedFault& f) { return f.is_on(session_time_s()); });
+  check_emergency_stop();
+  const bool fault = std::any_of(options_.faults.begin(), options_.faults.end(),
+                                 [&](const PlannedFault& f) { return f.is_on(session_time_s()); });
   DeviceCommand applied = command_;
-  for (const PlannedFault& fault : options_.faults) {
-    if (fault.kind == FaultKind::kDead && fault.is_on(session_time_s())) {
-      applied.tau_motor_Nm[static_cast<std::size_t>(fault.channel)] = 0;
+  for (const PlannedFault& f : options_.faults) {
+    if (f.kind == FaultKind::kDead && f.is_on(session_time_s())) {
+      applied.tau_motor_Nm[static_cast<std::size_t>(f.channel)] = 0;
     }
   }
   model_.write(applied);
   model_.step(dt_s);
   supervise(dt_s);
-  feel();
-  keep_step(planned);
+  record_hand_force();
+  record_step(fault);
 }
 
-void Drive::keep_step(bool fault) noexcept {
+void Drive::record_step(bool fault) noexcept {
   if (report_.steps.size() >= options_.record_steps) return;
   DriveStep step;
   step.session = report_.sessions;
@@ -219,7 +219,7 @@ void Drive::keep_step(bool fault) noexcept {
   report_.steps.push_back(step);
 }
 
-/// Each motor's current against its command, as a drive can see it.
+/// Compares each motor's torque with its command, as a drive does by measuring the current.
 void Drive::supervise(double dt_s) noexcept {
   for (std::size_t i = 0; i < kMotors; ++i) {
     const double wanted = command_.tau_motor_Nm[i];
@@ -233,15 +233,15 @@ void Drive::supervise(double dt_s) noexcept {
   }
 }
 
-void Drive::feel() noexcept {
+void Drive::record_hand_force() noexcept {
   const double force_N = model_.truth().wrench_hand.head<3>().norm();
   report_.largest_hand_force_N = std::max(report_.largest_hand_force_N, force_N);
-  if (falls_) {
+  if (falling_) {
     valley_N_ = std::min(valley_N_, force_N);
-    falls_ = force_N < valley_N_ + kSmallestPeak_N;
-    if (!falls_) peak_N_ = 0;
+    falling_ = force_N < valley_N_ + kSmallestPeak_N;
+    if (!falling_) peak_N_ = 0;
   }
-  if (falls_) return;
+  if (falling_) return;
   if (force_N > peak_N_) {
     peak_N_ = force_N;
     peak_t_s_ = session_time_s();
@@ -249,7 +249,7 @@ void Drive::feel() noexcept {
     if (report_.peaks.size() < DriveReport::kMaxPeaks) {
       report_.peaks.push_back({peak_t_s_, peak_N_});
     }
-    falls_ = true;
+    falling_ = true;
     valley_N_ = force_N;
   }
 }

@@ -7,7 +7,7 @@
 namespace trocar::runtime {
 namespace {
 
-const char* to_word(DriveMode mode) noexcept {
+const char* to_string(DriveMode mode) noexcept {
   switch (mode) {
     case DriveMode::kReady:
       return "ready";
@@ -38,7 +38,7 @@ std::string to_csv(std::span<const DriveStep> steps) {
   for (const DriveStep& step : steps) {
     put(out, step.session, ',');
     put(out, step.t_s, ',');
-    out += to_word(step.mode);
+    out += to_string(step.mode);
     out += ',';
     put(out, int{step.motor_faults}, ',');
     put(out, step.fault ? 1 : 0, ',');

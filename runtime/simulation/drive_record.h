@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive's steps as a text file: CSV, a header that names every column and its unit, numbers in
-// shortest round-trip form.
+// A drive's steps as CSV: a header that names every column and its unit, numbers in shortest
+// round-trip form.
 #pragma once
 
 #include <span>

@@ -12,11 +12,11 @@
 namespace trocar::runtime {
 namespace {
 
-// A packet that waits to be overtaken by one that never comes is delivered after this.
+// A packet that no other packet overtakes is delivered after this time.
 constexpr std::int64_t kLongestReorder_ns = 20'000'000;
 
 struct Grammar {
-  const char* word;
+  const char* name;
   FaultKind kind;
   int values;
 };
@@ -40,7 +40,7 @@ std::optional<double> number_in(std::string_view text, double lowest, double hig
   return value;
 }
 
-/// Cuts `text` at the first `mark`: what stands before it; `text` keeps what comes after.
+/// Cuts `text` at the first `mark`: gives the part before it; `text` keeps the part after it.
 std::string_view cut(std::string_view& text, std::string_view mark, bool& found) {
   const std::size_t at = text.find(mark);
   found = at != std::string_view::npos;
@@ -90,7 +90,7 @@ bool read_values(const std::vector<std::string_view>& values, PlannedFault& faul
   }
 }
 
-std::string complaint(std::string_view item) {
+std::string quote(std::string_view item) {
   return "faults: \"" + std::string(item.substr(0, 80)) + "\": ";
 }
 
@@ -100,34 +100,34 @@ Result<PlannedFault> read_item(std::string_view item) {
   bool timed = false;
   std::string_view what = cut(rest, "@", timed);
   if (timed && !read_when(rest, fault)) {
-    return usage(complaint(item) + "after @ comes FROM or FROM..TO, in s");
+    return usage(quote(item) + "@ must be followed by FROM or FROM..TO, in s");
   }
   bool more = true;
-  std::string_view word = cut(what, ":", more);
+  std::string_view name = cut(what, ":", more);
   std::vector<std::string_view> values;
   while (more)
     values.push_back(cut(what, ":", more));
 
   for (const auto& [prefix, commands] : {std::pair{"command-", true}, std::pair{"state-", false}}) {
-    if (!word.starts_with(prefix)) continue;
-    word.remove_prefix(std::string_view(prefix).size());
+    if (!name.starts_with(prefix)) continue;
+    name.remove_prefix(std::string_view(prefix).size());
     fault.on_commands = commands;
     fault.on_states = !commands;
   }
   const auto* const known =
       std::find_if(std::begin(kGrammar), std::end(kGrammar),
-                   [&](const Grammar& grammar) { return word == grammar.word; });
+                   [&](const Grammar& grammar) { return name == grammar.name; });
   if (known == std::end(kGrammar)) {
-    return usage(complaint(item) +
+    return usage(quote(item) +
                  "must be one of loss, delay, duplicate, reorder, flip, stuck, "
                  "jump, dead, stop, kill");
   }
   fault.kind = known->kind;
   if (!is_of_packets(fault.kind) && !(fault.on_commands && fault.on_states)) {
-    return usage(complaint(item) + "is no fault of packets");
+    return usage(quote(item) + "command- and state- are for faults of packets only");
   }
   if (static_cast<int>(values.size()) != known->values || !read_values(values, fault)) {
-    return usage(complaint(item) + "its values are wrong in number or range");
+    return usage(quote(item) + "wrong number of values, or a value out of range");
   }
   return fault;
 }

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Faults to be injected into a simulated drive and its link: which, when, how likely. Seeded, so
-// that the same plan on the same packets does the same.
+// Faults to inject into a simulated drive and its link: kind, time and probability. Random choices
+// are seeded: the same plan and seed treat the same packets alike.
 //
 // The text: items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]], times in s of the
-// session, P a probability a packet.
+// session, P a probability per packet.
 //   loss:P  delay:P:MS  duplicate:P  reorder:P  flip:P      packets, either way; with "command-" or
 //                                                            "state-" before the kind, only these
 //   stuck:ENCODER  jump:ENCODER:RAD                          encoders 0 to 15
 //   dead:MOTOR                                               motors 0 to 7
 //   stop                                                     the emergency stop is pressed
-//   kill                                                     the process dies at once
+//   kill                                                     the process is killed
 // For instance: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
 #pragma once
 
@@ -21,8 +21,8 @@
 #include <string_view>
 #include <vector>
 
-#include "formats/session/device_protocol.h"
 #include "formats/base/result.h"
+#include "formats/session/device_protocol.h"
 #include "runtime/link/udp_socket.h"
 
 namespace trocar::runtime {
@@ -43,8 +43,8 @@ enum class LinkWay : std::uint8_t { kCommands, kStates };
 
 struct PlannedFault {
   FaultKind kind = FaultKind::kLoss;
-  bool on_commands = true, on_states = true;  ///< packets' faults
-  double probability = 1;                     ///< likewise
+  bool on_commands = true, on_states = true;  ///< faults of packets
+  double probability = 1;                     ///< faults of packets
   double delay_s = 0;
   int channel = 0;  ///< encoder or motor
   double jump_rad = 0;
@@ -53,35 +53,35 @@ struct PlannedFault {
 };
 using FaultPlan = std::vector<PlannedFault>;
 
-/// Usage errors name the item. An empty text is no fault.
+/// Usage errors quote the item. An empty text gives an empty plan.
 Result<FaultPlan> parse_fault_plan(std::string_view text);
 
-/// One direction of a link on which faults happen. Holds back at most kHeld packets (further ones
-/// that should wait are lost).
+/// One direction of a link with faults. Holds back at most kHeld packets; further ones that should
+/// wait are lost.
 class FaultyLink {
  public:
   static constexpr std::size_t kHeld = 64;
   struct Datagram {
     std::array<std::uint8_t, 512> bytes{};
-    std::size_t size = 0;  ///< of the datagram; never more than bytes.size()
+    std::size_t size = 0;  ///< of the datagram, at most bytes.size()
     Endpoint peer;
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
 
   FaultyLink(const FaultPlan& plan, LinkWay way, std::uint64_t seed);
 
-  /// Hands `datagram` to `deliver` (a callable on a Datagram): once, twice, changed, later or
-  /// never. `t_s`: the session's time; `now_ns`: a clock that always goes on.
+  /// Passes `datagram` to `deliver` (called with a Datagram): once, twice, changed, later or never.
+  /// `t_s`: the session's time; `now_ns`: a monotonic clock.
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;
     const Fate fate = decide(changed, t_s, now_ns);
     for (int i = 0; i < fate.now; ++i)
       deliver(changed);
-    // What waits for being overtaken has been.
+    // This datagram has overtaken those that wait for it.
     if (fate.now > 0) release(now_ns, true, deliver);
   }
-  /// Delivers what was delayed and is due.
+  /// Delivers the delayed datagrams that are due.
   template <typename Deliver>
   void release_due(std::int64_t now_ns, Deliver&& deliver) {
     release(now_ns, false, deliver);
@@ -90,7 +90,7 @@ class FaultyLink {
 
  private:
   struct Fate {
-    int now = 1;
+    int now = 1;  ///< deliveries at once
   };
   struct Held {
     Datagram datagram;

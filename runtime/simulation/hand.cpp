@@ -29,22 +29,24 @@ HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept {
     rate = 30 * s * s * (1 - s) * (1 - s) / span_s;
   }
   const Eigen::Vector3d move = b.T_device_tool.p_m - a.T_device_tool.p_m;
-  const Eigen::Vector3d turn = rotation_vector(b.T_device_tool.q * a.T_device_tool.q.conjugate());
+  const Eigen::Vector3d rotation =
+      rotation_vector(b.T_device_tool.q * a.T_device_tool.q.conjugate());
   target.T_device_tool.p_m = a.T_device_tool.p_m + progress * move;
-  target.T_device_tool.q = (from_rotation_vector(progress * turn) * a.T_device_tool.q).normalized();
-  target.twist_device << rate * move, rate * turn;
+  target.T_device_tool.q =
+      (from_rotation_vector(progress * rotation) * a.T_device_tool.q).normalized();
+  target.twist_device << rate * move, rate * rotation;
   return target;
 }
 
 Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
                    const Pose& T_device_tool, const Twist& twist_tool) noexcept {
   const Twist lag = target.twist_device - twist_tool;
-  const Eigen::Vector3d turn =
+  const Eigen::Vector3d rotation =
       rotation_vector(target.T_device_tool.q * T_device_tool.q.conjugate());
   Wrench wrench;
   wrench << impedance.stiffness_N_per_m * (target.T_device_tool.p_m - T_device_tool.p_m) +
                 impedance.damping_Ns_per_m * lag.head<3>(),
-      impedance.rotational_stiffness_Nm_per_rad * turn +
+      impedance.rotational_stiffness_Nm_per_rad * rotation +
           impedance.rotational_damping_Nms_per_rad * lag.tail<3>();
   return wrench;
 }
@@ -71,7 +73,7 @@ Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& i
       return refused("hand: stiffness, damping and mass must be finite and not negative");
     }
   }
-  if (std::isnan(impedance.let_go_t_s)) return refused("hand: the time to let go is not a number");
+  if (std::isnan(impedance.let_go_t_s)) return refused("hand: let_go_t_s is not a number");
   return {};
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated hand: it holds the tool's tip through springs and dampers, in
-// translation and rotation, and moves the springs' far end along a trajectory.
-// Plain values; evaluated on the haptic thread.
+// A simulated hand. It holds the tool's tip through springs and dampers, in translation and
+// rotation, and moves the other end of the springs along a trajectory. Plain values; evaluated on
+// the haptic thread.
 #pragma once
 
 #include <cstdint>
@@ -20,32 +20,31 @@ enum class HandInterpolation : std::uint8_t {
 
 struct HandKeyframe {
   double t_s = 0;
-  Pose T_device_tool;  ///< where the hand wants the tool's tip
+  Pose T_device_tool;  ///< target pose of the tool's tip
 };
 
-/// Before the first keyframe the hand rests in it, after the last one in that.
-/// Without keyframes there is no hand: nothing is exerted.
+/// Before the first keyframe the hand rests at it, after the last one at that one. Without
+/// keyframes there is no hand and no force.
 struct HandTrajectory {
   std::vector<HandKeyframe> keyframes;  ///< strictly increasing t_s
   HandInterpolation interpolation = HandInterpolation::kLinear;
 };
 
-/// Defaults: a firm grip. A held tool stays free of chatter against a wall of
-/// stiffness K rendered at period T while the damping exceeds K T / 2, which is
-/// 5 N s/m for 5 kN/m at 500 Hz.
+/// Defaults: a firm grip. Contact with a wall of stiffness K rendered at period T has no chatter
+/// while the damping exceeds K T / 2, which is 5 N s/m for 5 kN/m at 500 Hz.
 struct HandImpedance {
   double stiffness_N_per_m = 4000;
   double damping_Ns_per_m = 100;
   double rotational_stiffness_Nm_per_rad = 20;
   double rotational_damping_Nms_per_rad = 0.3;
-  /// Moves with the tool's tip, rigidly gripped; has no weight, since the arm carries it.
+  /// Rigidly attached to the tool's tip. It has no weight, since the arm carries it.
   double mass_kg = 0;
-  /// From here on there is no hand: it let go.
+  /// The hand releases the tool: no hand from this time on.
   double let_go_t_s = std::numeric_limits<double>::infinity();
 };
 
-/// Two grips beside the firm one above. Assumed, in the range that the literature gives for fingers
-/// and for a tensed arm.
+/// Two further grips. Assumed values, in the range that the literature gives for fingers and for a
+/// tensed arm.
 constexpr HandImpedance light_grip() noexcept {
   return {300, 3, 2, 0.02, 0.05};
 }
@@ -55,19 +54,19 @@ constexpr HandImpedance stiff_grip() noexcept {
 
 struct HandTarget {
   Pose T_device_tool;
-  Twist twist_device = Twist::Zero();  ///< [v; omega] of the wanted tip, in {B}
+  Twist twist_device = Twist::Zero();  ///< [v; omega] of the target tip, in {B}
 };
 
-/// The trajectory at a time. Needs at least one keyframe (else identity, at
-/// rest). O(log keyframes), no allocation.
+/// The trajectory at a time; the identity, at rest, if there is no keyframe. O(log keyframes), no
+/// allocation.
 HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept;
 
-/// The hand's pull on the tool: [f; n] about the tip, in {B}.
+/// The hand's wrench on the tool: [f; n] about the tip, in {B}.
 Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
                    const Pose& T_device_tool, const Twist& twist_tool) noexcept;
 
-/// Refused: times that do not increase, what is not finite, quaternions not of
-/// unit length, negative impedances or masses, a time to let go that is not a number.
+/// Refused: times that do not increase, values that are not finite, quaternions not of unit length,
+/// negative impedances or masses, a release time that is not a number.
 Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance);
 
 }  // namespace trocar::runtime

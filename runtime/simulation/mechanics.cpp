@@ -19,6 +19,7 @@ PointJacobian rigid_point(const Vector3d& r) noexcept {
   return J;
 }
 
+/// Adds up the equation of motion.
 class Sum {
  public:
   Sum(Mechanics& result, double gravity_m_per_s2) : result_(result), gravity_(gravity_m_per_s2) {}

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The device's equation of motion in the plate's twist V = [v; omega] of its origin in {B}:
 //   M(pose) V' + h(pose, V) = sum of the wrenches on the plate about its origin.
-// The plate is a rigid body, each link two point masses at its ends (half of its mass each; what
-// sits on a motor's axis does not move), each motor a rotor inertia at its joint; whatever the hand
-// adds moves with the tool's tip. With G the motors' Jacobian and J_i that of point i,
+// The plate is a rigid body; each link is two point masses, half of its mass at each end (a mass on
+// a motor's axis does not move); each motor is a rotor inertia at its joint; the hand's mass moves
+// with the tool's tip. With G the motors' Jacobian and J_i that of point i,
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i,
 // where the accelerations a are those at V' = 0, in closed form. No allocation, no exception.
@@ -20,14 +20,14 @@
 
 namespace trocar::runtime {
 
-/// What the paper does not say of its device. Every default is assumed: aluminium links of some
-/// 10 mm diameter, direct-drive motors with a bevel pair, drives with a current loop of 500 Hz.
+/// Properties that the paper does not give. Every default is assumed: aluminium links of some 10 mm
+/// diameter, direct-drive motors with a bevel pair, drives with a current loop of 500 Hz.
 struct MechanicsOptions {
   std::array<double, 4> link_mass_kg = {0.06, 0.08, 0.04, 0.04};  ///< of l1, l2, l3, l4
   double rotor_inertia_kg_m2 = 1.5e-4;  ///< of each motor, gear squared, at its joint
   double coulomb_friction_Nm = 0.004;   ///< of each motor joint
-  double presliding_rad = 5e-4;         ///< within which it builds up, as a spring
-  double presliding_damping_s = 1e-3;   ///< that spring's damping over its stiffness
+  double presliding_rad = 5e-4;         ///< deflection of the friction's spring at Coulomb torque
+  double presliding_damping_s = 1e-3;   ///< damping of that spring over its stiffness
   double current_lag_s = 3e-4;          ///< time constant of torque after command; 0: none
   double encoder_noise_rad = 0;         ///< standard deviation, before quantisation
   std::uint64_t seed = 1;               ///< of the noise
@@ -40,15 +40,15 @@ struct MechanicsOptions {
 using MassMatrix = Eigen::Matrix<double, 6, 6>;
 
 struct Mechanics {
-  KinematicsStatus status;        ///< what the Jacobian's is; the rest holds only with it
+  KinematicsStatus status;        ///< the Jacobian's; the rest is valid only if it holds
   Jacobian G = Jacobian::Zero();  ///< of the motors
   MassMatrix mass = MassMatrix::Zero();
   Wrench bias = Wrench::Zero();    ///< h
-  Wrench weight = Wrench::Zero();  ///< plate's and links', by the description's gravity
+  Wrench weight = Wrench::Zero();  ///< of plate and links, by the description's gravity
 };
 
-/// `joints` must be the pose's own. `tip_mass_kg` moves with the tip at `lever_m` from the plate's
-/// origin, in {B}; it has no weight (a hand carries itself).
+/// `joints` must be those of the pose. `tip_mass_kg` moves with the tip at `lever_m` from the
+/// plate's origin, in {B}; it has no weight, since it is the hand's.
 Mechanics mechanics(const DeviceDescription& device, const MechanicsOptions& options,
                     const Pose& T_device_plate, const JointAngles& joints,
                     const Twist& twist_device, double tip_mass_kg,

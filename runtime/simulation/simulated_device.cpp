@@ -27,12 +27,12 @@ double plate_energy(const DeviceDescription& device, const Pose& T, const Twist&
                 omega_plate.dot(plate_inertia(device).cwiseProduct(omega_plate)));
 }
 
-/// Roughly normal with standard deviation 1, from one word of random bits: the sum of four
-/// uniform ones (which reaches 3.5). No library's distribution, so the same everywhere.
-double rough_normal(std::uint64_t word) noexcept {
+/// Approximately normal with standard deviation 1: the sum of four uniform numbers from 64 random
+/// bits, at most 3.5. Not std::normal_distribution, which differs between libraries.
+double approximately_normal(std::uint64_t bits) noexcept {
   double sum = 0;
   for (int i = 0; i < 4; ++i)
-    sum += (static_cast<double>((word >> (16 * i)) & 0xffff) + 0.5) / 65536 - 0.5;
+    sum += (static_cast<double>((bits >> (16 * i)) & 0xffff) + 0.5) / 65536 - 0.5;
   return sum * std::numbers::sqrt3;
 }
 
@@ -82,7 +82,7 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
                    std::to_string(start.status.joint) + ")");
   }
   simulated.truth_.joints = start.joints;
-  simulated.hand_mass_rides_ = simulated.hand_holds(0);
+  simulated.hand_mass_attached_ = simulated.hand_holds(0);
   if (options.mechanics) simulated.noise_.seed(options.mechanics->seed);
   return simulated;
 }
@@ -92,7 +92,7 @@ DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
   state.encoder_rad = encoder_angles(truth_.joints);
   if (options_.mechanics && options_.mechanics->encoder_noise_rad > 0) {
     for (double& angle : state.encoder_rad)
-      angle += options_.mechanics->encoder_noise_rad * rough_normal(noise_());
+      angle += options_.mechanics->encoder_noise_rad * approximately_normal(noise_());
   }
   if (device_.encoder_counts_per_revolution > 0) {
     const double count_rad = 2 * std::numbers::pi / device_.encoder_counts_per_revolution;
@@ -109,7 +109,7 @@ DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
   truth_.command_refused = !tau.allFinite();
   if (truth_.command_refused) tau.setZero();
   const double peak = device_.motor_peak_torque_Nm;
-  truth_.torque_limited = options_.limit_torque && tau.cwiseAbs().maxCoeff() > peak;
+  truth_.torque_limited = tau.cwiseAbs().maxCoeff() > peak;
   if (truth_.torque_limited) tau = tau.cwiseMin(peak).cwiseMax(-peak);
   truth_.tau_motor_Nm = tau;
   return DeviceStatus::kOk;
@@ -124,7 +124,7 @@ bool SimulatedDevice::step(double dt_s) noexcept {
   truth_.at_stop = false;
   for (int i = 0; i < substeps; ++i) {
     const double t_s = truth_.t_s + i * h_s;
-    if (hand_mass_rides_ && !hand_holds(t_s)) let_go();
+    if (hand_mass_attached_ && !hand_holds(t_s)) release_hand_mass();
     if (uses_mechanics()) {
       midpoint_substep(t_s, h_s);
     } else {
@@ -141,8 +141,8 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Twist before = truth_.twist_device;
   const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
 
-  // What acts on the plate. At a singular pose motors and friction have no
-  // defined ratio to the plate's motion; it counts as an end of reach.
+  // Wrenches on the plate. At a singular pose those of motors and friction are undefined; it counts
+  // as an end of reach.
   const JacobianResult motion = jacobian(device_, T, truth_.joints);
   const Jacobian G = motion.status ? motion.G : Jacobian::Zero();
   truth_.tau_applied_Nm = truth_.tau_motor_Nm;
@@ -159,8 +159,8 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   gravity[2] = -device_.plate_mass_kg * device_.gravity_m_per_s2;
   const Wrench total = truth_.wrench_motors + friction + hand + gravity;
 
-  // Momentum first, then the pose by the new velocity. The angular momentum is
-  // kept in {B}, so that gyroscopic moments need no term of their own.
+  // The momentum first, then the pose with the new velocity. The angular momentum is expressed in
+  // {B}, so gyroscopic moments need no term.
   const Vector3d inertia = plate_inertia(device_);
   const auto momentum = [&](const Eigen::Quaterniond& q, const Vector3d& omega) -> Vector3d {
     return q * Vector3d(inertia.cwiseProduct(q.conjugate() * omega));
@@ -190,13 +190,13 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
     truth_.at_stop = true;
     return;
   }
-  after.tail<3>() = rate(moved.q, L);  // the same momentum in the turned body
+  after.tail<3>() = rate(moved.q, L);  // the same momentum in the rotated body
   truth_.T_device_plate = moved;
   truth_.twist_device = after;
   truth_.joints = reached.joints;
 }
 
-/// What acts at one stage of the midpoint rule.
+/// The forces at one stage of the midpoint rule.
 struct SimulatedDevice::Forces {
   Mechanics mechanics;
   MotorVector tau_Nm = MotorVector::Zero(), presliding_rad = MotorVector::Zero();
@@ -205,7 +205,8 @@ struct SimulatedDevice::Forces {
   Twist acceleration = Twist::Zero();
 };
 
-/// `since_s`: how long after the substep's start, to which presliding and lag belong.
+/// `since_s`: time since the start of the substep, at which presliding_rad_ and the applied torques
+/// are known.
 SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles& joints,
                                                 const Twist& twist, double t_s,
                                                 double since_s) const noexcept {
@@ -221,8 +222,8 @@ SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles
   result.tau_Nm = truth_.tau_motor_Nm + left * (truth_.tau_applied_Nm - truth_.tau_motor_Nm);
   result.motors = G.transpose() * result.tau_Nm;
 
-  // Dry friction is a spring that slips where it would pull with more than Coulomb's torque, so
-  // it is defined, and holds, at rest.
+  // Dry friction is a spring that slips at the Coulomb torque, so it is defined, and holds, at
+  // rest.
   const MotorVector rate = G * twist;
   result.presliding_rad = (presliding_rad_ + since_s * rate)
                               .cwiseMin(options.presliding_rad)
@@ -286,12 +287,12 @@ void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
   truth_.joints = joints_after.joints;
 }
 
-/// The hand's mass leaves with the speed it has, and its energy with it.
-void SimulatedDevice::let_go() noexcept {
+/// The hand's mass leaves with its speed, and takes its kinetic energy along.
+void SimulatedDevice::release_hand_mass() noexcept {
   const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
   const Twist tip = moved_to(truth_.twist_device, lever_m);
   truth_.work.hand_J -= 0.5 * impedance_.mass_kg * tip.head<3>().squaredNorm();
-  hand_mass_rides_ = false;
+  hand_mass_attached_ = false;
 }
 
 double SimulatedDevice::kinetic_energy() const noexcept {

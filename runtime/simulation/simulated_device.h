@@ -1,48 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic device as a model in the process, moved by the motors' wrench G^T tau
-// at its true pose, the joints' friction and a simulated hand. Two models: the
-// light one, in which only the plate has mass and friction is viscous; and, with
-// SimulatedDeviceOptions::mechanics, that of mechanics.h with links, rotors, dry
-// friction, current lag and encoder noise. The mechanism is taken as balanced
-// (gravity 0 unless the description says otherwise).
+// A model of the haptic device in the process, moved by the motors' wrench G^T tau at its true
+// pose, the joints' friction and a simulated hand. Two models: the light one, in which only the
+// plate has mass and friction is viscous; and the full one of mechanics.h
+// (SimulatedDeviceOptions::mechanics), with links, rotors, dry friction, current lag and encoder
+// noise. The mechanism is taken as balanced (gravity 0 unless the description says otherwise).
 // Deterministic: the same calls give the same bits.
 #pragma once
 
 #include <optional>
 #include <random>
 
-#include "formats/session/device_description.h"
 #include "formats/base/result.h"
+#include "formats/session/device_description.h"
 #include "runtime/device/device.h"
-#include "runtime/simulation/hand.h"
 #include "runtime/mechanism/kinematics.h"
-#include "runtime/simulation/mechanics.h"
 #include "runtime/mechanism/pose.h"
+#include "runtime/simulation/hand.h"
+#include "runtime/simulation/mechanics.h"
 
 namespace trocar::runtime {
 
 struct SimulatedDeviceOptions {
   Pose T_plate_tool;                          ///< the tool's tip on the plate
-  std::optional<Pose> T_device_plate_start;   ///< else: the tip at the hand's first keyframe, or
-                                              ///< without a hand kSimulatedHome
-  bool limit_torque = true;                   ///< the drives clip each motor to its peak torque
+  std::optional<Pose> T_device_plate_start;   ///< none: the tip at the hand's first keyframe, or
+                                              ///< without a hand kSimulatedHomeHeight_m
   std::optional<MechanicsOptions> mechanics;  ///< none: the light model
 };
-/// Where the plate starts if nothing says otherwise: upright on the z axis.
+/// Default start of the plate: upright on the z axis at this height.
 inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
-/// Work since the start, by midpoint velocities: for translation the sum closes
-/// to rounding, for rotation with the substep's length.
+/// Work since the start, by midpoint velocities. The energy balance of the light model closes to
+/// rounding for translation, and to first order in the substep for rotation.
 struct EnergyBook {
   double hand_J = 0;      ///< done by the hand on the plate
   double motors_J = 0;    ///< done by the motors on the plate
-  double friction_J = 0;  ///< done by joint friction on the plate; not positive, but for what dry
-                          ///< friction's springs have stored and give back
+  double friction_J = 0;  ///< done by joint friction on the plate; not positive, except for energy
+                          ///< returned by the springs of dry friction
   double gravity_J = 0;   ///< done by gravity
-  double stop_J = 0;      ///< taken from the plate by the end of reach, not positive
+  double stop_J = 0;      ///< lost by the plate at the end of reach, not positive
 };
 
-/// What the model knows and a real device would not tell.
+/// The true state of the model, which a real device does not provide.
 struct SimulatedTruth {
   double t_s = 0;
   Pose T_device_plate;
@@ -52,7 +50,7 @@ struct SimulatedTruth {
   MotorVector tau_applied_Nm = MotorVector::Zero();  ///< the same after the current loop's lag
   Wrench wrench_motors = Wrench::Zero();  ///< on the plate about its origin, at the last substep
   Wrench wrench_hand = Wrench::Zero();    ///< on the tool about its tip, at the last substep
-  double kinetic_J = 0;                   ///< of all that moves, the hand's mass included
+  double kinetic_J = 0;                   ///< of all moving masses, including the hand's
   EnergyBook work;
   bool torque_limited = false;   ///< the last command exceeded a motor's peak
   bool command_refused = false;  ///< the last command was not finite; zero torques are applied
@@ -61,26 +59,29 @@ struct SimulatedTruth {
 
 class SimulatedDevice final : public Device {
  public:
-  /// Refused: a hand that check_hand refuses, a start out of reach.
+  /// Refused: a hand that check_hand refuses, invalid mechanics, a start out of reach.
   static Result<SimulatedDevice> make(const DeviceDescription& device,
                                       const HandTrajectory& trajectory,
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
-  /// Time and encoders of the true pose, with the noise of mechanics (drawn anew in each call),
+  /// Time and encoders of the true pose, with the noise of the mechanics (new in each call),
   /// quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
   /// Holds the torques (zero-order hold) for the steps to come.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
 
-  /// Moves time on by dt_s in (0, kLongestStep_s] (else false, and nothing
-  /// happens): semi-implicit Euler in at least the description's minimum_substeps,
-  /// none longer than its maximum_substep_s. Where the mechanism cannot follow
-  /// it stops dead: pose kept, velocity zero. No allocation.
+  /// step().
+  void advance(double dt_s) noexcept override { step(dt_s); }
+  bool is_paced_by_loop() const noexcept override { return true; }
+
+  /// Advances time by dt_s in (0, kLongestStep_s]; for any other dt_s it gives false and changes
+  /// nothing. At least minimum_substeps of the description, none longer than its maximum_substep_s:
+  /// semi-implicit Euler for the light model, the midpoint rule for the full one and for a hand
+  /// with mass. At the end of reach the plate stops: pose kept, velocity zero. No allocation.
   bool step(double dt_s) noexcept;
 
   const SimulatedTruth& truth() const noexcept { return truth_; }
-  Pose T_device_tool() const noexcept { return truth_.T_device_plate * options_.T_plate_tool; }
 
  private:
   SimulatedDevice(const DeviceDescription& device, const HandTrajectory& trajectory,
@@ -91,7 +92,7 @@ class SimulatedDevice final : public Device {
   void midpoint_substep(double t_s, double h_s) noexcept;
   Forces forces(const Pose& T, const JointAngles& joints, const Twist& twist, double t_s,
                 double since_s) const noexcept;
-  void let_go() noexcept;
+  void release_hand_mass() noexcept;
   double kinetic_energy() const noexcept;
   bool hand_holds(double t_s) const noexcept {
     return !trajectory_.keyframes.empty() && t_s < impedance_.let_go_t_s;
@@ -99,15 +100,15 @@ class SimulatedDevice final : public Device {
   bool uses_mechanics() const noexcept {
     return options_.mechanics.has_value() || impedance_.mass_kg > 0;
   }
-  double hand_mass_kg() const noexcept { return hand_mass_rides_ ? impedance_.mass_kg : 0; }
+  double hand_mass_kg() const noexcept { return hand_mass_attached_ ? impedance_.mass_kg : 0; }
 
   DeviceDescription device_;
   HandTrajectory trajectory_;
   HandImpedance impedance_;
   SimulatedDeviceOptions options_;
   SimulatedTruth truth_;
-  bool hand_mass_rides_ = false;
-  MotorVector presliding_rad_ = MotorVector::Zero();  ///< of dry friction's springs
+  bool hand_mass_attached_ = false;
+  MotorVector presliding_rad_ = MotorVector::Zero();  ///< deflection of dry friction's springs
   std::mt19937_64 noise_;
 };
 

@@ -10,6 +10,7 @@
 #include "runtime/mechanism/singularity.h"
 #include "runtime/mechanism/torque_allocation.h"
 #include "tests/bench/conditioning.h"
+#include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::test {

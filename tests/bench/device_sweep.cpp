@@ -18,10 +18,10 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "runtime/mechanism/leg_ring.h"
 #include "runtime/mechanism/torque_allocation.h"
 #include "tests/bench/kinematics_rows.h"
 #include "tests/bench/sweep_main.h"
+#include "tests/reference/mechanism/leg_ring.h"
 #include "tests/support/device_workspace.h"
 
 namespace {

@@ -8,6 +8,7 @@
 
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/kinematics.h"
+#include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::test {

@@ -12,14 +12,16 @@
 
 #include "formats/session/device_protocol.h"
 #include "formats/session/scene.h"
-#include "runtime/simulation/hand.h"
-#include "runtime/mechanism/motor.h"
-#include "runtime/simulation/simulated_device.h"
-#include "runtime/mechanism/singularity.h"
 #include "runtime/control/haptic_loop.h"
+#include "runtime/mechanism/motor.h"
+#include "runtime/mechanism/singularity.h"
+#include "runtime/simulation/hand.h"
+#include "runtime/simulation/simulated_device.h"
 #include "tests/cases/device_case.h"
 #include "tests/cases/limits_by_name.h"
 #include "tests/cases/set_device.h"
+#include "tests/reference/mechanism/influence_jacobian.h"
+#include "tests/reference/mechanism/leg_assemblies.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {

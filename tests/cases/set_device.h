@@ -8,7 +8,6 @@ namespace trocar::test {
 
 using runtime::DeviceCommand;
 using runtime::DeviceState;
-using runtime::DeviceStatus;
 
 /// At encoder angles that are set.
 class SetDevice final : public runtime::Device {

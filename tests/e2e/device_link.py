@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The device link a second time, from formats/session/device_link.md alone (no code of the project): for
-the corpus of the fuzz harness, and for tests that talk to a drive."""
+"""An independent implementation of the device link, written from formats/session/device_link.md without code of the
+project: for the corpus of the fuzz harness, and for tests that talk to a drive."""
 import hashlib
 import os
 import struct

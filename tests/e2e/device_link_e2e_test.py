@@ -2,13 +2,13 @@
 """device_link_e2e_test.py SOURCE BIN SCAN WORK: trocar-run and trocar-device-sim as two processes.
 
  1. The paper's two experiments in virtual time (lock-step): twice the same bytes, the same bytes as
-    with the device in the process, 35 N within 2 % as the simulated hand felt it, with both models.
- 2. The same in real time. A machine that stalls the processes for so long that the safety layer stops
-    the session proves nothing: it is tried again, and left out if it never comes through.
- 3. Injected faults end a session by their names, with exit code 5 and a whole recording.
- 4. A host of another implementation (device_link.py) is served; replays, takeovers and other keys
-    are not; the watchdog acts.
- 5. A session is asked for when the host has done its preparation, however long that takes.
+    with the device in the process, 35 N within 2 % on the simulated hand, with both models.
+ 2. The same in real time. If the machine stalls the processes for so long that the safety layer stops
+    the session, it is tried again, and skipped after four attempts.
+ 3. Injected faults end a session with their name, exit code 5 and a complete recording.
+ 4. A host of another implementation (device_link.py) is served; replays, a second host and other keys
+    are refused; the watchdog trips.
+ 5. A host begins a session only after its preparation, however long that takes.
  6. Exit codes, messages, a clean end by Ctrl-C.
 """
 import csv
@@ -30,7 +30,7 @@ STALLS = {"no_data", "link_lost", "deadline_missed"}
 
 
 class Simulator:
-    """A running trocar-device-sim; ends it on leaving."""
+    """A running trocar-device-sim, ended on leaving the context."""
 
     def __init__(self, programs, work, *arguments):
         self.summary_file, self.key_file = work / "sim.json", work / "link.key"
@@ -81,15 +81,15 @@ class Simulator:
         return bytes.fromhex(self.key_file.read_text())
 
 
-def check_felt(name, felt, punctures, sheets):
-    peaks = [peak["force_N"] for peak in felt["hand_peaks"]]
-    check(len(peaks) == sheets, f"{name}: the hand felt {len(peaks)} peaks for {sheets} sheets")
+def check_hand(name, drive_report, punctures, sheets):
+    peaks = [peak["force_N"] for peak in drive_report["hand_peaks"]]
+    check(len(peaks) == sheets, f"{name}: {len(peaks)} peaks of the hand's force for {sheets} sheets")
     for peak in peaks:
-        check(abs(peak - FORCE_N) <= SHARE * FORCE_N, f"{name}: the hand felt {peak} N")
-    check(abs(felt["hand_force_max_N"] - FORCE_N) <= SHARE * FORCE_N,
-          f"{name}: the hand felt {felt['hand_force_max_N']} N at most")
+        check(abs(peak - FORCE_N) <= SHARE * FORCE_N, f"{name}: a peak of {peak} N on the hand")
+    check(abs(drive_report["hand_force_max_N"] - FORCE_N) <= SHARE * FORCE_N,
+          f"{name}: largest force on the hand {drive_report['hand_force_max_N']} N")
     check(len(punctures) == sheets, f"{name}: {len(punctures)} punctures")
-    print(f"{name}: felt {', '.join(f'{p:.3f} N' for p in peaks)}")
+    print(f"{name}: on the hand {', '.join(f'{p:.3f} N' for p in peaks)}")
 
 
 def experiments(source, programs, asset, work):
@@ -100,18 +100,18 @@ def experiments(source, programs, asset, work):
         run(trocar_run, scene, "--asset", asset, "--clock", "virtual", "--quiet", "--record", inside)
         for model in ("light", "full"):
             recordings = []
-            for turn in (1, 2) if (name, model) != ("three_slices", "full") else (1,):
-                record, summary = work / f"{name}_{model}_{turn}.csv", work / "run.json"
+            for repeat in (1, 2) if (name, model) != ("three_slices", "full") else (1,):
+                record, summary = work / f"{name}_{model}_{repeat}.csv", work / "run.json"
                 with Simulator(programs, work, scene, "--clock", "lock-step", "--model", model) as simulator:
-                    code, said = simulator.session(trocar_run, scene, asset, "--clock", "virtual",
-                                                   "--record", record, "--summary", summary)
-                    check(code == 0, f"{name} {model} in lock-step ended with {code}: {said}")
-                    felt = simulator.summary()
+                    code, stderr = simulator.session(trocar_run, scene, asset, "--clock", "virtual",
+                                                     "--record", record, "--summary", summary)
+                    check(code == 0, f"{name} {model} in lock-step ended with {code}: {stderr}")
+                    drive_report = simulator.summary()
                 recordings.append(record.read_bytes())
-                told = json.loads(summary.read_text())
-                check(told["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {told['allocations_in_loop']} allocations")
-                if turn == 1:
-                    check_felt(f"{name}, {model} model, lock-step", felt, told["punctures"], sheets)
+                report = json.loads(summary.read_text())
+                check(report["allocations_in_loop"] == NO_ALLOCATIONS, f"{name}: {report['allocations_in_loop']} allocations")
+                if repeat == 1:
+                    check_hand(f"{name}, {model} model, lock-step", drive_report, report["punctures"], sheets)
             check(recordings[0] == recordings[-1], f"{name} {model}: two runs differ")
             if model == "light":
                 check(recordings[0] == inside.read_bytes(), f"{name}: differs from the device in the process")
@@ -119,23 +119,23 @@ def experiments(source, programs, asset, work):
         for attempt in range(4):
             summary = work / f"{name}_real.json"
             with Simulator(programs, work, scene) as simulator:
-                code, said = simulator.session(trocar_run, scene, asset, "--summary", summary)
-                felt = simulator.summary()
-            told = json.loads(summary.read_text()) if summary.exists() else {"faults": []}
-            if code == 5 and {fault["fault"] for fault in told["faults"]} <= STALLS:
-                print(f"{name} in real time, attempt {attempt + 1}: {said.strip()}")
+                code, stderr = simulator.session(trocar_run, scene, asset, "--summary", summary)
+                drive_report = simulator.summary()
+            report = json.loads(summary.read_text()) if summary.exists() else {"faults": []}
+            if code == 5 and {fault["fault"] for fault in report["faults"]} <= STALLS:
+                print(f"{name} in real time, attempt {attempt + 1}: {stderr.strip()}")
                 continue
-            check(code == 0, f"{name} in real time ended with {code}: {said}")
-            check_felt(f"{name}, real time", felt, told["punctures"], sheets)
-            check(sum(told["link"]["packets_refused"].values()) == 0, f"{name}: {told['link']}")
-            check(felt["watchdog_trips"] == 0, f"{name}: {felt['watchdog_trips']} watchdog trips")
+            check(code == 0, f"{name} in real time ended with {code}: {stderr}")
+            check_hand(f"{name}, real time", drive_report, report["punctures"], sheets)
+            check(sum(report["link"]["packets_refused"].values()) == 0, f"{name}: {report['link']}")
+            check(drive_report["watchdog_trips"] == 0, f"{name}: {drive_report['watchdog_trips']} watchdog trips")
             break
         else:
-            print(f"{name} in real time: this machine stalls, left out")
+            print(f"{name} in real time: skipped, this machine stalls")
 
 
 def slow_preparation(source, programs, asset, work):
-    """A host that prepares longer than a drive keeps a session in which nothing comes (1 s)."""
+    """A host whose preparation takes longer than a drive keeps a session without commands (1 s)."""
     scene = json.loads((source / "runtime" / "scenes" / "three_slices.json").read_text())
     slices = [21, 19, 17, 15, 13]
     scene["force_law"] = {"kind": "network", "solver": "auto", "reach_m": 0.005, "error_bound": 0.01}
@@ -148,9 +148,9 @@ def slow_preparation(source, programs, asset, work):
     run(programs / "trocar-run", file, "--asset", asset, "--clock", "virtual", "--duration", "0.01", "--quiet")
     print(f"slow preparation: {time.monotonic() - begun:.2f} s")
     with Simulator(programs, work, file) as simulator:
-        code, said = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
+        code, stderr = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
     rows = list(csv.DictReader(record.open()))
-    check(any(row["device_read"] == "ok" for row in rows), f"after a long preparation no data came: {code} {said}")
+    check(any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}")
 
 
 def faults(source, programs, asset, work):
@@ -165,30 +165,30 @@ def faults(source, programs, asset, work):
         for spec, wanted in cases:
             record, summary = work / "fault.csv", work / "fault.json"
             with Simulator(programs, work, scene, "--clock", clock, "--faults", spec) as simulator:
-                code, said = simulator.session(trocar_run, scene, asset, "--clock",
-                                               "virtual" if clock == "lock-step" else "real", "--duration", "3.2",
-                                               "--record", record, "--summary", summary)
-                check(code == 5, f"{spec} ended with {code}: {said}")
+                code, stderr = simulator.session(trocar_run, scene, asset, "--clock",
+                                                 "virtual" if clock == "lock-step" else "real", "--duration", "3.2",
+                                                 "--record", record, "--summary", summary)
+                check(code == 5, f"{spec} ended with {code}: {stderr}")
             if code != 5:
                 continue
-            told = json.loads(summary.read_text())
-            named = [fault["fault"] for fault in told["faults"]]
+            report = json.loads(summary.read_text())
+            named = [fault["fault"] for fault in report["faults"]]
             allowed = {wanted} if clock == "lock-step" else wanted | STALLS
             check(len(named) == 1 and named[0] in allowed, f"{spec}: named {named}, expected {wanted}")
             rows = list(csv.DictReader(record.open()))
-            check(len(rows) == told["ticks"], f"{spec}: {len(rows)} rows of {told['ticks']} ticks")
+            check(len(rows) == report["ticks"], f"{spec}: {len(rows)} rows of {report['ticks']} ticks")
             last = rows[-1]
             check(all(float(last[c]) == 0 for c in last if c.startswith("tau_")), f"{spec}: torques at the end")
             if clock == "lock-step" and spec.endswith("@2.5"):
-                check(abs(told["faults"][0]["t_s"] - 2.5) < 0.01, f"{spec}: at {told['faults'][0]['t_s']} s")
-    # What a link may do without anybody's noticing: numbers right, session whole.
+                check(abs(report["faults"][0]["t_s"] - 2.5) < 0.01, f"{spec}: at {report['faults'][0]['t_s']} s")
+    # Packet faults that a session must survive.
     with Simulator(programs, work, scene, "--faults", "duplicate:0.2,flip:0.05,reorder:0.05,loss:0.02") as simulator:
         summary = work / "noisy.json"
-        code, said = simulator.session(trocar_run, scene, asset, "--summary", summary, "--duration", "1.5")
-        told = json.loads(summary.read_text())
-        refused = told["link"]["packets_refused"]
+        code, stderr = simulator.session(trocar_run, scene, asset, "--summary", summary, "--duration", "1.5")
+        report = json.loads(summary.read_text())
+        refused = report["link"]["packets_refused"]
         print("a noisy link:", "ended with", code, refused)
-        check(code == 0 or {fault["fault"] for fault in told["faults"]} <= STALLS, f"a noisy link: {said}")
+        check(code == 0 or {fault["fault"] for fault in report["faults"]} <= STALLS, f"a noisy link: {stderr}")
         if code == 0:
             check(refused["sequence"] > 100, f"a noisy link: {refused}")
             check(refused["mac"] + refused["magic"] + refused["kind"] + refused["session"] + refused["size"] > 50,
@@ -210,14 +210,14 @@ def other_implementation(source, programs, work):
             if state is not None:
                 modes.add(state["mode"])
         check(link.TORQUE_ON in modes, f"modes under torque: {modes}")
-        # While it is alive nobody else is welcome; then silence, and the watchdog.
+        # A second host gets no welcome while the session is alive. Without commands the watchdog trips.
         try:
             end = time.monotonic() + 0.3
             while time.monotonic() < end:
                 host.command(link.TORQUE, [0.1] * 8)
-                thief = simulator.socket(0.002)
-                link.Host(thief, simulator.key(), tries=1)
-                check(False, "a second host was welcome to a living session")
+                second = simulator.socket(0.002)
+                link.Host(second, simulator.key(), tries=1)
+                check(False, "a second host got a welcome during a session")
                 break
         except TimeoutError:
             pass
@@ -229,8 +229,8 @@ def other_implementation(source, programs, work):
             if state is None:
                 break
             newest = state
-        check(newest is not None and newest["mode"] == link.WATCHDOG, f"after silence: {newest}")
-        # Everything that was ever sent, once more, does not wake the torques again.
+        check(newest is not None and newest["mode"] == link.WATCHDOG, f"without commands: {newest}")
+        # A replay of all packets does not bring the torques back.
         host.socket.settimeout(0.05)
         for data in host.sent:
             host.socket.send(data)
@@ -239,23 +239,23 @@ def other_implementation(source, programs, work):
         while (state := host.state()) is not None:
             newest = state
         check(newest["mode"] == link.WATCHDOG, f"after a replay: {newest['mode']}")
-        stranger = simulator.socket(0.02)
+        other_key = simulator.socket(0.02)
         try:
-            link.Host(stranger, os.urandom(32), tries=5)
-            check(False, "a host with another key was welcome")
+            link.Host(other_key, os.urandom(32), tries=5)
+            check(False, "a host with another key got a welcome")
         except TimeoutError:
             pass
-        # A restarted host has the drive again, in the world as it is.
+        # A restarted host gets a session again, in the same simulated world.
         again = link.Host(simulator.socket(), simulator.key(), fresh=False)
         again.command(link.HOLD)
         state = again.state()
-        check(state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is served")
+        check(state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is not served")
         again.command(link.STOP)
-        told = simulator.summary()
-        check(told["sessions"] == 2, f"{told['sessions']} sessions")
-        check(told["packets"]["refused"]["sequence"] >= 1, f"replays: {told['packets']}")
-        check(told["packets"]["refused"]["mac"] >= 5, f"strangers: {told['packets']}")
-        check(told["watchdog_trips"] >= 1, f"{told['watchdog_trips']} watchdog trips")
+        report = simulator.summary()
+        check(report["sessions"] == 2, f"{report['sessions']} sessions")
+        check(report["packets"]["refused"]["sequence"] >= 1, f"replays: {report['packets']}")
+        check(report["packets"]["refused"]["mac"] >= 5, f"other keys: {report['packets']}")
+        check(report["watchdog_trips"] >= 1, f"{report['watchdog_trips']} watchdog trips")
 
 
 def contract(source, programs, asset, work):
@@ -277,7 +277,7 @@ def contract(source, programs, asset, work):
     one_line(run(simulator, scene, "--key-file", key, "--no-such", expect=2), "--no-such")
     one_line(run(simulator, work / "absent.json", "--key-file", key, expect=3), "absent.json")
     one_line(run(simulator, scene, "--key-file", key, "--listen", "0.0.0.0:0", expect=2), "other than loopback")
-    check(not key.exists(), "a key was made for nothing")
+    check(not key.exists(), "a key was made despite the errors")
     key.write_text("0" * 64 + "\n")
     key.chmod(0o644)
     one_line(run(simulator, scene, "--key-file", key, expect=3), "chmod 600")
@@ -295,8 +295,8 @@ def contract(source, programs, asset, work):
         one_line(run(*loaded, *device, "--key-file", work / "absent.key", expect=3), "absent.key")
         one_line(run(*loaded, "--device", "udp:127.0.0.1", "--key-file", running.key_file, expect=2), "HOST:PORT")
         one_line(run(*loaded, "--key-file", running.key_file, expect=2), "--key-file")
-        check(running.end(signal.SIGINT) == 0, "Ctrl-C is a clean end")
-        check(running.summary_file.exists(), "Ctrl-C keeps the summary")
+        check(running.end(signal.SIGINT) == 0, "Ctrl-C was no clean end")
+        check(running.summary_file.exists(), "no summary after Ctrl-C")
         one_line(run(*loaded, *device, "--key-file", running.key_file, expect=5), "no device answers")
 
 

@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """fault_campaign_test.py SOURCE BIN SCAN WORK [--times N] [--only FAULT,...] [--seed N] [--jobs N]: every fault of the
-device and its link, N times at random moments while the tool is pressed into a sheet, against trocar-device-sim as
-a process of its own. A table, one row a fault.
+device and its link, N times at random times while the tool is pressed into a sheet, with trocar-device-sim as a
+separate process. Prints a table with one row per fault.
 
-What must hold for each fault, by the drive's own record (its steps, in its own time) and the session's files:
- - found under load, latched, named as it should be; torques at zero at the drive within 5 ms of being found, and zero
-   there until forces are rendered again;
- - the black box holds the recording's own lines, the last 4 s or since the start;
- - the recording has every tick; recovery comes by request only and brings the forces back.
-What a link may do without a fault (single losses, short delays, copies, overtaking, flipped bits) is no fault, and counted.
+Required for each fault, by the drive's record (its steps, on its clock) and the session's files:
+ - detected under load, latched, with the right name; torques zero at the drive within 5 ms of detection, and until
+   forces are rendered again;
+ - the black box has the recording's lines of the last 4 s, or since the start;
+ - the recording has every tick; recovery happens on request only and brings the forces back.
+Single losses, short delays, duplicates, reordering and flipped bits must cause no fault, and are counted.
 
-Lock-step where time may stand still, so that a moment is exact; real time for silence, loss, delay and killed processes.
-A fault that the machine itself brings about (a stalled process) is told apart: it is counted, and what it made void
-is injected again.
+Lock-step where possible, so that the time of a fault is exact; real time for loss, delay and killed processes.
+A fault caused by the machine (a stalled process) is counted separately, and injections that it made void are repeated.
 """
 import argparse
 import bisect
@@ -40,16 +39,16 @@ STALLS = {"no_data", "link_lost", "deadline_missed"}
 
 
 class Kind:
-    """How a fault is ordered from the simulator, and what must come of it."""
+    """How a fault is injected, and its required effect."""
 
-    def __init__(self, order, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S):
-        self.order = order        # of (random, moment): the plan's item
-        self.names = set(names)   # empty: must be survived
-        self.within_s = within_s  # from the moment to being found
+    def __init__(self, plan, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S):
+        self.plan = plan          # function of (random, time): the fault plan's item
+        self.names = set(names)   # allowed names of the fault; empty: no fault may occur
+        self.within_s = within_s  # longest time from the injection to the detection
         self.clock = clock
-        self.counted = counted    # of (summary, simulator's summary): how often it was noticed
-        self.own_s = own_s        # the drive itself takes the torques away by then
-        self.contact_s = contact_s  # when in a cycle it begins
+        self.counted = counted    # function of (summary, simulator's summary): number of packets counted as faulty
+        self.own_s = own_s        # the drive itself zeroes the torques within this time
+        self.contact_s = contact_s  # range of its start in a cycle
 
 
 def refused(words):
@@ -62,42 +61,42 @@ def missed(ours, drives):
     return ours["link"]["states_missed"] + drives["commands_missed"]
 
 
-def window(item, lasts_s):
+def timed(item, lasts_s):
     return lambda random, at: f"{item}@{at:.5f}..{at + lasts_s:.5f}"
 
 
-BENT = ("size", "magic", "kind", "session", "mac", "contents")
+CORRUPTED = ("size", "magic", "kind", "session", "mac", "contents")
 KINDS = {
     "encoder_jump": Kind(lambda r, at: f"jump:{r.randrange(16)}:{r.choice((-1, 1)) * r.uniform(0.1, 1):.4f}@{at:.5f}..{at + 0.02:.5f}",
                          ["encoder_jump"], 0.003),
     "encoder_off": Kind(lambda r, at: f"jump:{r.choice((1, 3, 5, 7, 9, 11, 13, 15))}:{r.choice((-1, 1)) * 0.04:.4f}@{at:.5f}..{at + 0.02:.5f}",
                         ["pose_residual"], 0.003),
-    # Found once the others have moved on: when the fit is off by 0.5 mm, some 0.013 rad of theta3. So it begins early enough
-    # for every encoder to have moved as far.
+    # Detected when the other encoders have moved so far that the fit is off by 0.5 mm, some 0.013 rad of theta3. So it
+    # starts early enough for every encoder to move that far.
     "encoder_stuck": Kind(lambda r, at: f"stuck:{r.randrange(16)}@{at:.5f}..{at + 0.25:.5f}",
                           ["pose_residual"], 0.25, contact_s=(0.40, 0.46)),
-    # The motors of theta1 carry the load; one without a torque to give is not missed.
+    # Of the motors of theta1, which carry the load; a dead motor without a commanded torque cannot be detected.
     "motor_dead": Kind(lambda r, at: f"dead:{2 * r.randrange(4)}@{at:.5f}..{at + 0.05:.5f}", ["motor_fault"], 0.012),
-    "emergency_stop": Kind(window("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001),
-    "emergency_stop_1ms": Kind(window("stop", 0.001), ["emergency_stop"], 0.003, own_s=0.001),
+    "emergency_stop": Kind(timed("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001),
+    "emergency_stop_1ms": Kind(timed("stop", 0.001), ["emergency_stop"], 0.003, own_s=0.001),
     "drive_killed": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost"], 0.003, own_s=0.001),
     "drive_killed_real": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost", "no_data"], 0.02, "real", own_s=0.001),
-    "silence_of_states": Kind(window("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real"),
-    "silence_of_commands": Kind(window("command-loss:1", 0.04), ["link_lost"], 0.02, "real", own_s=0.0115),
-    "silence_both_ways": Kind(window("loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
-    "delay_30ms": Kind(window("delay:1:30", 0.06), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
+    "loss_of_states": Kind(timed("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real"),
+    "loss_of_commands": Kind(timed("command-loss:1", 0.04), ["link_lost"], 0.02, "real", own_s=0.0115),
+    "loss_both_ways": Kind(timed("loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
+    "delay_30ms": Kind(timed("delay:1:30", 0.06), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
     "host_killed": Kind(None, (), 0, "real", own_s=0.0115),
-    "single_loss": Kind(window("loss:1", 0.001), clock="real", counted=missed),
-    "delay_2ms": Kind(window("delay:1:2", 0.03), clock="real", counted=lambda *_: 1e9),
-    "duplication": Kind(window("duplicate:1", 0.01), clock="real", counted=refused(["sequence"])),
-    "reordering": Kind(window("reorder:0.4", 0.01), clock="real", counted=refused(["sequence"])),
-    "bit_flip": Kind(window("flip:1", 0.001), clock="real", counted=refused(BENT)),
-    "duplication_lock_step": Kind(window("duplicate:1", 0.01), counted=refused(["sequence"])),
+    "single_loss": Kind(timed("loss:1", 0.001), clock="real", counted=missed),
+    "delay_2ms": Kind(timed("delay:1:2", 0.03), clock="real", counted=lambda *_: 1e9),
+    "duplication": Kind(timed("duplicate:1", 0.01), clock="real", counted=refused(["sequence"])),
+    "reordering": Kind(timed("reorder:0.4", 0.01), clock="real", counted=refused(["sequence"])),
+    "bit_flip": Kind(timed("flip:1", 0.001), clock="real", counted=refused(CORRUPTED)),
+    "duplication_lock_step": Kind(timed("duplicate:1", 0.01), counted=refused(["sequence"])),
 }
 
 
 class Row:
-    """Of the table."""
+    """A row of the table."""
 
     def __init__(self, seed):
         self.random = random.Random(seed)
@@ -111,7 +110,7 @@ class Row:
 
 
 class Simulator:
-    """trocar-device-sim for one session; its record and summary afterwards."""
+    """trocar-device-sim for one session, and its record and summary afterwards."""
 
     def __init__(self, rig, row, folder, faults, clock, address="127.0.0.1:0"):
         self.files = folder / "drive.csv", folder / "drive.json"
@@ -130,7 +129,7 @@ class Simulator:
         self.process.communicate(timeout=30)
 
     def steps(self):
-        """(times, commanded, applied, modes, sessions, commands taken): one entry a step of the drive."""
+        """(times, commanded, applied, modes, sessions, commands taken): one entry per step of the drive."""
         with self.files[0].open() as file:
             rows = list(csv.reader(file))[1:]
         return ([float(r[1]) for r in rows], [float(r[6]) for r in rows], [float(r[7]) for r in rows],
@@ -144,14 +143,14 @@ class Recording:
     def __init__(self, file):
         self.lines = file.read_text().splitlines()
         head = {name: i for i, name in enumerate(self.lines[0].split(","))}
-        self.torque, self.safety, self.fault, self.asked, self.t_s = [], [], [], [], []
+        self.torque, self.safety, self.fault, self.requested, self.t_s = [], [], [], [], []
         first = head["tau_1_1_Nm"]
         for line in self.lines[1:]:
             cells = line.split(",")
             self.torque.append(max(abs(float(cell)) for cell in cells[first:first + 8]))
             self.safety.append(cells[head["safety"]])
             self.fault.append(cells[head["fault"]])
-            self.asked.append(cells[head["recovery_asked"]] == "1")
+            self.requested.append(cells[head["recovery_asked"]] == "1")
             self.t_s.append(float(cells[head["t_s"]]))
 
 
@@ -192,7 +191,7 @@ class Rig:
 
 
 def operator(process, folder):
-    """Asks for recovery some time after each new black box, as one who has seen it."""
+    """Requests recovery shortly after each new black box, like an operator."""
     seen = 0
     while process.poll() is None:
         boxes = len(list(folder.glob("black_box_*.csv")))
@@ -204,17 +203,17 @@ def operator(process, folder):
         time.sleep(0.01)
 
 
-def judge_files(row, recording, told, folder, duration_s):
-    """Every tick is there, and each black box holds the recording's own lines."""
+def check_files(row, recording, report, folder, duration_s):
+    """The recording has every tick, and each black box has the recording's lines."""
     expected = round(duration_s * RATE_HZ)
     row.rows_lost += expected - (len(recording.lines) - 1)
-    if told["ticks"] != expected or len(recording.lines) - 1 != expected:
-        row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {told['ticks']} ticks of {expected}")
-    for event in told["faults"]:
+    if report["ticks"] != expected or len(recording.lines) - 1 != expected:
+        row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {report['ticks']} ticks of {expected}")
+    for event in report["faults"]:
         rest = expected
         if event["torques_zero_t_s"] is not None:
             rest = round(event["torques_zero_t_s"] * RATE_HZ) + 1
-        elif event["t_s"] < duration_s - 0.005:  # the end may come first only within the time that a fault has
+        elif event["t_s"] < duration_s - 0.005:  # the session may end before torques are zero only this soon after a fault
             row.fail(f"{folder.name}: the torques of {event['fault']} at {event['t_s']} s were never zero")
         first = max(0, rest - round(BLACK_BOX_S * RATE_HZ))
         box = pathlib.Path(event["black_box"]).read_text().splitlines()
@@ -223,7 +222,7 @@ def judge_files(row, recording, told, folder, duration_s):
 
 
 def first_steps(steps):
-    """By a command's largest torque, the first step of the drive that had it."""
+    """{largest torque of a command: first step of the drive with it}."""
     first = {}
     for i, value in enumerate(steps[1]):
         if value > 0:
@@ -232,8 +231,8 @@ def first_steps(steps):
 
 
 def on_drives_clock(recording, steps, first_step, event):
-    """When a fault was found, in the drive's time: counted from the last torques before it that the drive has taken. The two
-    clocks go at one pace, but for what a busy machine does to either process, so no single offset would do."""
+    """Time of a fault's detection on the drive's clock, from the last torques before it that the drive received. A single
+    offset of the two clocks would be inexact, since a busy machine delays either process."""
     k = round(event["t_s"] * RATE_HZ)
     for row in range(k - 1, max(-1, k - 100), -1):
         if recording.torque[row] in first_step:
@@ -241,15 +240,15 @@ def on_drives_clock(recording, steps, first_step, event):
     return None
 
 
-def judge_latch(row, recording, event, last_moment, folder):
-    """From a fault to its recovery, in the session's rows."""
+def check_latch(row, recording, event, last_moment, folder):
+    """Checks the session's rows from a fault to its recovery."""
     k = round(event["t_s"] * RATE_HZ)
     rest = round(event["torques_zero_t_s"] * RATE_HZ)
     where = f"{folder.name}: {event['fault']} at {event['t_s']} s"
-    asked = next((i for i in range(k, len(recording.t_s)) if recording.asked[i]), len(recording.t_s))
-    if any(s != "fault" for s in recording.safety[k:min(asked, len(recording.safety))]):
-        row.fail(f"{where}: left without a request")
-    if rest - k > TO_ZERO_S * RATE_HZ or any(recording.torque[rest:asked]):
+    requested = next((i for i in range(k, len(recording.t_s)) if recording.requested[i]), len(recording.t_s))
+    if any(s != "fault" for s in recording.safety[k:min(requested, len(recording.safety))]):
+        row.fail(f"{where}: recovered without a request")
+    if rest - k > TO_ZERO_S * RATE_HZ or any(recording.torque[rest:requested]):
         row.fail(f"{where}: torques {rest - k} ticks later, or again")
     if event["recovered_t_s"] is None:
         if not last_moment:
@@ -259,13 +258,13 @@ def judge_latch(row, recording, event, last_moment, folder):
     if any(recording.torque[rest:back]):
         row.fail(f"{where}: torques before the recovery")
     if any(f != event["fault"] for f, s in zip(recording.fault[k:back], recording.safety[k:back]) if s != "ready"):
-        row.fail(f"{where}: its name does not stay")
+        row.fail(f"{where}: the fault's name changed")
     return True
 
 
-def stalled_on_its_way(row, kind, steps, moment_s, folder):
-    """Whether the host was held up by the machine on its way to zero, though nothing kept its commands back: then it is the
-    drive's watchdog that has to take the torques away in time."""
+def stalled_before_zero(row, kind, steps, moment_s, folder):
+    """True if the machine stalled the host before torques were zero, though no command was held back. Then the drive's
+    watchdog must zero the torques in time."""
     if kind.clock != "real" or kind.own_s is not None:
         return False
     times, _, applied, modes, _, taken = steps
@@ -278,8 +277,8 @@ def stalled_on_its_way(row, kind, steps, moment_s, folder):
     return True
 
 
-def judge_drive(row, kind, steps, first_step, recording, event, moment_s, folder):
-    """What the drive's own record says of the way to zero."""
+def check_drive(row, kind, steps, first_step, recording, event, moment_s, folder):
+    """Checks by the drive's record how the torques went to zero."""
     times, _, applied, modes, _, _ = steps
     step_s = times[1] - times[0]
     at = bisect.bisect_left(times, moment_s)
@@ -288,10 +287,10 @@ def judge_drive(row, kind, steps, first_step, recording, event, moment_s, folder
     own = next((i for i in range(at, len(times)) if modes[i] != "torque"), len(times))
     zero = next((i for i in range(at, len(times)) if applied[i] == 0), len(times))
     found = min(ramp + [own, zero])
-    if zero == len(times) and "kill" not in (kind.order(random.Random(0), 0) if kind.order else ""):
+    if zero == len(times) and "kill" not in (kind.plan(random.Random(0), 0) if kind.plan else ""):
         row.fail(f"{folder.name}: no zero torque at the drive after {event['fault']}")
         return
-    if zero == len(times):  # it was killed: what it did last is the end of its torques
+    if zero == len(times):  # it was killed: its torques end with its last step
         zero = found = len(times) - 1
     to_zero = times[zero] - times[found] if zero < len(times) else 0
     from_moment = times[min(zero, len(times) - 1)] - step_s - moment_s
@@ -301,7 +300,7 @@ def judge_drive(row, kind, steps, first_step, recording, event, moment_s, folder
         row.fail(f"{folder.name}: {to_zero * 1e3:.2f} ms to zero at the drive after {event['fault']} at {event['t_s']} s")
     if kind.own_s is not None and from_moment > kind.own_s + step_s + 1e-9:
         row.fail(f"{folder.name}: the drive itself took {from_moment * 1e3:.2f} ms")
-    # The next torques at the drive are those of the session's rows after its recovery, and no others.
+    # The next torques at the drive must be those of the session's rows after its recovery.
     back = round(event["recovered_t_s"] * RATE_HZ) if event["recovered_t_s"] is not None else len(recording.torque)
     again = next((i for i in range(zero, len(times)) if applied[i] != 0), len(times))
     if again < len(times) and steps[1][again] not in set(recording.torque[back:]):
@@ -313,39 +312,39 @@ def many(rig, name, kind, row, wanted):
     folder = rig.folder()
     count = min(wanted, CYCLES)
     moments = [cycle * CYCLE_S + row.random.uniform(*kind.contact_s) for cycle in range(count)]
-    plan = ",".join(kind.order(row.random, at) for at in moments) if kind.order else ""
+    plan = ",".join(kind.plan(row.random, at) for at in moments) if kind.plan else ""
     duration_s = round((count + 1) * CYCLE_S, 3)
     simulator = Simulator(rig, row, folder, plan, kind.clock)
     process = rig.start(simulator, folder, kind.clock, duration_s)
     if kind.clock == "real":
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
-    said = process.communicate(timeout=300)[1]
+    stderr = process.communicate(timeout=300)[1]
     simulator.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
-        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {stderr}")
         return 0
-    told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
-    judge_files(row, recording, told, folder, duration_s)
+    report, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
+    check_files(row, recording, report, folder, duration_s)
     steps = simulator.steps()
-    done = judge_moments(kind, row, moments, told, recording, steps, folder)
+    done = check_moments(kind, row, moments, report, recording, steps, folder)
     if kind.counted and done:
-        row.counted += min(kind.counted(told, simulator.summary()), 10**6)
+        row.counted += min(kind.counted(report, simulator.summary()), 10**6)
     if not row.failures:
         shutil.rmtree(folder)
     return done
 
 
-def judge_moments(kind, row, moments, told, recording, steps, folder):
+def check_moments(kind, row, moments, report, recording, steps, folder):
     times, _, applied, _, _, _ = steps
     first_step = first_steps(steps)
-    events = list(told["faults"])
+    events = list(report["faults"])
     for event in events:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
     done = 0
     for i, moment_s in enumerate(moments):
         at = bisect.bisect_left(times, moment_s) - 1
         found = [e for e in events if e["drive_s"] is not None and -0.003 <= e["drive_s"] - moment_s <= kind.within_s + 0.003]
-        # A fault of the machine's own came before, and its way to zero may not have ended yet.
+        # A fault caused by the machine came before, and torques may not have been zero yet.
         own = [e for e in events if kind.clock == "real" and e["fault"] in STALLS and e["drive_s"] is not None
                and e not in found and moment_s - TO_ZERO_S - WATCHDOG_S <= e["drive_s"] < moment_s]
         if applied[at] < LOADED_NM or own:
@@ -358,16 +357,16 @@ def judge_moments(kind, row, moments, told, recording, steps, folder):
             row.times += 1
             done += 1
             if found:
-                row.fail(f"{folder.name}: {found[0]['fault']} at {moment_s:.4f} s, which is to be survived")
+                row.fail(f"{folder.name}: {found[0]['fault']} at {moment_s:.4f} s, where none may occur")
             else:
                 row.found += 1
             continue
-        late = kind.clock == "real" and [e["fault"] for e in found] == ["deadline_missed"]  # the machine was first
-        if late or (len(found) == 1 and stalled_on_its_way(row, kind, steps, moment_s, folder)):
+        late = kind.clock == "real" and [e["fault"] for e in found] == ["deadline_missed"]  # the machine stalled first
+        if late or (len(found) == 1 and stalled_before_zero(row, kind, steps, moment_s, folder)):
             row.machine += 1
             row.void += 1
             events.remove(found[0])
-            judge_latch(row, recording, found[0], True, folder)
+            check_latch(row, recording, found[0], True, folder)
             continue
         row.times += 1
         done += 1
@@ -381,18 +380,18 @@ def judge_moments(kind, row, moments, told, recording, steps, folder):
             row.named += 1
         else:
             row.fail(f"{folder.name}: named {event['fault']} at {moment_s:.4f} s")
-        row.recovered += judge_latch(row, recording, event, i + 1 == len(moments) and event["recovered_t_s"] is None, folder)
-        judge_drive(row, kind, steps, first_step, recording, event, moment_s, folder)
+        row.recovered += check_latch(row, recording, event, i + 1 == len(moments) and event["recovered_t_s"] is None, folder)
+        check_drive(row, kind, steps, first_step, recording, event, moment_s, folder)
     for event in events:
         if kind.clock == "real" and event["fault"] in STALLS:
             row.machine += 1
         elif kind.names or kind.clock == "lock-step":
-            row.fail(f"{folder.name}: {event['fault']} at {event['t_s']} s came by itself")
+            row.fail(f"{folder.name}: {event['fault']} at {event['t_s']} s without an injection")
     return done
 
 
 def await_end(first, other):
-    """Whether the first process ends before the other one."""
+    """True if the first process ends before the other one."""
     while first.poll() is None:
         if other.poll() is not None:
             time.sleep(0.2)
@@ -402,79 +401,79 @@ def await_end(first, other):
 
 
 def killed_drive(rig, name, kind, row, _):
-    """One session, whose drive is killed and started again."""
+    """One session whose drive is killed and restarted."""
     folder = rig.folder()
     moment_s = row.random.uniform(*CONTACT_S)
     # Real time: long enough for a slow start and for the hand to come back a second time.
     duration_s = 3.25 if kind.clock == "real" else 1.75
-    simulator = Simulator(rig, row, folder, kind.order(row.random, moment_s), kind.clock)
+    simulator = Simulator(rig, row, folder, kind.plan(row.random, moment_s), kind.clock)
     process = rig.start(simulator, folder, kind.clock, duration_s)
     if kind.clock == "real":
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
     if not await_end(simulator.process, process):
-        said = process.communicate(timeout=30)[1]
+        stderr = process.communicate(timeout=30)[1]
         simulator.end()
-        if process.returncode == 5 and any(f"_{name}.csv" in said for name in STALLS):
-            row.void += 1  # stopped by the machine before the moment
+        if process.returncode == 5 and any(f"_{name}.csv" in stderr for name in STALLS):
+            row.void += 1  # stopped by the machine before the kill
             row.machine += 1
         else:
-            row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+            row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {stderr}")
         return 0
     steps = simulator.steps()
     if simulator.process.returncode != -signal.SIGKILL:
         row.fail(f"{folder.name}: the simulator ended with {simulator.process.returncode}")
     again = Simulator(rig, row, folder, "", kind.clock, simulator.address)
-    said = process.communicate(timeout=300)[1]
+    stderr = process.communicate(timeout=300)[1]
     again.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
-        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {said}")
+        row.fail(f"{folder.name}: trocar-run ended with {process.returncode}: {stderr}")
         return 0
-    told, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
-    judge_files(row, recording, told, folder, duration_s)
+    report, recording = json.loads((folder / "run.json").read_text()), Recording(folder / "run.csv")
+    check_files(row, recording, report, folder, duration_s)
     if steps[2][-1] < LOADED_NM:
         row.void += 1
         return 0
     first_step = first_steps(steps)
-    for event in told["faults"]:
+    for event in report["faults"]:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
-    events = [e for e in told["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
+    events = [e for e in report["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
     if len(events) == 1 and events[0]["recovered_t_s"] is None and any(
-            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in told["faults"]):
-        row.void += 1  # the machine held a process up again while it recovered; then it did recover
+            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in report["faults"]):
+        row.void += 1  # the machine stalled a process during the recovery, and it recovered afterwards
         row.machine += 1
         return 0
     if kind.clock == "real" and events and events[0]["fault"] == "deadline_missed":
-        row.void += 1  # the machine was first
+        row.void += 1  # the machine stalled first
         row.machine += 1
         return 0
     row.times += 1
     if not events or events[0]["drive_s"] > moment_s + kind.within_s + 0.003:
-        row.fail(f"{folder.name}: {told['faults']}")
+        row.fail(f"{folder.name}: {report['faults']}")
         return 1
     event = events[0]
     row.found += 1
     row.named += event["fault"] in kind.names
-    row.machine += len(told["faults"]) - 1
+    row.machine += len(report["faults"]) - 1
     if event["fault"] not in kind.names:
         row.fail(f"{folder.name}: named {event['fault']}")
-    # What is rendered afterwards is the new process's.
+    # Torques after the recovery are those of the new process.
     after = again.steps()
-    felt = max(after[2]) if after[2] else 0
-    if event["recovered_t_s"] is None or (felt < LOADED_NM and len(told["faults"]) == 1):
-        row.fail(f"{folder.name}: no recovery with the new process: {told['faults']}")
+    largest_Nm = max(after[2]) if after[2] else 0
+    if event["recovered_t_s"] is None or (largest_Nm < LOADED_NM and len(report["faults"]) == 1):
+        row.fail(f"{folder.name}: no recovery with the new process: {report['faults']}")
     else:
-        row.recovered += judge_latch(row, recording, event, False, folder)
-    row.to_zero_s.append(0.0)  # with the process its torques end
+        row.recovered += check_latch(row, recording, event, False, folder)
+    row.to_zero_s.append(0.0)  # torques end with the process
     row.from_moment_s.append(max(0.0, steps[0][-1] - moment_s))
-    if told["link"]["sessions"] < 2:
-        row.fail(f"{folder.name}: {told['link']['sessions']} sessions")
+    if report["link"]["sessions"] < 2:
+        row.fail(f"{folder.name}: {report['link']['sessions']} sessions")
     if not row.failures:
         shutil.rmtree(folder)
     return 1
 
 
 def killed_host(rig, name, kind, row, _):
-    """trocar-run dies under load: the drive's watchdog; then another one has the drive."""
+    """trocar-run is killed under load: the drive's watchdog trips; then another host gets a session."""
     folder = rig.folder()
     simulator = Simulator(rig, row, folder, "", "real")
     process = rig.start(simulator, folder, "real", 2.0)
@@ -482,7 +481,7 @@ def killed_host(rig, name, kind, row, _):
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=30)
     second = rig.start(simulator, folder, "real", 0.6)
-    said = second.communicate(timeout=60)[1]
+    stderr = second.communicate(timeout=60)[1]
     simulator.end()
     times, _, applied, modes, sessions, _ = simulator.steps()
     last = max((i for i in range(len(times)) if sessions[i] == 1 and modes[i] == "torque"), default=0)
@@ -492,26 +491,26 @@ def killed_host(rig, name, kind, row, _):
     row.times += 1
     row.found += modes[min(last + 1, len(modes) - 1)] == "watchdog"
     row.named += modes[min(last + 1, len(modes) - 1)] == "watchdog"
-    # How old its last command was: from the step in which it was taken.
+    # Age of its last command: from the step in which it was received.
     with simulator.files[0].open() as file:
         taken = [int(r["command_taken"]) for r in csv.DictReader(file)]
     first = next(i for i in range(len(times)) if sessions[i] == 1 and taken[i] == taken[last])
     row.to_zero_s.append(0.0)
     row.from_moment_s.append(times[last] - times[first])
     if times[last] - times[first] > kind.own_s:
-        row.fail(f"{folder.name}: the drive kept a dead host's torques for {(times[last] - times[first]) * 1e3:.2f} ms")
+        row.fail(f"{folder.name}: the drive kept a killed host's torques for {(times[last] - times[first]) * 1e3:.2f} ms")
     if any(applied[i] for i in range(last + 1, len(times)) if sessions[i] == 1):
-        row.fail(f"{folder.name}: torques of a dead host")
-    told = json.loads((folder / "run.json").read_text()) if (folder / "run.json").exists() else {"faults": [{"fault": said}]}
+        row.fail(f"{folder.name}: torques of a killed host")
+    report = json.loads((folder / "run.json").read_text()) if (folder / "run.json").exists() else {"faults": [{"fault": stderr}]}
     if second.returncode == 0 and max(a for a, s in zip(applied, sessions) if s == 2) > LOADED_NM:
         row.recovered += 1
-    elif {e["fault"] for e in told["faults"]} <= STALLS:
+    elif {e["fault"] for e in report["faults"]} <= STALLS:
         row.machine += 1
         row.recovered += 1
     else:
-        row.fail(f"{folder.name}: the next host: {second.returncode} {said}")
+        row.fail(f"{folder.name}: the next host: {second.returncode} {stderr}")
     if (folder / "run.csv").exists() and len((folder / "run.csv").read_text().splitlines()) != 601 and second.returncode == 0:
-        row.fail(f"{folder.name}: the next host's recording is not whole")
+        row.fail(f"{folder.name}: the next host's recording is incomplete")
     if not row.failures:
         shutil.rmtree(folder)
     return 1
@@ -543,7 +542,7 @@ def main():
     parser.add_argument("--times", type=int, default=3)
     parser.add_argument("--only", default="")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=4, help="faults looked at at the same time")
+    parser.add_argument("--jobs", type=int, default=4, help="faults tested at the same time")
     options = parser.parse_args()
     rig = Rig(*options.folders)
     names = [name for name in KINDS if not options.only or name in options.only.split(",")]

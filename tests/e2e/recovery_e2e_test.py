@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""recovery_e2e_test.py SOURCE BIN SCAN WORK: a fault as a user meets it: the hand lifts the plate to the end of its
-reach and comes back. Exit codes, the black box, recovery by itself, by SIGUSR1 and not at all, and the replay."""
+"""recovery_e2e_test.py SOURCE BIN SCAN WORK: the hand lifts the plate to the end of its reach, which is a fault, and
+comes back. Exit codes, the black box, no recovery, automatic recovery, recovery by SIGUSR1, and the replay."""
 import json
 import pathlib
 import resource
@@ -23,7 +23,7 @@ def scene_of(source, asset):
 
 
 def limited(*command):
-    """The finished process, which could write no file of more than 5 kB."""
+    """The finished process, with files limited to 5 kB."""
     return subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, 5_000)))
 
@@ -42,7 +42,7 @@ def main():
     scene = work / "scene.json"
     scene.write_text(json.dumps(scene_of(source, asset)))
 
-    # Not at all: the session ends with 5, its recording and its black box are there.
+    # No recovery: exit code 5, with a recording and a black box.
     never = work / "never"
     never.mkdir()
     done = run(trocar_run, scene, "--clock", "virtual", "--record", never / "r.csv", "--summary", never / "s.json", "--quiet", expect=5)
@@ -57,7 +57,7 @@ def main():
     check(recording == box.read_bytes(), "the black box of a session of less than 4 s is not its recording")
     check(len(recording.splitlines()) == summary["ticks"] + 1, "rows are missing")
 
-    # A session that ends with its fault, or on the way to zero: its black box goes up to its last row.
+    # A session that ends at its fault, or before torques are zero: its black box ends with its last row.
     tick_s = 1 / summary["rate_Hz"]
     for ticks in range(1, 8):
         cut = work / f"cut_{ticks}"
@@ -69,13 +69,13 @@ def main():
         check(event["fault"] == "joint_limit" and event["t_s"] == fault["t_s"], f"{ticks} ticks: {event}")
         zero = None if fault["torques_zero_t_s"] > fault["t_s"] + (ticks - 0.5) * tick_s else fault["torques_zero_t_s"]
         check(event["torques_zero_t_s"] == zero, f"{ticks} ticks: {event}, zero at {zero}")
-        whole = min(round(fault["t_s"] / tick_s) + ticks, summary["ticks"]) + 1  # nobody asks for recovery: it ends at rest
+        whole = min(round(fault["t_s"] / tick_s) + ticks, summary["ticks"]) + 1  # without a recovery request it ends once torques are zero
         check(len(rows) == whole, f"{ticks} ticks: {len(rows)} rows, not {whole}")
         last = len(rows) if zero is None else round(zero / tick_s) + 2
         box, = boxes(cut)
-        check(str(box) == event["black_box"] and box.read_bytes().splitlines() == rows[:last], f"{ticks} ticks: {box} ends otherwise")
+        check(str(box) == event["black_box"] and box.read_bytes().splitlines() == rows[:last], f"{ticks} ticks: {box} has other rows")
 
-    # By itself: the session goes on, and the tool goes through the slice as ever.
+    # Automatic recovery: the session continues, and the tool punctures the slice.
     auto = work / "auto"
     auto.mkdir()
     run(trocar_run, scene, "--clock", "virtual", "--recover", "auto", "--record", auto / "r.csv", "--summary", auto / "s.json", "--quiet")
@@ -87,9 +87,9 @@ def main():
     replayed = run(trocar_run, scene, "--replay", auto / "r.csv", "--recover", "auto", "--record", auto / "again.csv")
     check("identical" in replayed.stdout, replayed.stdout)
     check((auto / "r.csv").read_bytes() == (auto / "again.csv").read_bytes(), "the replay of a recovery differs")
-    check(len(boxes(auto)) == 1, "a replay leaves no black box")
+    check(len(boxes(auto)) == 1, "a replay wrote a black box")
 
-    # By the operator, in real time; the black box beside the program where nothing else is said.
+    # Recovery by the operator, in real time; the black box goes to the working directory by default.
     signalled = work / "signalled"
     signalled.mkdir()
     process = subprocess.Popen([trocar_run, scene, "--clock", "real", "--rate", "500", "--recover", "signal", "--summary", "s.json", "--quiet"],
@@ -103,9 +103,9 @@ def main():
     check(fault["recovered_t_s"] is not None, fault)
     check(summary["ticks"] == 2400 and len(boxes(signalled)) == 1, summary["ticks"])
     check("scheduling" in summary["realtime"] and isinstance(summary["realtime"]["kernel_is_realtime"], bool), summary["realtime"])
-    check(sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram is not whole")
+    check(sum(count for _, count in summary["tick_histogram_us"]) == summary["tick_us"]["samples"], "the histogram does not add up")
 
-    # A disk that is full at the end: what fits is written, and the fault is said and counts before all else.
+    # A full disk at the end: the files that fit are written, and the exit code is the fault's.
     full = work / "full"
     full.mkdir()
     for asked, code in ((scene, 5), (source / "runtime" / "scenes" / "one_slice.json", 4)):
@@ -118,13 +118,13 @@ def main():
         faults = json.loads((full / "s.json").read_text())["faults"]
         check([fault["fault"] for fault in faults] == ["joint_limit"] * (code == 5), f"a full disk: {faults}")
 
-    # What is printed is an output too, but for a reader that has gone; a replay that differs says so.
+    # Standard output that cannot be written is an error, except for a closed pipe. A replay reports differing torques.
     with open("/dev/full", "w") as nowhere:
         printed = subprocess.run([trocar_run, scene, "--check"], stdout=nowhere, stderr=subprocess.PIPE, text=True, check=False)
     check(printed.returncode == 4 and "standard output could not be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}")
     process = subprocess.Popen([trocar_run, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()
-    check(process.wait() == 0, f"a reader that has gone: {process.returncode}, {process.stderr.read()!r}")
+    check(process.wait() == 0, f"a closed pipe: {process.returncode}, {process.stderr.read()!r}")
     weaker = work / "weaker.json"
     weaker.write_text(json.dumps({**scene_of(source, asset), "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
     replayed = run(trocar_run, weaker, "--replay", auto / "r.csv", "--recover", "auto", "--quiet")
@@ -132,7 +132,7 @@ def main():
 
     for option in ("--replay", "--record", "--summary", "--duration", "--force-law", "--asset"):
         done = run(trocar_run, scene, option, "", "--clock", "virtual", expect=2)
-        check(option in done.stderr, f"{option} with nothing: {done.stderr!r}")
+        check(option in done.stderr, f"{option} with an empty value: {done.stderr!r}")
     run(trocar_run, scene, "--recover", "perhaps", expect=2)
     run(trocar_run, scene, "--passivity", "1", expect=2)
     run(trocar_run, scene, "--clock", "virtual", "--black-box", work / "absent", "--quiet", expect=4)

@@ -4,8 +4,9 @@
 // by leg, and but for rounding where all legs are summed up.
 #include "runtime/mechanism/singularity.h"
 #include "runtime/mechanism/torque_allocation.h"
-#include "tests/support/device_workspace.h"
 #include "tests/properties/property_fixture.h"
+#include "tests/reference/mechanism/leg_assemblies.h"
+#include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
 namespace {

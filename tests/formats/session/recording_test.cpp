@@ -60,8 +60,8 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
     row.pose_residual_m = any_double(random);
     row.cuts_published = static_cast<std::int64_t>(random() >> 1);
     row.fault = static_cast<Fault>(random() % kFaults);
-    row.device_read = static_cast<DeviceAnswer>(random() % kDeviceAnswers);
-    row.device_write = static_cast<DeviceAnswer>(random() % kDeviceAnswers);
+    row.device_read = static_cast<DeviceStatus>(random() % kRecordedDeviceStatuses);
+    row.device_write = static_cast<DeviceStatus>(random() % kRecordedDeviceStatuses);
     row.outside_fault = static_cast<Fault>(random() % kFaults);
     row.recovery_asked = static_cast<std::uint8_t>(random() % 2);
     row.safety = static_cast<SafetyState>(random() % kSafetyStates);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loop's side of the link over real sockets of this machine: what it hears, what it does not,
-// when it says that the link is lost, and that none of it allocates.
+// The loop's side of the link over real sockets of this machine: accepted and refused packets,
+// detection of a lost link, new sessions, and no allocation; key files and endpoints.
 #include "runtime/link/udp_device.h"
 
 #include <gtest/gtest.h>
@@ -17,9 +17,9 @@
 #include <limits>
 #include <thread>
 
-#include "runtime/simulation/drive.h"
 #include "runtime/link/link_key.h"
 #include "runtime/realtime/allocation_counter.h"
+#include "runtime/simulation/drive.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
@@ -43,13 +43,13 @@ void sleep_ms(int ms) {
   std::this_thread::sleep_for(std::chrono::milliseconds(ms));
 }
 
-/// A drive on a socket, served by a thread: states every millisecond, or in lock-step.
+/// A drive on a socket, run by a thread: states every millisecond, or in lock-step.
 class Peer {
  public:
-  /// The watchdog is patient: a machine that stalls this test for a while is not what is tested.
+  /// The watchdog's time is long, so that a short stall of this machine does not trip it.
   explicit Peer(LinkClock clock, const char* faults = "", double watchdog_s = 1)
       : Peer(clock, faults, watchdog_s, {0x7f000001, 0}, random_link_key()) {}
-  /// A drive that was started again: another process would have the same key and address.
+  /// A drive that was restarted: it has the key and the address of the previous one.
   Peer(LinkClock clock, const char* faults, double watchdog_s, const Endpoint& at,
        const LinkKey& with)
       : socket_(std::move(*UdpSocket::listen(at))), key(with) {
@@ -70,13 +70,13 @@ class Peer {
   Peer(const Peer&) = delete;
   Peer& operator=(const Peer&) = delete;
 
-  /// States are not sent while it is set; commands are heard.
+  /// While set, no states are sent; commands are received.
   std::atomic<bool> mute{false};
-  /// Nothing is heard while it is set; states are sent.
-  std::atomic<bool> deaf{false};
-  /// Datagrams that came.
-  std::atomic<int> heard{0};
-  /// Called with each state before it is sent, to send more; once `sends_more` is set.
+  /// While set, commands are dropped; states are sent.
+  std::atomic<bool> drops_commands{false};
+  /// Datagrams received.
+  std::atomic<int> received{0};
+  /// Called with each state before it is sent, to send more, once `sends_more` is set.
   std::function<void(const Drive::Answer&, UdpSocket&, const Endpoint&)> also;
   std::atomic<bool> sends_more{false};
 
@@ -98,8 +98,8 @@ class Peer {
       Endpoint from;
       Drive::Answer answer;
       while (socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
-        ++heard;
-        if (deaf) continue;
+        ++received;
+        if (drops_commands) continue;
         bool from_host = false;
         drive.receive(std::span(buffer).first(std::min<std::size_t>(bytes, 512)), now_ns(), answer,
                       from_host);
@@ -123,7 +123,7 @@ UdpDeviceOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
   options.key = peer.key;
   options.clock = clock;
   options.connect_timeout_s = 5;
-  // This machine may be busy with other things than this test for as long as that.
+  // Other processes may stall this test for as long as that.
   options.silence_s = 0.5;
   return options;
 }
@@ -134,8 +134,8 @@ std::unique_ptr<UdpDevice> connected(const UdpDeviceOptions& options) {
   return device ? std::move(*device) : nullptr;
 }
 
-/// What a recovering loop does: asks, tick by tick, until the drive is there again, for at most
-/// five seconds; then its status.
+/// As a recovering loop: calls restore() in each tick until read() gives kOk, for at most five
+/// seconds. Gives the last status.
 DeviceStatus restored(UdpDevice& device, DeviceState& state) {
   DeviceStatus status = DeviceStatus::kLinkLost;
   for (int ms = 0; ms < 5000; ++ms) {
@@ -148,7 +148,7 @@ DeviceStatus restored(UdpDevice& device, DeviceState& state) {
   return status;
 }
 
-/// Reads until the status is another than kNoData, for at most two seconds.
+/// Reads until the status is not kNoData, for at most two seconds.
 DeviceStatus next(UdpDevice& device, DeviceState& state) {
   for (int ms = 0; ms < 2000; ++ms) {
     const DeviceStatus status = device.read(state);
@@ -158,14 +158,14 @@ DeviceStatus next(UdpDevice& device, DeviceState& state) {
   return DeviceStatus::kNoData;
 }
 
-TEST(UdpDevice, HearsTheDriveAndIsHeard) {
+TEST(UdpDevice, ReceivesStatesAndSendsTorques) {
   Peer peer(LinkClock::kReal);
   const auto device = connected(to(peer));
   ASSERT_TRUE(device);
   DeviceState state;
   DeviceState expected;
   held_device().read(expected);
-  ASSERT_EQ(device->read(state), DeviceStatus::kOk) << "the first state is there after connect()";
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk) << "no state after connect()";
   EXPECT_EQ(state.encoder_rad, expected.encoder_rad);
   for (int tick = 0; tick < 50; ++tick) {
     DeviceCommand command;
@@ -175,11 +175,11 @@ TEST(UdpDevice, HearsTheDriveAndIsHeard) {
     ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
     EXPECT_GT(state.t_s, before_s);
   }
-  EXPECT_NE(state.encoder_rad, expected.encoder_rad) << "it moves";
+  EXPECT_NE(state.encoder_rad, expected.encoder_rad) << "the torques did not move the device";
   EXPECT_EQ(device->packets().refused(), 0U);
 }
 
-TEST(UdpDevice, TheNewestOfSeveralStatesCounts) {
+TEST(UdpDevice, ReadGivesTheNewestOfSeveralStates) {
   Peer peer(LinkClock::kReal);
   const auto device = connected(to(peer));
   ASSERT_TRUE(device);
@@ -191,11 +191,11 @@ TEST(UdpDevice, TheNewestOfSeveralStatesCounts) {
   EXPECT_GT(device->packets().accepted(), 3U);
 }
 
-TEST(UdpDevice, AfterALongQueueTheNextStateCounts) {
+TEST(UdpDevice, ALongQueueIsDiscardedUntilTheNextState) {
   Peer peer(LinkClock::kReal);
   const auto device = connected(to(peer));
   ASSERT_TRUE(device);
-  sleep_ms(500);  // as long as a loop may take to start: the socket's buffer is full
+  sleep_ms(500);  // a slow start of the loop: the socket's buffer is full
   DeviceState state;
   EXPECT_EQ(device->read(state), DeviceStatus::kNoData);
   EXPECT_EQ(state.t_s, 0);
@@ -203,7 +203,7 @@ TEST(UdpDevice, AfterALongQueueTheNextStateCounts) {
   EXPECT_GT(state.t_s, 0.2);
 }
 
-TEST(UdpDevice, InLockStepEachWriteHasItsAnswer) {
+TEST(UdpDevice, InLockStepEachWriteIsAnswered) {
   Peer peer(LinkClock::kLockStep);
   const auto device = connected(to(peer, LinkClock::kLockStep));
   ASSERT_TRUE(device);
@@ -223,7 +223,7 @@ TEST(UdpDevice, InLockStepEachWriteHasItsAnswer) {
   }
 }
 
-TEST(UdpDevice, SilenceIsALostLinkAfterItsTimeAndNotBefore) {
+TEST(UdpDevice, LinkIsLostAfterTheTimeoutWithoutStates) {
   Peer peer(LinkClock::kReal);
   UdpDeviceOptions options = to(peer);
   options.silence_s = 0.3;
@@ -245,14 +245,14 @@ TEST(UdpDevice, SilenceIsALostLinkAfterItsTimeAndNotBefore) {
   EXPECT_EQ(status, DeviceStatus::kLinkLost);
   EXPECT_GT(Clock::now() - quiet, std::chrono::milliseconds(150));
   EXPECT_EQ(state.t_s, before.t_s);
-  EXPECT_EQ(state.encoder_rad, before.encoder_rad) << "a state is not touched without a new one";
+  EXPECT_EQ(state.encoder_rad, before.encoder_rad) << "the state changed without a new one";
   // A new session with the same drive, in the same world.
   peer.mute = false;
   ASSERT_EQ(restored(*device, state), DeviceStatus::kOk);
   EXPECT_GT(state.t_s, before.t_s);
 }
 
-TEST(UdpDevice, NothingIsRestoredThatIsNotLost) {
+TEST(UdpDevice, RestoreDoesNothingWhileTheLinkWorks) {
   Peer peer(LinkClock::kReal);
   const auto device = connected(to(peer));
   ASSERT_TRUE(device);
@@ -265,7 +265,7 @@ TEST(UdpDevice, NothingIsRestoredThatIsNotLost) {
   EXPECT_EQ(device->sessions(), 1U);
 }
 
-TEST(UdpDevice, ADriveThatWasStartedAgainIsFoundAgain) {
+TEST(UdpDevice, RestoreConnectsToARestartedDrive) {
   auto peer = std::make_unique<Peer>(LinkClock::kReal);
   const Endpoint at = peer->endpoint;
   const LinkKey key = peer->key;
@@ -285,7 +285,7 @@ TEST(UdpDevice, ADriveThatWasStartedAgainIsFoundAgain) {
   }
   ASSERT_EQ(status, DeviceStatus::kLinkLost);
   device->restore();
-  for (int ms = 0; ms < 300; ms += 10) {  // nobody is there yet
+  for (int ms = 0; ms < 300; ms += 10) {  // no drive is running yet
     ASSERT_EQ(device->read(state), DeviceStatus::kLinkLost);
     ASSERT_EQ(device->write({}), DeviceStatus::kLinkLost);
     device->restore();
@@ -294,12 +294,12 @@ TEST(UdpDevice, ADriveThatWasStartedAgainIsFoundAgain) {
   Peer again(LinkClock::kReal, "", 1, at, key);
   EXPECT_EQ(restored(*device, state), DeviceStatus::kOk);
   EXPECT_EQ(device->sessions(), 2U);
-  EXPECT_LT(state.t_s, 1) << "a world of its own";
+  EXPECT_LT(state.t_s, 1) << "the simulated world did not start again";
   ASSERT_EQ(device->write({}), DeviceStatus::kOk);
   EXPECT_EQ(next(*device, state), DeviceStatus::kOk);
 }
 
-TEST(UdpDevice, ADriveThatComesBackWithAnotherClockIsAskedWithPausesAndNamed) {
+TEST(UdpDevice, RestoreRetriesWithPausesAndReportsAnotherClock) {
   auto peer = std::make_unique<Peer>(LinkClock::kReal);
   const auto device = connected(to(*peer));
   ASSERT_TRUE(device);
@@ -317,19 +317,19 @@ TEST(UdpDevice, ADriveThatComesBackWithAnotherClockIsAskedWithPausesAndNamed) {
   Peer other(LinkClock::kLockStep, "", 1, at, key);
   const auto before = Clock::now();
   device->restore();
-  for (int ms = 0; ms < 5000 && other.heard < 6; ++ms)
+  for (int ms = 0; ms < 5000 && other.received < 6; ++ms)
     sleep_ms(1);
   sleep_ms(200);
   device->close();
-  const int heard = other.heard;
-  const double asked_s = std::chrono::duration<double>(Clock::now() - before).count();
-  EXPECT_GE(heard, 6) << "it is asked again and again";
-  EXPECT_LE(heard, 2 * (asked_s / 0.05 + 2)) << "a farewell and a hello each time";
+  const int received = other.received;
+  const double tried_s = std::chrono::duration<double>(Clock::now() - before).count();
+  EXPECT_GE(received, 6) << "too few attempts";
+  EXPECT_LE(received, 2 * (tried_s / 0.05 + 2)) << "more than a stop and a hello per attempt";
   ASSERT_TRUE(device->restore_error());
   EXPECT_NE(device->restore_error()->message.find("--clock virtual"), std::string::npos);
 }
 
-TEST(UdpDevice, InLockStepTimeWaitsForADriveThatIsStartedAgain) {
+TEST(UdpDevice, InLockStepRestoreWaitsForARestartedDrive) {
   auto peer = std::make_unique<Peer>(LinkClock::kLockStep);
   const Endpoint at = peer->endpoint;
   const LinkKey key = peer->key;
@@ -360,7 +360,7 @@ TEST(UdpDevice, InLockStepTimeWaitsForADriveThatIsStartedAgain) {
   ASSERT_TRUE(device->wait_for_answer());
   ASSERT_EQ(device->read(state), DeviceStatus::kOk);
   EXPECT_NEAR(state.t_s, 1e-3, 1e-9);
-  // And if nobody comes, it is over: no tick waits for it again.
+  // Without a restarted drive it gives up: later ticks do not wait.
   lose();
   EXPECT_FALSE(device->wait_for_answer());
   const auto before = Clock::now();
@@ -370,10 +370,10 @@ TEST(UdpDevice, InLockStepTimeWaitsForADriveThatIsStartedAgain) {
     device->write({});
     EXPECT_FALSE(device->wait_for_answer());
   }
-  EXPECT_LT(Clock::now() - before, std::chrono::seconds(2)) << "a tenth of 20 attempts";
+  EXPECT_LT(Clock::now() - before, std::chrono::seconds(2)) << "later ticks wait";
 }
 
-TEST(UdpDevice, AMotorsFaultEndsWithItsSession) {
+TEST(UdpDevice, AMotorFaultLastsUntilTheNextSession) {
   Peer peer(LinkClock::kReal, "dead:2@0.02..0.2");
   const auto device = connected(to(peer));
   ASSERT_TRUE(device);
@@ -386,7 +386,7 @@ TEST(UdpDevice, AMotorsFaultEndsWithItsSession) {
     status = next(*device, state);
   }
   ASSERT_EQ(status, DeviceStatus::kMotorFault);
-  for (int ms = 0; ms < 400; ++ms) {  // the motor is well again, and that changes nothing
+  for (int ms = 0; ms < 400; ++ms) {  // the motor works again, but the fault stays
     device->write({});
     status = next(*device, state);
   }
@@ -395,7 +395,7 @@ TEST(UdpDevice, AMotorsFaultEndsWithItsSession) {
   EXPECT_EQ(device->sessions(), 2U);
 }
 
-/// Torque commands to a peer that goes deaf after the first, until the link is lost; how many.
+/// Number of torque commands until the link is lost, to a peer that drops all but the first.
 int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
   const auto device = connected(options);
   if (!device) return -1;
@@ -403,7 +403,7 @@ int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
   EXPECT_EQ(device->write({}), DeviceStatus::kOk);
   sleep_ms(30);
   next(*device, state);
-  peer.deaf = true;
+  peer.drops_commands = true;
   for (int sent = 1; sent <= most; ++sent) {
     EXPECT_EQ(device->write({}), DeviceStatus::kOk);
     sleep_ms(1);
@@ -412,24 +412,24 @@ int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
   return most + 1;
 }
 
-TEST(UdpDevice, ADriveThatDoesNotHearUsIsALostLinkToo) {
+TEST(UdpDevice, LinkIsLostIfTheDriveReceivesNoCommands) {
   Peer patient(LinkClock::kReal, "", 1000);
   UdpDeviceOptions options = to(patient);
   options.silence_s = 0.4;
   options.period_s = 1e-3;
   const int until = commands_until_lost(patient, options, 3000);
-  EXPECT_GE(until, 200) << "its states still come: 400 ms of our commands must be missing";
+  EXPECT_GE(until, 200) << "lost before 400 ms of commands were dropped";
   EXPECT_LE(until, 3000);
 }
 
-TEST(UdpDevice, ADriveWhoseWatchdogActedIsALostLinkToo) {
-  Peer peer(LinkClock::kReal, "", 0.01);  // it says so
+TEST(UdpDevice, LinkIsLostIfTheWatchdogTrips) {
+  Peer peer(LinkClock::kReal, "", 0.01);
   UdpDeviceOptions options = to(peer);
   options.silence_s = 10;
   EXPECT_LE(commands_until_lost(peer, options, 2000), 2000);
 }
 
-TEST(UdpDevice, AClosedPortIsALostLinkAtOnce) {
+TEST(UdpDevice, AClosedPortIsReportedAtOnce) {
   auto peer = std::make_unique<Peer>(LinkClock::kReal);
   UdpDeviceOptions options = to(*peer);
   options.silence_s = 1000;
@@ -446,7 +446,7 @@ TEST(UdpDevice, AClosedPortIsALostLinkAtOnce) {
   EXPECT_TRUE(lost);
 }
 
-TEST(UdpDevice, EmergencyStopAndDeadMotorAreTold) {
+TEST(UdpDevice, ReportsEmergencyStopAndMotorFault) {
   for (const auto& [faults, wanted] : {std::pair{"stop@0.02", DeviceStatus::kEmergencyStop},
                                        std::pair{"dead:2@0.02", DeviceStatus::kMotorFault}}) {
     Peer peer(LinkClock::kLockStep, faults);
@@ -468,17 +468,17 @@ TEST(UdpDevice, EmergencyStopAndDeadMotorAreTold) {
   }
 }
 
-TEST(UdpDevice, NoiseReplaysAndEchoesAreCountedAndNothingElse) {
+TEST(UdpDevice, InvalidAndReplayedPacketsAreOnlyCounted) {
   Peer peer(LinkClock::kReal);
   Drive::Answer first;
   peer.also = [&](const Drive::Answer& state, UdpSocket& socket, const Endpoint& host) {
     if (first.size == 0) first = state;
-    Drive::Answer bent = state;
-    bent.bytes[60] ^= 4;
+    Drive::Answer changed = state;
+    changed.bytes[60] ^= 4;
     std::array<std::uint8_t, 400> large{};
-    socket.send_to(first.view(), host);               // an old one
-    socket.send_to(bent.view(), host);                // changed
-    socket.send_to(state.view().first(100), host);    // cut
+    socket.send_to(first.view(), host);               // replayed
+    socket.send_to(changed.view(), host);             // a bit changed
+    socket.send_to(state.view().first(100), host);    // truncated
     socket.send_to(std::span(large).first(0), host);  // empty
     socket.send_to(large, host);
   };
@@ -499,7 +499,7 @@ TEST(UdpDevice, NoiseReplaysAndEchoesAreCountedAndNothingElse) {
   EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSize)], 30U);
 }
 
-TEST(UdpDevice, ATorqueThatIsNoneIsNotSent) {
+TEST(UdpDevice, InvalidTorquesAreNotSent) {
   Peer peer(LinkClock::kLockStep);
   const auto device = connected(to(peer, LinkClock::kLockStep));
   ASSERT_TRUE(device);
@@ -511,7 +511,7 @@ TEST(UdpDevice, ATorqueThatIsNoneIsNotSent) {
   EXPECT_EQ(device->write({}), DeviceStatus::kOk);
 }
 
-TEST(UdpDevice, ConnectingSaysWhatIsWrong) {
+TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
   Peer peer(LinkClock::kReal);
   UdpDeviceOptions options = to(peer, LinkClock::kLockStep);
   auto wrong_clock = UdpDevice::connect(options);
@@ -557,7 +557,7 @@ class KeyFile : public testing::Test {
   fs::path file_ = folder_ / "key";
 };
 
-TEST_F(KeyFile, IsMadePrivateOnceAndReadAgain) {
+TEST_F(KeyFile, IsCreatedOnceWithMode0600AndReadBack) {
   const auto made = make_link_key(file_);
   ASSERT_TRUE(made) << made.error().message;
   struct stat status {};
@@ -567,14 +567,14 @@ TEST_F(KeyFile, IsMadePrivateOnceAndReadAgain) {
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(read->bytes, made->bytes);
   const auto again = make_link_key(file_);
-  ASSERT_FALSE(again) << "a key that is there stays";
+  ASSERT_FALSE(again) << "an existing key was replaced";
   EXPECT_EQ(again.error().code, ExitCode::kUnwritable);
   EXPECT_EQ(read_link_key(file_)->bytes, made->bytes);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1) << "nothing is left behind";
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1) << "a temporary file is left";
   EXPECT_FALSE(make_link_key(folder_ / "no" / "such"));
 }
 
-TEST_F(KeyFile, OfOthersOrOfNonsenseIsRefused) {
+TEST_F(KeyFile, WrongModesAndContentsAreRefused) {
   EXPECT_FALSE(read_link_key(file_));
   EXPECT_FALSE(read_link_key(folder_));
   EXPECT_FALSE(read_link_key("/dev/zero"));
@@ -599,7 +599,7 @@ TEST_F(KeyFile, OfOthersOrOfNonsenseIsRefused) {
   }
 }
 
-TEST(Endpoint, IsHostAndPort) {
+TEST(Endpoint, ParsesHostAndPort) {
   const auto good = parse_endpoint("127.0.0.1:4840", 1);
   ASSERT_TRUE(good);
   EXPECT_EQ(*good, (Endpoint{0x7f000001, 4840}));

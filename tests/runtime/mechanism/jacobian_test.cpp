@@ -3,13 +3,17 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
-#include "runtime/mechanism/leg_ring.h"
 #include "runtime/mechanism/singularity.h"
+#include "tests/reference/mechanism/influence_jacobian.h"
+#include "tests/reference/mechanism/joint_limits.h"
+#include "tests/reference/mechanism/leg_ring.h"
+#include "tests/reference/mechanism/twist_from_motor_rates.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -19,8 +23,8 @@ using testing_support::Random;
 using testing_support::random_workspace_pose;
 using testing_support::Workspace;
 
-// Motor rates by central differences of the inverse kinematics: the plate is
-// moved along each axis of {B} and turned about each through its own origin.
+// Motor rates by central differences of the inverse kinematics: the plate is moved along each axis
+// of {B} and rotated about each axis through its own origin.
 Jacobian by_differences(const DeviceDescription& device, const Pose& T) {
   constexpr double kStep = 2e-7;
   Jacobian G;
@@ -63,10 +67,10 @@ TEST(Jacobian, AgreesWithCentralDifferencesAndInfluenceCoefficients) {
   std::printf("relative to the largest entry: differences %.1e, influence coefficients %.1e\n",
               worst_difference, worst_influence);
   EXPECT_LT(worst_difference, 1e-7);
-  EXPECT_LT(worst_influence, 1e-11) << "two closed forms: only rounding may part them";
+  EXPECT_LT(worst_influence, 1e-11) << "two closed forms may differ by rounding only";
 }
 
-// The rows taken one by one, so that a small row cannot hide behind a large one.
+// Row by row, since the largest entry of the matrix would hide the error of a small row.
 TEST(Jacobian, EveryRowAgreesRelativeToItself) {
   const DeviceDescription device = default_device_description();
   Random random(12);
@@ -83,7 +87,12 @@ TEST(Jacobian, EveryRowAgreesRelativeToItself) {
   }
 }
 
-TEST(Jacobian, InverseConditionIsTheSingularValuesRatio) {
+double inverse_condition(const Jacobian& G) {
+  const SingularRange range = singular_range(G);
+  return range.largest > 0 ? range.smallest / range.largest : 0;
+}
+
+TEST(Jacobian, SingularRangeAgreesWithTheSvd) {
   const DeviceDescription device = default_device_description();
   Random random(13);
   for (int n = 0; n < 1000; ++n) {
@@ -101,8 +110,8 @@ TEST(Jacobian, InverseConditionIsTheSingularValuesRatio) {
   EXPECT_EQ(inverse_condition(flat), 0);
 }
 
-// Made of its singular values, down to where rounding hides the least.
-TEST(Jacobian, TheLeastSingularValueIsFoundHoweverSmall) {
+// Matrices made from given singular values, the smallest down to rounding.
+TEST(Jacobian, SmallestSingularValueIsFoundDownToRounding) {
   Random random(14);
   const auto orthonormal = [&](int size) -> Eigen::MatrixXd {
     const Eigen::MatrixXd any =
@@ -123,9 +132,9 @@ TEST(Jacobian, TheLeastSingularValueIsFoundHoweverSmall) {
   }
 }
 
-// Far beyond the stated workspace, wherever the legs reach: only where a chain is nearly stretched,
-// and differences lose their worth, is nothing compared.
-TEST(Jacobian, AgreesWhereverTheLegsReach) {
+// Far beyond the stated workspace, except where a chain is nearly stretched, since differences are
+// inexact there.
+TEST(Jacobian, AgreesInTheWholeReachOfTheLegs) {
   const DeviceDescription device = default_device_description();
   const Workspace wide = {.z_min_m = 0.05, .z_max_m = 0.24, .lateral_m = 0.08, .tilt_rad = 0.8};
   Random random(16);
@@ -155,7 +164,7 @@ TEST(Jacobian, AgreesWhereverTheLegsReach) {
   EXPECT_GT(out_of_reach, 1000);
 }
 
-TEST(Jacobian, TwistAndMotorRatesInvert) {
+TEST(Jacobian, MotorRatesDetermineTheTwist) {
   const DeviceDescription device = default_device_description();
   Random random(17);
   for (int n = 0; n < 2000; ++n) {
@@ -163,12 +172,12 @@ TEST(Jacobian, TwistAndMotorRatesInvert) {
     const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
     Twist twist;
     twist << random.in_ball(), 20 * random.in_ball();
-    const TwistResult back = twist_from_motor_rates(G, motor_rates(G, twist));
+    const TwistResult back = twist_from_motor_rates(G, G * twist);
     ASSERT_TRUE(back.status);
     EXPECT_LT((back.twist_device - twist).norm(), 1e-11 * twist.norm());
     EXPECT_LT(back.residual_rad_per_s, 1e-11);
 
-    // Rates that no motion has: the least squares answer, by the SVD.
+    // Rates of no possible motion: compared with the least squares solution by the SVD.
     MotorVector rates;
     for (double& rate : rates)
       rate = random.between(-10, 10);
@@ -187,9 +196,9 @@ TEST(Jacobian, TwistAndMotorRatesInvert) {
             KinematicsFailure::kBadInput);
 }
 
-// The ring of legs with four is the device; with three, whose azimuths are no right angles, central
-// differences are the judge.
-TEST(Jacobian, RingsOfLegsAgree) {
+// LegRing<4> must equal the device's Jacobian; LegRing<3>, whose azimuths are no right angles, is
+// compared with central differences.
+TEST(Jacobian, LegRingsAgreeWithTheDeviceAndWithDifferences) {
   const DeviceDescription device = default_device_description();
   Random random(18);
   for (int n = 0; n < 2000; ++n) {
@@ -219,9 +228,9 @@ TEST(Jacobian, RingsOfLegsAgree) {
   }
 }
 
-// DESIGN's figures: well conditioned over the workspace, and 35 N in any direction
-// within the motors' peak. For a unit force the minimum-norm torque of motor i is
-// at most the length of row i of the pseudo-inverse's force columns.
+// Over the workspace: inverse condition number, and the torque for 35 N in any direction. For a
+// unit force the minimum-norm torque of motor i is at most the length of row i of the
+// pseudo-inverse's force columns.
 struct Figures {
   double inverse_condition = 1;
   double torque_35N_Nm = 0;
@@ -240,7 +249,7 @@ Figures survey(const Workspace& workspace, std::uint64_t seed, int poses) {
       ++figures.unreachable;
       continue;
     }
-    figures.beyond_limits += !check_joint_limits(device, inverse.joints);
+    figures.beyond_limits += !all_joints_within_limits(device, inverse.joints);
     figures.inverse_condition = std::min(figures.inverse_condition, inverse_condition(motion.G));
     const Eigen::Matrix<double, kMotors, 6> pseudo_inverse =
         motion.G * (motion.G.transpose() * motion.G).inverse();
@@ -264,7 +273,7 @@ TEST(Jacobian, WorkspaceIsWellConditioned) {
   EXPECT_GT(workspace.inverse_condition, 0.15);
   EXPECT_LT(workspace.torque_35N_Nm, 4.5);
 
-  // Where the experiments move the tool: near the axis, a little above and below.
+  // Where the experiments move the tool: near the axis, with a larger range of height.
   const Figures axis = survey({.z_min_m = 0.085,
                                .z_max_m = 0.21,
                                .lateral_m = 0.005,
@@ -277,13 +286,13 @@ TEST(Jacobian, WorkspaceIsWellConditioned) {
   EXPECT_LT(axis.torque_35N_Nm, 6);
 }
 
-TEST(Jacobian, AStretchedChainIsNamed) {
+TEST(Jacobian, StatusNamesTheStretchedChain) {
   const DeviceDescription device = default_device_description();
   Pose T;
   T.p_m.z() = 0.15;
   JointAngles joints = inverse_kinematics(device, T).joints;
-  // Joint angles for which leg 3's lower links lie in one line: not this pose's
-  // own, but what the end of reach looks like.
+  // Joint angles for which leg 3's lower links lie in one line, as at the end of its reach. They
+  // are not those of the pose.
   joints.theta_rad[2][4] = 0;
   joints.theta_rad[2][5] = 0;
   const JacobianResult influence = influence_jacobian(device, T, joints);

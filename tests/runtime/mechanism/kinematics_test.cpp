@@ -13,6 +13,8 @@
 #include <vector>
 
 #include "runtime/mechanism/leg.h"
+#include "tests/reference/mechanism/joint_limits.h"
+#include "tests/reference/mechanism/leg_assemblies.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -40,14 +42,14 @@ TEST(Kinematics, InverseSatisfiesBothChains) {
     const Pose T = random_workspace_pose(random);
     const InverseResult inverse = inverse_kinematics(device, T);
     ASSERT_TRUE(inverse.status) << "pose " << n;
-    ASSERT_TRUE(check_joint_limits(device, inverse.joints)) << "pose " << n;
+    ASSERT_TRUE(all_joints_within_limits(device, inverse.joints)) << "pose " << n;
     for (int m = 0; m < kLegs; ++m) {
       const auto& th = inverse.joints.theta_rad[m];
       for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
         lowest[j] = std::min(lowest[j], th[j]);
         highest[j] = std::max(highest[j], th[j]);
       }
-      // The chains in plain words, by rotation matrices instead of the leg helpers.
+      // Both chains computed with rotation matrices instead of the functions of leg.h.
       const Eigen::Matrix3d leg = Eigen::AngleAxisd(m * 90 * kDeg, Vector3d::UnitZ()).matrix();
       const Vector3d C = T.p_m + T.q * (leg * Vector3d(g.R_T_m, 0, 0));
       const auto upper = [&](double a) { return Vector3d(std::cos(a), 0, std::sin(a)); };
@@ -88,7 +90,7 @@ TEST(Kinematics, ForwardFromPassiveEncodersReturnsThePose) {
   EXPECT_LT(worst_rad, 1e-10);
 }
 
-// Against Eigen's general Umeyama on encoders that do not agree with each other.
+// Compared with Eigen's general Umeyama fit, for encoders that contradict each other.
 TEST(Kinematics, ForwardIsTheLeastSquaresFit) {
   const DeviceDescription device = default_device_description();
   Random random(3);
@@ -115,7 +117,7 @@ TEST(Kinematics, ForwardIsTheLeastSquaresFit) {
                                           .squaredNorm() /
                                       kLegs);
     EXPECT_NEAR(forward.residual_m, residual, 1e-12);
-    EXPECT_GT(forward.residual_m, 1e-5) << "noise must show in the health check";
+    EXPECT_GT(forward.residual_m, 1e-5) << "noise must raise the residual";
   }
 }
 
@@ -146,9 +148,9 @@ TEST(Kinematics, GaussNewtonFromTheLastPoseReturnsThePose) {
   EXPECT_LT(worst_rad, 1e-10);
 }
 
-// Starts from ever farther away: what the iteration gives as the pose is the pose, or it says that
-// it may be on another branch; wrong landings do occur, and all are told.
-TEST(Kinematics, GaussNewtonTellsWhenItLandsElsewhere) {
+// From increasingly distant starts, a pose with status kOk is the right one. Wrong solutions occur,
+// and each is reported as kOtherBranch.
+TEST(Kinematics, GaussNewtonReportsWrongSolutions) {
   const DeviceDescription device = default_device_description();
   Random random(6);
   int right = 0, flagged_right = 0, flagged_wrong = 0, failed = 0;
@@ -168,19 +170,19 @@ TEST(Kinematics, GaussNewtonTellsWhenItLandsElsewhere) {
         ++right;
       } else if (found.status.failure == KinematicsFailure::kOtherBranch) {
         ++(is_right ? flagged_right : flagged_wrong);
-        if (away_m == 0.005) ADD_FAILURE() << "flagged within 5 mm";
+        if (away_m == 0.005) ADD_FAILURE() << "kOtherBranch within 5 mm";
       } else {
         ++failed;
       }
     }
   }
-  std::printf("right %d; flagged: right but far %d, elsewhere %d; not converged or singular %d\n",
+  std::printf("right %d; kOtherBranch: right but far %d, wrong %d; not converged or singular %d\n",
               right, flagged_right, flagged_wrong, failed);
   EXPECT_GT(right, 5000);
-  EXPECT_GT(flagged_wrong, 100) << "these starts do not put the check to the test";
+  EXPECT_GT(flagged_wrong, 100) << "too few wrong solutions to test the check";
 }
 
-TEST(Kinematics, AChainOnItsOtherSideIsNamedByGaussNewton) {
+TEST(Kinematics, GaussNewtonNamesTheChainOnTheOtherBranch) {
   const DeviceDescription device = default_device_description();
   Random random(8);
   std::array<std::array<int, 2>, kLegs> seen{};
@@ -207,8 +209,7 @@ TEST(Kinematics, AChainOnItsOtherSideIsNamedByGaussNewton) {
     EXPECT_TRUE(leg[0] > 0 && leg[1] > 0) << leg[0] << " " << leg[1];
 }
 
-// Every angle at which |C - E| = l2, and every one at which |D - F| = l4, by their changes of sign
-// around the circle.
+// All zeros of f around the circle, by its changes of sign.
 std::vector<double> zeros_around(const std::function<double(double)>& f) {
   std::vector<double> zeros;
   constexpr int kSteps = 2000;
@@ -224,7 +225,7 @@ std::vector<double> zeros_around(const std::function<double(double)>& f) {
   return zeros;
 }
 
-TEST(Kinematics, AllAssembliesAreFoundAndTheDescriptionsIsChosen) {
+TEST(Kinematics, InverseGivesTheDescribedOneOfAllAssemblies) {
   const DeviceDescription device = default_device_description();
   const DeviceGeometry& g = device.geometry;
   Random random(7);
@@ -273,7 +274,7 @@ TEST(Kinematics, AllAssembliesAreFoundAndTheDescriptionsIsChosen) {
       }
       EXPECT_FALSE(same_angle(all[0].theta_rad[0], all[2].theta_rad[0]));
     }
-    // A device built the other way round gets its own.
+    // A device described with the other branch of theta4.
     DeviceDescription other = device;
     other.geometry.branch_theta4 = -1;
     const InverseResult mirrored = inverse_kinematics(other, T);
@@ -288,7 +289,7 @@ TEST(Kinematics, AllAssembliesAreFoundAndTheDescriptionsIsChosen) {
   EXPECT_EQ(leg_assemblies(device, Pose{}, 4)[0].status.failure, KinematicsFailure::kBadInput);
 }
 
-TEST(Kinematics, EncodersThatDisagreeShowInGaussNewtonsResidual) {
+TEST(Kinematics, ContradictingEncodersRaiseGaussNewtonsResidual) {
   const DeviceDescription device = default_device_description();
   Pose T;
   T.p_m.z() = 0.15;
@@ -297,7 +298,7 @@ TEST(Kinematics, EncodersThatDisagreeShowInGaussNewtonsResidual) {
   ForwardResult forward = forward_kinematics_from_motors(device, motors, T);
   ASSERT_TRUE(forward.status);
   EXPECT_GT(forward.residual_m, 1e-5);
-  // An encoder that is far off cannot be told from another branch.
+  // A large error of an encoder cannot be distinguished from another branch.
   motors[3] += 0.03;
   forward = forward_kinematics_from_motors(device, motors, T);
   EXPECT_EQ(forward.status.failure, KinematicsFailure::kOtherBranch);
@@ -312,7 +313,7 @@ TEST(Kinematics, FailuresAreNamed) {
   T.p_m.z() = 0.15;
   ASSERT_TRUE(inverse_kinematics(device, T).status);
 
-  // Leg 1 stands at +x: pulled away to -x it is the one that cannot follow.
+  // Leg 1 stands at +x, so it cannot reach a plate at -x.
   Pose away = T;
   away.p_m.x() = -0.12;
   const KinematicsStatus stretched = inverse_kinematics(device, away).status;
@@ -358,12 +359,12 @@ TEST(Kinematics, FailuresAreNamed) {
   }
 }
 
-TEST(Kinematics, LimitsAreJudgedAtBothEndsAndWithAMargin) {
+TEST(Kinematics, JointLimitsAreCheckedAtBothEnds) {
   const DeviceDescription device = default_device_description();
   Pose T;
   T.p_m.z() = 0.15;
   const JointAngles inside = inverse_kinematics(device, T).joints;
-  EXPECT_TRUE(check_joint_limits(device, inside));
+  EXPECT_TRUE(check_joint_limits(device, encoder_angles(inside)));
   for (int m = 0; m < kLegs; ++m) {
     for (int j = 0; j < static_cast<int>(kJointsPerLeg); ++j) {
       const JointLimit& limit = device.joint_limit[j];
@@ -371,23 +372,24 @@ TEST(Kinematics, LimitsAreJudgedAtBothEndsAndWithAMargin) {
            {limit.min_rad - 1e-6, limit.max_rad + 1e-6, std::numeric_limits<double>::quiet_NaN()}) {
         JointAngles joints = inside;
         joints.theta_rad[m][j] = at;
-        const KinematicsStatus status = check_joint_limits(device, joints);
+        EXPECT_FALSE(all_joints_within_limits(device, joints));
+        const KinematicsStatus status = check_joint_limits(device, encoder_angles(joints));
+        if (j >= 4) {  // no encoder
+          EXPECT_TRUE(status);
+          continue;
+        }
         EXPECT_EQ(status.failure, KinematicsFailure::kBeyondLimit);
         EXPECT_EQ(status.leg, m + 1);
         EXPECT_EQ(status.joint, j + 1);
-        const KinematicsStatus by_encoder = check_joint_limits(device, encoder_angles(joints));
-        EXPECT_EQ(static_cast<bool>(by_encoder), j >= 4);
-        EXPECT_EQ(by_encoder.joint, j < 4 ? j + 1 : 0);
       }
       JointAngles near = inside;
       near.theta_rad[m][j] = limit.max_rad - 0.01;
-      EXPECT_TRUE(check_joint_limits(device, near));
-      EXPECT_FALSE(check_joint_limits(device, near, 0.02));
+      EXPECT_TRUE(check_joint_limits(device, encoder_angles(near)));
     }
   }
 }
 
-TEST(Kinematics, RotationVectorsInvert) {
+TEST(Kinematics, RotationVectorsConvertBothWays) {
   Random random(5);
   for (const double length : {0.0, 1e-13, 1e-9, 1e-6, 1e-3, 1.0, 3.0}) {
     const Vector3d r = length * random.direction();

@@ -30,29 +30,29 @@ TEST(MotorModel, JointTorqueIsCurrentTimesConstantAndGears) {
   }
 }
 
-TEST(MotorModel, TheWeakerOfDriveAndJointLimits) {
+TEST(MotorModel, PeakIsTheLowerOfDriveAndJointLimit) {
   DeviceDescription device = default_device_description();
-  // The shipped drive can do more than the joint may bear.
+  // The described drive could give more than the joint's peak torque.
   MotorModel model = make_motor_model(device);
   EXPECT_EQ(available_torque(model, {}), MotorVector::Constant(6)) << "to the bit, when cold";
   EXPECT_LT(model.peak_A[0], device.motor_peak_current_A);
-  // A weaker drive rules.
+  // A weaker drive limits the torque.
   device.motor_peak_current_A = 4;
   device.motor_continuous_current_A = 2;
   model = make_motor_model(device);
   EXPECT_NEAR(available_torque(model, {})[0], 4 * 1.08, 1e-12);
-  MotorLoad spent;
-  spent.excess_A2s.setConstant(1e6);
-  EXPECT_NEAR(available_torque(model, spent)[0], 2 * 1.08, 1e-12);
+  MotorLoad used_up;
+  used_up.excess_A2s.setConstant(1e6);
+  EXPECT_NEAR(available_torque(model, used_up)[0], 2 * 1.08, 1e-12);
 }
 
-// Law 1 by brute force over every stretch of a session in which the controller asks for too much,
-// too little and nothing, and gets no more than is available.
-TEST(MotorLoad, HeatOverAnyStretchIsBounded) {
+// Law 1 by brute force over every interval of a session. The wanted current is above the peak,
+// below it and zero; the applied one is clamped to the available current.
+TEST(MotorLoad, SquaredCurrentOverAnyIntervalIsBounded) {
   const MotorModel model = make_motor_model(default_device_description());
   Random random(51);
   const double low2 = model.continuous_A[0] * model.continuous_A[0];
-  const double budget = (model.peak_A[0] * model.peak_A[0] - low2) * model.peak_time_s;
+  const double capacity = (model.peak_A[0] * model.peak_A[0] - low2) * model.peak_time_s;
   MotorLoad load;
   std::vector<double> excess = {0};  // integral of I^2 - continuous^2 from the start
   double wanted_A = 0, last_A = model.peak_A[0], fastest_A_per_s = 0;
@@ -77,15 +77,15 @@ TEST(MotorLoad, HeatOverAnyStretchIsBounded) {
     worst = std::max(worst, each - lowest);
   }
   std::printf(
-      "most heat over continuous in any stretch: %.3f of the budget; limit moves <= %.1f "
+      "largest i2t over continuous in any interval: %.3f of the capacity; limit changes <= %.1f "
       "A/s\n",
-      worst / budget, fastest_A_per_s);
-  EXPECT_LE(worst, budget * (1 + 1e-9));
-  EXPECT_GT(worst, 0.95 * budget) << "the budget is there to be used";
+      worst / capacity, fastest_A_per_s);
+  EXPECT_LE(worst, capacity * (1 + 1e-9));
+  EXPECT_GT(worst, 0.95 * capacity) << "the capacity is not used";
   EXPECT_LT(fastest_A_per_s, 0.01 / kTick_s) << "law 2: without jumps";
 }
 
-TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeThenGivesWayThenReturns) {
+TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeAndReturnsAfterCooling) {
   const MotorModel model = make_motor_model(default_device_description());
   MotorLoad load;
   double at_peak_s = 0;
@@ -96,15 +96,15 @@ TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeThenGivesWayThenReturns) {
   }
   EXPECT_NEAR(at_peak_s, 0.75 * model.peak_time_s, 2 * kTick_s);
   EXPECT_NEAR(available_torque(model, load)[3], 3, 0.01) << "continuous from then on";
-  const double budget = load.excess_A2s[3];
-  const double rest_s = budget / (model.continuous_A[3] * model.continuous_A[3]);
+  const double used_A2s = load.excess_A2s[3];
+  const double rest_s = used_A2s / (model.continuous_A[3] * model.continuous_A[3]);
   for (int tick = 0; tick < rest_s / kTick_s + 2; ++tick)
     load = advance(model, load, MotorVector::Zero(), kTick_s);
   EXPECT_EQ(load.excess_A2s[3], 0);
   EXPECT_EQ(available_torque(model, load), MotorVector::Constant(6));
 }
 
-TEST(MotorLoad, WhatIsNotFiniteCountsAsThePeak) {
+TEST(MotorLoad, CurrentThatIsNotFiniteCountsAsThePeak) {
   const MotorModel model = make_motor_model(default_device_description());
   MotorVector current = model.peak_A;
   const MotorLoad expected = advance(model, {}, current, kTick_s);
@@ -113,14 +113,14 @@ TEST(MotorLoad, WhatIsNotFiniteCountsAsThePeak) {
   EXPECT_EQ(advance(model, {}, current, kTick_s).excess_A2s, expected.excess_A2s);
 }
 
-TEST(MotorLoad, WithoutAPeakTheLimitIsContinuous) {
+TEST(MotorLoad, PeakEqualToContinuousGivesAConstantLimit) {
   DeviceDescription device = default_device_description();
   device.motor_peak_current_A = device.motor_continuous_current_A = 2;
   const MotorModel model = make_motor_model(device);
   EXPECT_EQ(available_current(model, {}), MotorVector::Constant(2));
 }
 
-TEST(Compensation, IsOffUnlessAskedFor) {
+TEST(Compensation, IsOffByDefault) {
   DeviceDescription device = default_device_description();
   device.gravity_m_per_s2 = 9.81;
   device.joint_coulomb_friction_Nm = 0.1;
@@ -131,7 +131,7 @@ TEST(Compensation, IsOffUnlessAskedFor) {
             MotorVector::Zero());
 }
 
-TEST(Compensation, FrictionFollowsTheRateContinuouslyAndNeverInFull) {
+TEST(Compensation, FrictionPartIsContinuousInTheRateAndBelowTheFriction) {
   DeviceDescription device = default_device_description();
   device.joint_coulomb_friction_Nm = 0.1;
   device.joint_viscous_friction_Nms_per_rad = 0.02;
@@ -154,7 +154,7 @@ TEST(Compensation, FrictionFollowsTheRateContinuouslyAndNeverInFull) {
   EXPECT_EQ(torque(std::numeric_limits<double>::quiet_NaN()), 0);
 }
 
-TEST(Compensation, GravityTorquesHoldThePlate) {
+TEST(Compensation, GravityPartHoldsThePlate) {
   DeviceDescription device = default_device_description();
   device.gravity_m_per_s2 = 9.81;
   const MotorModel model = make_motor_model(device);
@@ -170,8 +170,8 @@ TEST(Compensation, GravityTorquesHoldThePlate) {
   }
 }
 
-// The rendered part is never bent by what else the motors do, and the sum keeps the limits.
-TEST(Compensation, RenderingBesideItIsNeverBentAndKeepsTheLimits) {
+// The rendered part keeps its direction, and the sum keeps the limits.
+TEST(Compensation, AllocationWithBiasKeepsDirectionAndLimits) {
   const DeviceDescription device = default_device_description();
   Random random(53);
   int scaled = 0;
@@ -180,15 +180,15 @@ TEST(Compensation, RenderingBesideItIsNeverBentAndKeepsTheLimits) {
     const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
     Wrench wanted;
     wanted << random.between(0, 120) * random.direction(), 2 * random.in_ball();
-    MotorVector beside, limit;
+    MotorVector bias, limit;
     for (int i = 0; i < kMotors; ++i) {
-      beside[i] = random.between(-1, 1);
+      bias[i] = random.between(-1, 1);
       limit[i] = random.between(3, 6);
     }
-    const AllocationResult result = allocate_torques_beside(G, wanted, limit, beside);
+    const AllocationResult result = allocate_torques_beside(G, wanted, limit, bias);
     ASSERT_NE(result.kind, Allocation::kRefused);
     ASSERT_TRUE((result.tau_motor_Nm.cwiseAbs().array() <= limit.array()).all());
-    const Wrench rendered = G.transpose() * (result.tau_motor_Nm - beside);
+    const Wrench rendered = G.transpose() * (result.tau_motor_Nm - bias);
     ASSERT_LT((rendered - result.scale * wanted).norm(), 1e-9 * wanted.norm());
     ASSERT_LT((rendered - result.wrench_device).norm(), 1e-9 * wanted.norm());
     scaled += result.scale < 1;

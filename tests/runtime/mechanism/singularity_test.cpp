@@ -36,7 +36,7 @@ Solved random_solved(Random& random, const DeviceDescription& device, const Work
   }
 }
 
-TEST(Singularity, SmallestSingularValueIsTheWeakestDirections) {
+TEST(Singularity, SmallestSingularValueIsThatOfTheWeakestDirection) {
   const DeviceDescription device = default_device_description();
   Random random(41);
   for (int n = 0; n < 1000; ++n) {
@@ -48,8 +48,7 @@ TEST(Singularity, SmallestSingularValueIsTheWeakestDirections) {
     const double largest = svd.singularValues()[0], smallest = svd.singularValues()[5];
     EXPECT_NEAR(s.smallest_singular_value_per_m, smallest, 1e-12 * largest);
     EXPECT_NEAR(s.inverse_condition, smallest / largest, 1e-12);
-    EXPECT_EQ(s.inverse_condition, inverse_condition(at.G));
-    // What it says of forces: 1 N*m of torques holds this many N against the weakest wrench.
+    // By duality: torques of norm 1 N*m hold this many N in the weakest direction.
     Wrench weakest = svd.matrixV().col(5);
     weakest.tail<3>() *= kCharacteristicLength_m;
     const AllocationResult result = allocate_torques(at.G, weakest, 1e9);
@@ -60,9 +59,9 @@ TEST(Singularity, SmallestSingularValueIsTheWeakestDirections) {
   }
 }
 
-// First-hand: the ball joint is moved in random directions, by less than the distance and, in the
-// best direction, by a little more; th1's side is read off its links.
-TEST(Singularity, BranchDistanceIsHowFarTheJointMayMove) {
+// The end point is moved in random directions. It stays within the chain's reach for moves of the
+// distance, and for most chains leaves it in some direction for moves 1.2 times as long.
+TEST(Singularity, BranchDistanceIsTheLargestSafeMove) {
   const DeviceDescription device = default_device_description();
   const DeviceGeometry& g = device.geometry;
   Random random(42);
@@ -88,18 +87,18 @@ TEST(Singularity, BranchDistanceIsHowFarTheJointMayMove) {
       const Vector3d p = C - leg::upper_motor(g), q = D - leg::lower_motor(g);
       const Vector3d chains[2] = {{p.x(), p.z(), p.y()}, q};
       const double links[2][2] = {{g.l1_m, g.l2_m}, {g.l3_m, g.l4_m}};
-      const double said[2] = {s.branch[m].theta1_m, s.branch[m].theta4_m};
+      const double measured_m[2] = {s.branch[m].theta1_m, s.branch[m].theta4_m};
       for (int c = 0; c < 2; ++c) {
-        least_m = std::min(least_m, said[c]);
-        ASSERT_GT(said[c], 0);
-        near += said[c] < 0.005;
+        least_m = std::min(least_m, measured_m[c]);
+        ASSERT_GT(measured_m[c], 0);
+        near += measured_m[c] < 0.005;
         bool left = false;
         for (int k = 0; k < 40; ++k) {
           // The scan is good to 1e-5 of the links.
           const Vector3d step = random.direction();
-          EXPECT_TRUE(reaches(chains[c] + (said[c] - 2e-6) * step, links[c][0], links[c][1]));
-          left =
-              left || !reaches(chains[c] + (1.2 * said[c] + 1e-5) * step, links[c][0], links[c][1]);
+          EXPECT_TRUE(reaches(chains[c] + (measured_m[c] - 2e-6) * step, links[c][0], links[c][1]));
+          left = left || !reaches(chains[c] + (1.2 * measured_m[c] + 1e-5) * step, links[c][0],
+                                  links[c][1]);
         }
         tight += left;
       }
@@ -111,11 +110,12 @@ TEST(Singularity, BranchDistanceIsHowFarTheJointMayMove) {
   std::printf("chains nearer than 5 mm: %d; of 2400, left when moved 1.2 times as far: %d\n", near,
               tight);
   EXPECT_GT(near, 20);
-  EXPECT_GT(tight, 2000) << "the distance is timid";
+  EXPECT_GT(tight, 2000) << "the distance is too small";
 }
 
-// As a pose moves to the end of a leg's reach, the measure goes to zero as the inverse fails.
-TEST(Singularity, VanishesWhereTheInverseFails) {
+// At the end of a leg's reach the measure is zero, and names the leg and joint that the inverse
+// kinematics names beyond it.
+TEST(Singularity, IsZeroWhereTheInverseBeginsToFail) {
   const DeviceDescription device = default_device_description();
   Random random(43);
   for (int n = 0; n < 200; ++n) {
@@ -127,7 +127,7 @@ TEST(Singularity, VanishesWhereTheInverseFails) {
       T.p_m += distance * direction;
       return T;
     };
-    // Not monotonic in general, but bisection ends at one change.
+    // Reach is not monotonic in general, but bisection ends at one of its boundaries.
     for (int i = 0; i < 60; ++i) {
       const double middle = (inside + outside) / 2;
       (inverse_kinematics(device, moved(middle)).status ? inside : outside) = middle;
@@ -142,7 +142,7 @@ TEST(Singularity, VanishesWhereTheInverseFails) {
   }
 }
 
-TEST(Singularity, TheHapticThreadsFunctionsDoNotAllocate) {
+TEST(Singularity, FunctionsOfTheHapticThreadDoNotAllocate) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
   const DeviceDescription device = default_device_description();
   const MotorModel motors = make_motor_model(device);
@@ -158,13 +158,11 @@ TEST(Singularity, TheHapticThreadsFunctionsDoNotAllocate) {
     const NoAllocationScope scope;
     kept += singular_range(flat).smallest;
     kept += measure_singularity(device, at.T, at.joints, at.G).nearest_branch_m;
-    kept += leg_assemblies(device, at.T, n % kLegs)[3].theta_rad[0];
     kept += forward_kinematics_from_motors(device, motor_angles(at.joints), at.T).residual_m;
-    kept += twist_from_motor_rates(at.G, MotorVector::Ones()).twist_device[0];
-    const MotorVector beside = compensation_torques(device, motors, at.G, MotorVector::Ones(),
-                                                    {.friction = true, .gravity = true});
-    const MotorLoad load = advance(motors, {}, motor_currents(motors, beside), 1e-3);
-    kept += allocate_torques_beside(at.G, wanted, available_torque(motors, load), beside).scale;
+    const MotorVector bias = compensation_torques(device, motors, at.G, MotorVector::Ones(),
+                                                  {.friction = true, .gravity = true});
+    const MotorLoad load = advance(motors, {}, motor_currents(motors, bias), 1e-3);
+    kept += allocate_torques_beside(at.G, wanted, available_torque(motors, load), bias).scale;
   }
   EXPECT_EQ(allocations_in_scopes(), before);
   EXPECT_TRUE(std::isfinite(kept));

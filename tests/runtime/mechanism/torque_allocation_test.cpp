@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The numbered laws of runtime/mechanism/torque_allocation.h.
+// The laws stated in runtime/mechanism/torque_allocation.h.
 #include "runtime/mechanism/torque_allocation.h"
 
 #include <gtest/gtest.h>
@@ -24,14 +24,14 @@ Jacobian jacobian_at(const DeviceDescription& device, const Pose& T) {
   return jacobian(device, T, inverse_kinematics(device, T).joints).G;
 }
 
-// Force in N with moment in N*m of a plate's size beside it.
+// Force in N, with a moment in N*m of up to force times 0.05 m.
 Wrench random_wrench(Random& random, double force_N) {
   Wrench wrench;
   wrench << force_N * random.direction(), force_N * 0.05 * random.in_ball();
   return wrench;
 }
 
-// An independent route to the pseudo-inverse and the null space: the SVD.
+// Pseudo-inverse and null space by the SVD, independent of the QR of the implementation.
 struct Reference {
   MotorVector minimum_norm;
   Eigen::Matrix<double, kMotors, 2> null_space;
@@ -53,9 +53,10 @@ MotorVector stiffness(const MotorVector& limit) {
   return out;
 }
 
-// Law 5's minimum by trying which torques are below, within or above their working limits, all 3^8
-// of it: each is a linear system for the torques and the wrench's multipliers (KKT). The problem
-// is strictly convex, so the one answer that agrees with its own assumption is the minimum.
+// Law 5's minimum by enumeration of the 3^8 patterns of torques below, within or above their
+// working limits. Each pattern is a linear system for the torques and the wrench's multipliers
+// (KKT). The problem is strictly convex, so the solution that is consistent with its pattern is the
+// minimum.
 MotorVector by_enumeration(const Jacobian& G, const Wrench& wrench, const MotorVector& limit) {
   const MotorVector working = working_limits(limit), k = stiffness(limit);
   int patterns = 1;
@@ -105,7 +106,7 @@ int from_environment(const char* name, int otherwise) {
   return text == nullptr ? otherwise : std::atoi(text);
 }
 
-TEST(TorqueAllocation, InsideTheLimitsItIsThePseudoInverse) {
+TEST(TorqueAllocation, WithinTheLimitsItIsThePseudoInverse) {
   const DeviceDescription device = default_device_description();
   Random random(21);
   double worst = 0;
@@ -122,11 +123,11 @@ TEST(TorqueAllocation, InsideTheLimitsItIsThePseudoInverse) {
       const MotorVector expected = reference(G, wanted).minimum_norm;
       ASSERT_LT((result.tau_motor_Nm - expected).norm(), 1e-11 * (1 + expected.norm()));
     }
-    // Wider limits change nothing, to the bit.
+    // Wider limits give the same bits.
     const AllocationResult wide = allocate_torques(G, wanted, 1e6);
     ASSERT_EQ(wide.tau_motor_Nm, result.tau_motor_Nm);
   }
-  std::printf("delivered against wanted within limits: %.1e relative\n", worst);
+  std::printf("delivered compared with wanted within limits: %.1e relative\n", worst);
   EXPECT_LT(worst, 1e-9);
 }
 
@@ -177,7 +178,7 @@ double largest_scale(const MotorVector& tau, const Eigen::Matrix<double, kMotors
 
 MotorVector random_limits(Random& random, int n) {
   MotorVector limit = MotorVector::Constant(6);
-  if (n % 3 == 0) {  // motors need not be alike
+  if (n % 3 == 0) {  // motors may differ
     for (double& each : limit)
       each = random.between(1, 6);
   }
@@ -195,7 +196,7 @@ Pose random_pose(Random& random, int n) {
 }
 
 // Laws 1 to 4 at random poses, wrenches and limits; TROCAR_ALLOCATIONS sets how many.
-TEST(TorqueAllocation, DeliversExactlyWhatTheWorkingLimitsAllowElseScales) {
+TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
   const DeviceDescription device = default_device_description();
   const int count = from_environment("TROCAR_ALLOCATIONS", 10'000);
   Random random(23);
@@ -250,7 +251,7 @@ TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
     const Jacobian G = jacobian_at(device, random_pose(random, n));
     const Wrench direction = random_wrench(random, 1);
     const MotorVector limit = random_limits(random, n);
-    // As many near the end of what is feasible as far within and beyond.
+    // Half of them near the boundary of the feasible wrenches, the others far inside and beyond.
     const double most_N = 1e6 * allocate_torques(G, 1e6 * direction, limit).scale;
     const Wrench wanted =
         most_N * (n % 2 == 0 ? random.between(0.4, 1.5) : random.between(0.95, 1.05)) * direction;
@@ -267,10 +268,10 @@ TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
   EXPECT_GT(over_working, count / 2);
 }
 
-// Law 6. Around random points, most of them where torques move fastest, with steps from 10 N and
-// 10 mm down to what rounding allows: a jump would show as a speed that grows without bound as
-// steps shrink. Speeds are in terms of the minimum-norm torques and the null space, by the SVD.
-TEST(TorqueAllocation, TorquesMoveAtABoundedRate) {
+// Law 6, around random points, most of them where torques change fastest, with steps from 10 N and
+// 10 mm down to rounding. A jump would give a rate that grows without bound as the steps shrink.
+// The rate is relative to the change of the minimum-norm torques and of the null space, by the SVD.
+TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
   const DeviceDescription device = default_device_description();
   Random random(24);
   double fastest_fixed = 0, bound_fixed = 0, fastest = 0, bound = 0, steepest_Nm_per_N = 0;
@@ -334,11 +335,11 @@ TEST(TorqueAllocation, TorquesMoveAtABoundedRate) {
       "fastest: %.1f per change of the minimum-norm torques (bound %.0f), %.2f along pose and "
       "wrench (bound %.0f); %.1f N*m per N with 6 N*m motors\n",
       fastest_fixed, bound_fixed, fastest, bound, steepest_Nm_per_N);
-  EXPECT_GT(fastest_fixed, 5) << "these points do not put the bound to the test";
+  EXPECT_GT(fastest_fixed, 5) << "too slow to test the bound";
 }
 
-// The scale falls as the wrench grows, without steps, and past the limits the torques stay.
-TEST(TorqueAllocation, AlongAGrowingWrenchTorquesSettle) {
+// As the wrench grows the scale never rises, and beyond the limits the torques stay constant.
+TEST(TorqueAllocation, TorquesStayConstantBeyondTheLimits) {
   const DeviceDescription device = default_device_description();
   Random random(27);
   for (int n = 0; n < 60; ++n) {
@@ -354,34 +355,34 @@ TEST(TorqueAllocation, AlongAGrowingWrenchTorquesSettle) {
       last = result;
     }
     EXPECT_LT(last.scale, 1);
-    // The scale is not timid: some motor works at or above its working limit.
+    // The scale is not smaller than necessary: some motor is at or above its working limit.
     EXPECT_GE(last.tau_motor_Nm.cwiseAbs().maxCoeff(), 6 * (1 - kTorqueReserve) - 1e-9);
   }
 }
 
-// For contrast: the pseudo-inverse's torques clipped motor by motor.
-TEST(TorqueAllocation, ClippingWouldBendTheWrench) {
+// In comparison, the pseudo-inverse's torques clipped motor by motor change the force's direction.
+TEST(TorqueAllocation, KeepsTheDirectionThatClippingChanges) {
   const DeviceDescription device = default_device_description();
   Random random(28);
   const MotorVector limit = MotorVector::Constant(6);
-  double bends_deg = 0;
+  double clipped_deg = 0;
   for (int n = 0; n < 5000; ++n) {
     const Jacobian G = jacobian_at(device, random_workspace_pose(random));
     const Wrench wanted = random_wrench(random, random.between(20, 150));
     const MotorVector least = reference(G, wanted).minimum_norm;
     const Wrench clipped = G.transpose() * MotorVector(least.cwiseMin(limit).cwiseMax(-limit));
-    const auto bend = [&](const Wrench& delivered) {
+    const auto deviation_deg = [&](const Wrench& delivered) {
       const double cosine = delivered.head<3>().normalized().dot(wanted.head<3>().normalized());
       return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
     };
-    bends_deg = std::max(bends_deg, bend(clipped));
-    ASSERT_LT(bend(allocate_torques(G, wanted, limit).wrench_device), 1e-5);
+    clipped_deg = std::max(clipped_deg, deviation_deg(clipped));
+    ASSERT_LT(deviation_deg(allocate_torques(G, wanted, limit).wrench_device), 1e-5);
   }
-  std::printf("clipping bends by up to %.0f deg\n", bends_deg);
-  EXPECT_GT(bends_deg, 10) << "these wrenches do not tell clipping from allocating";
+  std::printf("clipping changes the direction by up to %.0f deg\n", clipped_deg);
+  EXPECT_GT(clipped_deg, 10) << "too few clipped wrenches to show the difference";
 }
 
-TEST(TorqueAllocation, ExtremeAndBadInputs) {
+TEST(TorqueAllocation, LargeSmallAndInvalidInputs) {
   const DeviceDescription device = default_device_description();
   Random random(25);
   const Jacobian G = jacobian_at(device, random_workspace_pose(random));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drive's side of the link, datagram by datagram and without a clock of its own: who gets in,
-// who does not, when torques are zero, and what the injected faults do.
+// The drive's side of the link, datagram by datagram, with the test's clock: sessions, refused
+// packets, when torques are zero, and the injected faults.
 #include "runtime/simulation/drive.h"
 
 #include <gtest/gtest.h>
@@ -30,20 +30,20 @@ SimulatedDevice held_device() {
   return std::move(*made);
 }
 
-/// A host in the test: what it sends stays at hand, to be sent again.
+/// A host in the test. It keeps its last packets, so that they can be sent again.
 class Host {
  public:
   explicit Host(Drive& drive, const LinkKey& key) : drive_(drive), key_(key) {}
 
   /// False: no welcome.
-  bool greet(std::int64_t now_ns, bool fresh = true, double period_s = 1e-3) {
+  bool handshake(std::int64_t now_ns, bool fresh = true, double period_s = 1e-3) {
     HelloPacket hello;
     hello.host_nonce = random_nonce();
     hello.period_s = period_s;
     hello.fresh = fresh;
     hello_.resize(kLargestPacketBytes);
     hello_.resize(encode(hello, key_, hello_));
-    if (give(hello_, now_ns) != LinkRefusal::kNone) return false;
+    if (send(hello_, now_ns) != LinkRefusal::kNone) return false;
     WelcomePacket welcome;
     EXPECT_EQ(decode(answer_.view(), key_, hello.host_nonce, welcome), LinkRefusal::kNone);
     session_key_ = session_key(key_, hello.host_nonce, welcome.drive_nonce);
@@ -60,12 +60,12 @@ class Host {
     packet.tau_motor_Nm.fill(tau_Nm);
     sent_.resize(kLargestPacketBytes);
     sent_.resize(encode(packet, session_key_, sent_));
-    return give(sent_, now_ns);
+    return send(sent_, now_ns);
   }
   LinkRefusal torque(double tau_Nm, std::int64_t now_ns) {
     return command(CommandMode::kTorque, tau_Nm, now_ns);
   }
-  LinkRefusal give(const Bytes& bytes, std::int64_t now_ns) {
+  LinkRefusal send(const Bytes& bytes, std::int64_t now_ns) {
     return drive_.receive(bytes, now_ns, answer_, from_host_);
   }
   /// The state in the drive's last answer.
@@ -110,11 +110,11 @@ double torque_of(const Drive& drive) {
   return drive.model().truth().tau_motor_Nm.cwiseAbs().maxCoeff();
 }
 
-TEST_F(DriveLink, InLockStepTimeGoesOnByTorqueCommandsAlone) {
+TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
   Drive drive(options(LinkClock::kLockStep), held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0, true, 2e-3));
-  EXPECT_FALSE(drive.in_session()) << "offered, not begun";
+  ASSERT_TRUE(host.handshake(0, true, 2e-3));
+  EXPECT_FALSE(drive.in_session()) << "a welcome began the session";
   ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
   EXPECT_TRUE(drive.in_session());
   EXPECT_TRUE(host.from_host());
@@ -133,7 +133,7 @@ TEST_F(DriveLink, InLockStepTimeGoesOnByTorqueCommandsAlone) {
     EXPECT_EQ(state.time_ns, std::llround(expected.t_s * 1e9));
     EXPECT_EQ(state.command_taken, static_cast<std::uint64_t>(tick) + 1);
     EXPECT_EQ(state.mode, DriveMode::kTorque);
-    EXPECT_EQ(host.give(host.sent(), 0), LinkRefusal::kSequence);
+    EXPECT_EQ(host.send(host.sent(), 0), LinkRefusal::kSequence);
     EXPECT_FALSE(host.was_answered());
   }
   EXPECT_NEAR(drive.session_time_s(), 0.1, 1e-12);
@@ -142,15 +142,15 @@ TEST_F(DriveLink, InLockStepTimeGoesOnByTorqueCommandsAlone) {
   EXPECT_EQ(host.state().mode, DriveMode::kReady);
 }
 
-TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndAHostThatKnowsGetsThemBack) {
+TEST_F(DriveLink, WatchdogZeroesTorquesUntilTheHostAcknowledges) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
   Drive::Answer state;
   drive.tick(0, 1, state);
-  EXPECT_EQ(state.size, 0U) << "nobody is there to be told";
-  ASSERT_TRUE(host.greet(0));
+  EXPECT_EQ(state.size, 0U) << "a state without a session";
+  ASSERT_TRUE(host.handshake(0));
   ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
-  EXPECT_FALSE(host.was_answered()) << "states come by the drive's clock";
+  EXPECT_FALSE(host.was_answered()) << "a state outside of the drive's clock";
   for (std::int64_t ms = 0; ms <= 10; ++ms) {
     drive.tick(ms * kMs, 4, state);
     EXPECT_EQ(host.state_in(state).mode, DriveMode::kTorque);
@@ -160,15 +160,15 @@ TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndAHostThatKnowsGetsThemBack) {
   EXPECT_EQ(host.state_in(state).mode, DriveMode::kWatchdog);
   EXPECT_EQ(torque_of(drive), 0);
   EXPECT_EQ(drive.report().watchdog_trips, 1U);
-  // Its last command once more is no new one.
-  EXPECT_EQ(host.give(host.sent(), 12 * kMs), LinkRefusal::kSequence);
+  // A repeated command is refused.
+  EXPECT_EQ(host.send(host.sent(), 12 * kMs), LinkRefusal::kSequence);
   drive.tick(12 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0);
   ASSERT_EQ(host.torque(0, 13 * kMs), LinkRefusal::kNone);
   ASSERT_EQ(host.torque(0.5, 13 * kMs), LinkRefusal::kNone);
   drive.tick(13 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 0.5);
-  // After a second of silence the session is over.
+  // After a second without a command the session is over.
   drive.tick(1014 * kMs, 1, state);
   EXPECT_EQ(state.size, 0U);
   EXPECT_EQ(host.torque(0.5, 1015 * kMs), LinkRefusal::kSession);
@@ -176,12 +176,12 @@ TEST_F(DriveLink, TheWatchdogTakesTheTorquesAwayAndAHostThatKnowsGetsThemBack) {
   EXPECT_EQ(torque_of(drive), 0);
 }
 
-TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
+TEST_F(DriveLink, DelayedCommandsDoNotBringTheTorquesBack) {
   for (const char* faults : {"", "stop@0.03..0.031"}) {
     Drive drive(options(LinkClock::kReal, faults), held_device());
     Host host(drive, key_);
     Drive::Answer state;
-    ASSERT_TRUE(host.greet(0));
+    ASSERT_TRUE(host.handshake(0));
     std::int64_t ms = 0;
     for (; ms < 20; ++ms) {
       ASSERT_EQ(host.torque(1, ms * kMs), LinkRefusal::kNone);
@@ -189,23 +189,24 @@ TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
       host.state_in(state);
     }
     ASSERT_EQ(torque_of(drive), 1);
-    // Silence until the watchdog acts; or a stop, pressed and released again. The host sees none of
-    // it, and what it has sent meanwhile comes now.
-    const bool silence = faults[0] == 0;
+    // No command until the watchdog trips; or an emergency stop, pressed and released. The host
+    // receives no state of it, and its delayed commands arrive afterwards.
+    const bool by_watchdog = faults[0] == 0;
     for (; ms < 40; ++ms) {
-      if (!silence) host.torque(1, ms * kMs);
+      if (!by_watchdog) host.torque(1, ms * kMs);
       drive.tick(ms * kMs, 4, state);
     }
-    const DriveMode told = silence ? DriveMode::kWatchdog : DriveMode::kEmergencyStop;
+    const DriveMode reported = by_watchdog ? DriveMode::kWatchdog : DriveMode::kEmergencyStop;
     for (; ms < 60; ++ms) {
       ASSERT_EQ(torque_of(drive), 0) << ms;
-      ASSERT_EQ(host.torque(ms == 50 ? 0 : 1, ms * kMs), LinkRefusal::kNone);  // nor is a chance 0
+      ASSERT_EQ(host.torque(ms == 50 ? 0 : 1, ms * kMs),
+                LinkRefusal::kNone);  // 0: no acknowledgement
       drive.tick(ms * kMs, 4, state);
-      ASSERT_EQ(drive.mode(), told) << "it is told until the host knows";
+      ASSERT_EQ(drive.mode(), reported) << "not reported until acknowledged";
     }
     EXPECT_GE(drive.report().stale_commands, 20U);
-    EXPECT_EQ(host.state_in(state).mode, told);
-    ASSERT_EQ(host.torque(0.75, ms * kMs), LinkRefusal::kNone);  // its way down
+    EXPECT_EQ(host.state_in(state).mode, reported);
+    ASSERT_EQ(host.torque(0.75, ms * kMs), LinkRefusal::kNone);  // the host ramps down
     drive.tick(ms * kMs, 4, state);
     EXPECT_EQ(torque_of(drive), 0);
     ASSERT_EQ(host.torque(0, ms * kMs), LinkRefusal::kNone);
@@ -216,18 +217,18 @@ TEST_F(DriveLink, CommandsThatWereOnTheirWayDoNotGetTheTorquesBack) {
   }
 }
 
-TEST_F(DriveLink, ItsStepsAreKeptAndWritten) {
+TEST_F(DriveLink, StepsAreRecordedAndWrittenAsCsv) {
   DriveOptions some = options(LinkClock::kLockStep, "stop@0.01..0.02");
   some.record_steps = 25;
   Drive drive(some, held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 30; ++tick) {
     host.torque(-0.25, 0);
     host.state();
   }
   const std::vector<DriveStep>& steps = drive.report().steps;
-  ASSERT_EQ(steps.size(), 25U) << "no more than was asked for";
+  ASSERT_EQ(steps.size(), 25U) << "more than record_steps";
   for (std::size_t k = 0; k < steps.size(); ++k) {
     const bool pressed = k >= 10 && k < 20, stopped = k >= 10;
     EXPECT_EQ(steps[k].session, 1U);
@@ -245,11 +246,11 @@ TEST_F(DriveLink, ItsStepsAreKeptAndWritten) {
             "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0\n");
 }
 
-TEST_F(DriveLink, ASlowHostHasAsLongAsItsPeriodsTake) {
+TEST_F(DriveLink, WatchdogAllowsASlowHostTwoAndAHalfPeriods) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
   Drive::Answer state;
-  ASSERT_TRUE(host.greet(0, true, 1e-2));
+  ASSERT_TRUE(host.handshake(0, true, 1e-2));
   ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
   drive.tick(24 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 1);
@@ -257,20 +258,20 @@ TEST_F(DriveLink, ASlowHostHasAsLongAsItsPeriodsTake) {
   EXPECT_EQ(torque_of(drive), 0);
 }
 
-TEST_F(DriveLink, NobodyTakesOverASessionThatIsAlive) {
+TEST_F(DriveLink, ASecondHostCannotTakeOverALivingSession) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_), other(drive, key_);
   Drive::Answer state;
-  ASSERT_TRUE(host.greet(0));
-  ASSERT_TRUE(other.greet(0)) << "offered before anyone has begun";
+  ASSERT_TRUE(host.handshake(0));
+  ASSERT_TRUE(other.handshake(0)) << "no offer before a session has begun";
   ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
   EXPECT_EQ(other.torque(2, 1 * kMs), LinkRefusal::kSession);
-  EXPECT_FALSE(other.greet(2 * kMs));
+  EXPECT_FALSE(other.handshake(2 * kMs));
   EXPECT_FALSE(other.was_answered());
   drive.tick(3 * kMs, 1, state);
   EXPECT_EQ(torque_of(drive), 1);
-  // It falls silent: who asks now may have it, and the first one is out.
-  ASSERT_TRUE(other.greet(20 * kMs, false));
+  // The first host sends nothing more: the second one gets a session, and the first one is refused.
+  ASSERT_TRUE(other.handshake(20 * kMs, false));
   ASSERT_EQ(other.torque(2, 20 * kMs), LinkRefusal::kNone);
   EXPECT_EQ(host.torque(1, 21 * kMs), LinkRefusal::kSession);
   drive.tick(21 * kMs, 1, state);
@@ -278,71 +279,72 @@ TEST_F(DriveLink, NobodyTakesOverASessionThatIsAlive) {
   EXPECT_EQ(drive.report().sessions, 2U);
 }
 
-// A drive that was busy answers all that has queued up, and the host takes the first answer.
-TEST_F(DriveLink, AHostThatAsksAgainIsOfferedTheSame) {
+// A busy drive answers all queued hellos at once, and the host takes the first answer.
+TEST_F(DriveLink, RepeatedHellosGetTheSameOffer) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_), other(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   for (int i = 1; i < 10; ++i)
-    ASSERT_EQ(host.give(host.hello(), i * kMs), LinkRefusal::kNone);
-  ASSERT_TRUE(other.greet(10 * kMs));
+    ASSERT_EQ(host.send(host.hello(), i * kMs), LinkRefusal::kNone);
+  ASSERT_TRUE(other.handshake(10 * kMs));
   EXPECT_EQ(host.torque(1, 11 * kMs), LinkRefusal::kNone);
   EXPECT_TRUE(drive.in_session());
   EXPECT_EQ(other.torque(1, 12 * kMs), LinkRefusal::kSession);
 }
 
-TEST_F(DriveLink, ARecordingOfASessionIsWorthNothing) {
+TEST_F(DriveLink, AReplayedSessionIsRefused) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
   Drive::Answer state;
-  std::vector<Bytes> tape;
-  ASSERT_TRUE(host.greet(0));
-  tape.push_back(host.hello());
+  std::vector<Bytes> packets;
+  ASSERT_TRUE(host.handshake(0));
+  packets.push_back(host.hello());
   for (int i = 0; i < 20; ++i) {
     ASSERT_EQ(host.torque(1, i * kMs), LinkRefusal::kNone);
-    tape.push_back(host.sent());
+    packets.push_back(host.sent());
     drive.tick(i * kMs, 4, state);
   }
   ASSERT_EQ(host.command(CommandMode::kStop, 0, 20 * kMs), LinkRefusal::kNone);
   EXPECT_FALSE(drive.in_session());
-  // The whole tape again, in order and at its pace: the hello is answered, and no command taken.
-  for (std::size_t i = 0; i < tape.size(); ++i) {
+  // All packets again, in order and with the same timing: the hello is answered, no command
+  // accepted.
+  for (std::size_t i = 0; i < packets.size(); ++i) {
     const std::int64_t now = (30 + static_cast<std::int64_t>(i)) * kMs;
-    EXPECT_EQ(host.give(tape[i], now), i == 0 ? LinkRefusal::kNone : LinkRefusal::kSession);
+    EXPECT_EQ(host.send(packets[i], now), i == 0 ? LinkRefusal::kNone : LinkRefusal::kSession);
     drive.tick(now, 4, state);
     EXPECT_EQ(torque_of(drive), 0);
     EXPECT_EQ(state.size, 0U);
   }
-  // Not even while the true host is greeting: an old hello does not spoil the new offer.
-  ASSERT_TRUE(host.greet(100 * kMs));
+  // Replayed hellos do not disturb the handshake of the true host.
+  ASSERT_TRUE(host.handshake(100 * kMs));
   for (int i = 0; i < 3; ++i)
-    EXPECT_EQ(host.give(tape[0], 100 * kMs), LinkRefusal::kNone);
+    EXPECT_EQ(host.send(packets[0], 100 * kMs), LinkRefusal::kNone);
   EXPECT_EQ(host.torque(1, 101 * kMs), LinkRefusal::kNone);
 }
 
-TEST_F(DriveLink, AFreshWorldBeginsAnewAndAnotherGoesOn) {
+TEST_F(DriveLink, OnlyAFreshSessionRestartsTheWorld) {
   Drive drive(options(LinkClock::kLockStep), held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   for (int i = 0; i < 30; ++i)
     ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
   ASSERT_EQ(host.command(CommandMode::kStop, 0, 0), LinkRefusal::kNone);
-  ASSERT_TRUE(host.greet(0, false));
+  ASSERT_TRUE(host.handshake(0, false));
   ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
   EXPECT_NEAR(drive.session_time_s(), 0.03, 1e-12);
   ASSERT_EQ(host.command(CommandMode::kStop, 0, 0), LinkRefusal::kNone);
-  ASSERT_TRUE(host.greet(0, true));
+  ASSERT_TRUE(host.handshake(0, true));
   ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
   EXPECT_EQ(drive.session_time_s(), 0);
 }
 
-TEST_F(DriveLink, NoiseChangesNothingUnderLoad) {
+TEST_F(DriveLink, InvalidPacketsChangeNothingUnderLoad) {
   const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
   const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
   Drive::Answer state;
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
   const Bytes seeds[] = {host.hello(), host.sent()};
   std::mt19937_64 random(4);
@@ -357,7 +359,7 @@ TEST_F(DriveLink, NoiseChangesNothingUnderLoad) {
         bytes[random() % bytes.size()] ^= static_cast<std::uint8_t>(1 + random() % 255);
       if (bytes == seeds[n % 2]) continue;
     }
-    ASSERT_NE(host.give(bytes, 5 * kMs), LinkRefusal::kNone) << n;
+    ASSERT_NE(host.send(bytes, 5 * kMs), LinkRefusal::kNone) << n;
     ASSERT_FALSE(host.was_answered());
     ASSERT_FALSE(host.from_host());
   }
@@ -365,26 +367,26 @@ TEST_F(DriveLink, NoiseChangesNothingUnderLoad) {
   EXPECT_EQ(torque_of(drive), 1);
   EXPECT_EQ(host.state_in(state).command_taken, 1U);
   drive.tick(11 * kMs, 1, state);
-  EXPECT_EQ(torque_of(drive), 0) << "and does not feed the watchdog";
+  EXPECT_EQ(torque_of(drive), 0) << "invalid packets reset the watchdog";
   EXPECT_EQ(drive.report().packets.accepted(), 2U);
 }
 
 // --- faults --------------------------------------------------------------------------------
 
-TEST_F(DriveLink, TheEmergencyStopHoldsTheTorquesAtZero) {
+TEST_F(DriveLink, EmergencyStopKeepsTorquesAtZeroUntilAcknowledged) {
   Drive drive(options(LinkClock::kLockStep, "stop@0.01..0.02"), held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 30; ++tick) {
     ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
-    // It is pressed in the period that begins at 10 ms and shows in the state at its end. Released,
-    // it is told until the host has asked for nothing.
+    // Pressed in the period that begins at 10 ms, it is in the state at the end of that period.
+    // After its release it is reported until the host acknowledges it.
     const bool stopped = tick >= 10 && tick <= 25;
     EXPECT_EQ(torque_of(drive), stopped ? 0 : 1) << tick;
     EXPECT_EQ(host.state().mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
     if (tick == 15) {
       ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
-      EXPECT_EQ(host.state().mode, DriveMode::kEmergencyStop) << "it is still pressed";
+      EXPECT_EQ(host.state().mode, DriveMode::kEmergencyStop) << "acknowledged while pressed";
     }
     if (tick == 25) {
       ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
@@ -394,10 +396,10 @@ TEST_F(DriveLink, TheEmergencyStopHoldsTheTorquesAtZero) {
   EXPECT_EQ(drive.report().emergency_stops, 1U);
 }
 
-TEST_F(DriveLink, ADeadMotorGivesNothingAndIsReported) {
+TEST_F(DriveLink, ADeadMotorGivesNoTorqueAndIsReported) {
   Drive drive(options(LinkClock::kLockStep, "dead:3@0.01"), held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 30; ++tick) {
     ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
     const int faults = host.state().motor_faults;
@@ -412,11 +414,11 @@ TEST_F(DriveLink, ADeadMotorGivesNothingAndIsReported) {
   }
 }
 
-TEST_F(DriveLink, AnEncoderThatSticksAgainDoesSoWhereItThenIs) {
+TEST_F(DriveLink, AnEncoderSticksAtItsCurrentAngleEachTime) {
   Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01..0.02,stuck:0@0.03..0.04"),
               held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   double stuck_rad[2] = {0, 0};
   for (int tick = 0; tick < 38; ++tick) {
     ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
@@ -427,10 +429,10 @@ TEST_F(DriveLink, AnEncoderThatSticksAgainDoesSoWhereItThenIs) {
   EXPECT_GT(std::abs(stuck_rad[1] - stuck_rad[0]), 1e-6);
 }
 
-TEST_F(DriveLink, EncodersStickAndJump) {
+TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
   Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01,jump:5:0.25@0.02"), held_device());
   Host host(drive, key_);
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   double stuck_rad = 0;
   for (int tick = 0; tick < 40; ++tick) {
     ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
@@ -448,29 +450,29 @@ TEST_F(DriveLink, EncodersStickAndJump) {
   }
 }
 
-TEST_F(DriveLink, APlannedDeathIsDueAtItsTime) {
+TEST_F(DriveLink, AnInjectedKillIsDueAtItsTime) {
   Drive drive(options(LinkClock::kLockStep, "kill@0.005"), held_device());
   Host host(drive, key_);
   EXPECT_FALSE(drive.must_die());
-  ASSERT_TRUE(host.greet(0));
+  ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 8; ++tick) {
     ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
     EXPECT_EQ(drive.must_die(), tick >= 4) << tick;
   }
 }
 
-TEST(FaultPlan, ReadsWhatIsMeantAndRefusesTheRest) {
+TEST(FaultPlan, ParsesValidItemsAndRefusesInvalidOnes) {
   const auto plan = parse_fault_plan(
       "loss:0.01,state-loss:1@2.5..2.6,command-delay:0.5:7,jump:15:-0.2@3,stuck:0@1,dead:7@1..2,"
       "stop@4,kill@5,flip:1e-3,duplicate:1,reorder:0.1");
   ASSERT_TRUE(plan) << plan.error().message;
   ASSERT_EQ(plan->size(), 11U);
-  const PlannedFault& silence = (*plan)[1];
-  EXPECT_FALSE(silence.on_commands);
-  EXPECT_TRUE(silence.on_states);
-  EXPECT_FALSE(silence.is_on(2.4));
-  EXPECT_TRUE(silence.is_on(2.5));
-  EXPECT_FALSE(silence.is_on(2.6));
+  const PlannedFault& timed = (*plan)[1];
+  EXPECT_FALSE(timed.on_commands);
+  EXPECT_TRUE(timed.on_states);
+  EXPECT_FALSE(timed.is_on(2.4));
+  EXPECT_TRUE(timed.is_on(2.5));
+  EXPECT_FALSE(timed.is_on(2.6));
   EXPECT_EQ((*plan)[2].delay_s, 7e-3);
   EXPECT_EQ((*plan)[2].probability, 0.5);
   EXPECT_EQ((*plan)[3].channel, 15);
@@ -492,7 +494,7 @@ TEST(FaultPlan, ReadsWhatIsMeantAndRefusesTheRest) {
   }
 }
 
-/// Numbered datagrams through a link with these faults, one a millisecond; what comes out when.
+/// Sends numbered datagrams through a link with these faults, one per millisecond.
 struct Delivered {
   std::vector<int> number;
   std::vector<int> at_ms;
@@ -525,7 +527,7 @@ Delivered through(const char* faults, LinkWay way, std::uint64_t seed = 1, int c
   return out;
 }
 
-TEST(FaultyLink, EachFaultDoesItsOwn) {
+TEST(FaultyLink, EachKindOfFaultHasItsEffect) {
   const std::size_t all = 4000;
   EXPECT_EQ(through("", LinkWay::kStates).number.size(), all);
   EXPECT_EQ(through("command-loss:1", LinkWay::kStates).number.size(), all);
@@ -552,7 +554,7 @@ TEST(FaultyLink, EachFaultDoesItsOwn) {
   EXPECT_NEAR(overtaken, 380, 80);
 }
 
-TEST(FaultyLink, TheSameSeedDoesTheSame) {
+TEST(FaultyLink, TheSameSeedGivesTheSameFaults) {
   const char* all = "loss:0.1,delay:0.1:3,duplicate:0.1,reorder:0.1,flip:0.1";
   const Delivered a = through(all, LinkWay::kStates, 5), b = through(all, LinkWay::kStates, 5),
                   c = through(all, LinkWay::kStates, 6);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The equation of motion against masses and accelerations found by differences of positions alone;
-// energy books of the whole model; friction, lag, noise and the hand one by one.
+// The equation of motion compared with masses and accelerations from differences of positions; the
+// energy balance of the full model; friction, lag, noise and the hand, one by one.
 #include "runtime/simulation/mechanics.h"
 
 #include <gtest/gtest.h>
@@ -29,8 +29,7 @@ HandTrajectory rest_at(double z_m) {
   return hand;
 }
 
-/// Everything that has mass, at a pose, from the inverse kinematics alone: points (mass, place),
-/// then the motor angles.
+/// All masses at a pose, from the inverse kinematics: points (mass, position) and motor angles.
 struct Body {
   std::vector<double> mass_kg;
   std::vector<Vector3d> place_m;
@@ -55,7 +54,7 @@ Body body_at(const DeviceDescription& device, const MechanicsOptions& options, c
     add((mass[2] + mass[3]) / 2, m, leg::lower_elbow(g, th[3]));
     add(mass[3] / 2, m, leg::link_joint(g, E, C));
   }
-  // A rigid body with these principal moments: six points on its axes.
+  // Six points on the axes that have the principal moments of the plate.
   const auto& I = device.plate_inertia_kg_m2;
   const double second[3] = {(I[1] + I[2] - I[0]) / 2, (I[0] + I[2] - I[1]) / 2,
                             (I[0] + I[1] - I[2]) / 2};
@@ -77,7 +76,7 @@ Pose moved(const Pose& T, const Twist& twist, double t) {
           (from_rotation_vector(t * twist.tail<3>()) * T.q).normalized()};
 }
 
-TEST(Mechanics, MassAndBiasAreThoseOfTheMovingPoints) {
+TEST(Mechanics, MassBiasAndWeightAgreeWithDifferencesOfPoints) {
   DeviceDescription device = default_device_description();
   device.gravity_m_per_s2 = 9.81;
   Random random(3);
@@ -133,7 +132,7 @@ TEST(Mechanics, MassAndBiasAreThoseOfTheMovingPoints) {
   std::printf("relative differences: mass %.1e, bias %.1e, weight %.1e\n", worst_mass, worst_bias,
               worst_weight);
   EXPECT_LT(worst_mass, 1e-7);
-  EXPECT_LT(worst_bias, 1e-4);  // second differences of places: rounding over the squared time
+  EXPECT_LT(worst_bias, 1e-4);  // second differences: rounding over the squared time
   EXPECT_LT(worst_weight, 1e-7);
 }
 
@@ -149,10 +148,10 @@ SimulatedDevice make(const DeviceDescription& device, const MechanicsOptions& me
   return std::move(*made);
 }
 
-// Everything at once: motors, gravity, both frictions, lag, a hand of mass that turns the tool and
-// lets go. What is left over falls with the square of the substep.
-TEST(Mechanics, EnergyBooksCloseToSecondOrder) {
-  const auto left_over = [](double substep_s) {
+// All effects together: motors, gravity, both kinds of friction, lag, and a hand with mass that
+// turns the tool and releases it. The imbalance falls with the square of the substep.
+TEST(Mechanics, EnergyBalanceClosesToSecondOrder) {
+  const auto imbalance = [](double substep_s) {
     DeviceDescription device = default_device_description();
     device.gravity_m_per_s2 = 9.81;
     device.maximum_substep_s = substep_s;
@@ -180,20 +179,20 @@ TEST(Mechanics, EnergyBooksCloseToSecondOrder) {
     EXPECT_LT(work.friction_J, -1e-3);
     EXPECT_GT(std::abs(work.motors_J), 1e-3);
     EXPECT_NE(work.hand_J, 0);
-    EXPECT_EQ(work.stop_J, 0) << "the end of reach has its own test";
+    EXPECT_EQ(work.stop_J, 0) << "reached the end of reach";
     EXPECT_GT(most, 0.02);
     return std::abs(work.hand_J + work.motors_J + work.friction_J + work.gravity_J -
                     simulated.truth().kinetic_J) /
            most;
   };
-  const double coarse = left_over(1e-4), fine = left_over(2.5e-5);
-  std::printf("energy left over, of the most there was: %.1e at 0.1 ms, %.1e at 0.025 ms\n", coarse,
-              fine);
+  const double coarse = imbalance(1e-4), fine = imbalance(2.5e-5);
+  std::printf("energy imbalance relative to the largest energy: %.1e at 0.1 ms, %.1e at 0.025 ms\n",
+              coarse, fine);
   EXPECT_LT(coarse, 1e-4);
   EXPECT_LT(fine, coarse / 8);
 }
 
-TEST(Mechanics, FreeMotionKeepsItsEnergy) {
+TEST(Mechanics, FreeMotionConservesEnergy) {
   DeviceDescription device = default_device_description();
   device.joint_viscous_friction_Nms_per_rad = 0;
   SimulatedDevice simulated = make(device, kHeavy, {}, {});
@@ -209,7 +208,7 @@ TEST(Mechanics, FreeMotionKeepsItsEnergy) {
   }
 }
 
-TEST(Mechanics, ALightModelOfItIsTheLightModel) {
+TEST(Mechanics, WithoutExtraMassesItAgreesWithTheLightModel) {
   const DeviceDescription device = default_device_description();
   HandTrajectory hand = rest_at(0.15);
   hand.keyframes.resize(2);
@@ -225,11 +224,11 @@ TEST(Mechanics, ALightModelOfItIsTheLightModel) {
       ASSERT_TRUE(simulated->step(1e-3));
     }
     const double apart_m = (a->truth().T_device_plate.p_m - b.truth().T_device_plate.p_m).norm();
-    ASSERT_LT(apart_m, 2e-5) << "two integrators of one equation, tick " << tick;
+    ASSERT_LT(apart_m, 2e-5) << "tick " << tick;
   }
 }
 
-TEST(Mechanics, TheHandsMassSlowsTheOscillationAsItShould) {
+TEST(Mechanics, HandsMassLowersTheFrequencyAsExpected) {
   DeviceDescription device = default_device_description();
   device.joint_viscous_friction_Nms_per_rad = 0;
   HandImpedance impedance = {4000, 0, 20, 0.3, 0.65};
@@ -247,7 +246,7 @@ TEST(Mechanics, TheHandsMassSlowsTheOscillationAsItShould) {
   }
 }
 
-TEST(Mechanics, WhoLetsGoPullsNoMore) {
+TEST(Mechanics, AReleasedToolFeelsNoHandForce) {
   const DeviceDescription device = default_device_description();
   for (const bool with_mechanics : {false, true}) {
     HandImpedance impedance;
@@ -265,9 +264,9 @@ TEST(Mechanics, WhoLetsGoPullsNoMore) {
   }
 }
 
-// Pushed with less than what dry friction can hold it yields by the springs' part and stays; with
-// more it goes.
-TEST(Mechanics, DryFrictionHoldsUpToItsLimit) {
+// Below the Coulomb torque the device moves by the presliding deflection and stops; above it, it
+// slides.
+TEST(Mechanics, DryFrictionHoldsUpToTheCoulombTorque) {
   const DeviceDescription device = default_device_description();
   MechanicsOptions options = MechanicsOptions::none();
   options.coulomb_friction_Nm = 0.05;
@@ -288,7 +287,7 @@ TEST(Mechanics, DryFrictionHoldsUpToItsLimit) {
   }
 }
 
-TEST(Mechanics, TheTorqueFollowsItsCommandWithTheLag) {
+TEST(Mechanics, TorqueFollowsItsCommandWithTheLag) {
   const DeviceDescription device = default_device_description();
   MechanicsOptions options = MechanicsOptions::none();
   options.current_lag_s = 2e-3;
@@ -304,7 +303,7 @@ TEST(Mechanics, TheTorqueFollowsItsCommandWithTheLag) {
   }
 }
 
-TEST(Mechanics, EncoderNoiseHasItsDeviationAndItsSeed) {
+TEST(Mechanics, EncoderNoiseHasTheGivenDeviationAndSeed) {
   const DeviceDescription device = default_device_description();
   MechanicsOptions options = MechanicsOptions::none();
   options.encoder_noise_rad = 1e-4;
@@ -333,7 +332,7 @@ TEST(Mechanics, EncoderNoiseHasItsDeviationAndItsSeed) {
   EXPECT_NEAR(std::sqrt(square / samples), 1e-4, 1e-6);
 }
 
-TEST(Mechanics, WhatIsNoMechanismIsRefused) {
+TEST(Mechanics, InvalidOptionsAreRefused) {
   const DeviceDescription device = default_device_description();
   for (int n = 0; n < 6; ++n) {
     SimulatedDeviceOptions options;

@@ -35,7 +35,7 @@ SimulatedDevice make(const DeviceDescription& device, const HandTrajectory& hand
   return *made;
 }
 
-// What a loop does with a wanted wrench at the plate's origin.
+// The torques for a wanted wrench at the plate's origin, as in the loop.
 DeviceCommand command_for(const DeviceDescription& device, const Pose& T, const Wrench& wrench) {
   const InverseResult inverse = inverse_kinematics(device, T);
   const AllocationResult allocated =
@@ -95,9 +95,9 @@ TEST(SimulatedDevice, FollowsTheExactOscillationToFirstOrder) {
   }
 }
 
-// Sign and frame of the whole chain: a wanted force on the tip, through torques,
-// moves a held tool by force over stiffness, and does not turn it.
-TEST(SimulatedDevice, AHeldToolYieldsByForceOverStiffness) {
+// Signs and frames of the whole chain: a wanted force on the tip, given by torques, moves a held
+// tool by force over stiffness without rotating it.
+TEST(SimulatedDevice, AHeldToolMovesByForceOverStiffness) {
   const DeviceDescription device = default_device_description();
   const HandImpedance impedance;
   for (const Vector3d& force : {Vector3d(0, 0, 20), Vector3d(12, 0, 0), Vector3d(-5, 9, -15)}) {
@@ -110,18 +110,18 @@ TEST(SimulatedDevice, AHeldToolYieldsByForceOverStiffness) {
       const Pose& T = simulated.truth().T_device_plate;
       Wrench at_tip = Wrench::Zero();
       at_tip.head<3>() = force;
-      const Wrench wanted = wrench_at_plate(at_tip, T, options.T_plate_tool);
+      const Wrench wanted = moved_by(at_tip, T.q * options.T_plate_tool.p_m);
       simulated.write(command_for(device, T, wanted));
       ASSERT_TRUE(simulated.step(1e-3));
     }
-    const Pose tool = simulated.T_device_tool();
+    const Pose tool = simulated.truth().T_device_plate * options.T_plate_tool;
     EXPECT_LT((tool.p_m - Vector3d(0, 0, 0.17) - force / impedance.stiffness_N_per_m).norm(), 1e-8);
     EXPECT_LT(rotation_vector(tool.q).norm(), 1e-7);
     EXPECT_LT((Vector3d(simulated.truth().wrench_hand.head<3>()) + force).norm(), 1e-5);
   }
 }
 
-TEST(SimulatedDevice, GravityIsOffByDefaultAndPullsDownWhenOn) {
+TEST(SimulatedDevice, GravityIsOffByDefaultAndActsDownwards) {
   DeviceDescription device = default_device_description();
   SimulatedDevice balanced = make(device, {});
   device.gravity_m_per_s2 = 9.81;
@@ -136,14 +136,14 @@ TEST(SimulatedDevice, GravityIsOffByDefaultAndPullsDownWhenOn) {
               kSimulatedHomeHeight_m - 0.5 * 9.81 * 0.05 * 0.05, 5e-5);
 }
 
-TEST(SimulatedDevice, EnergyBooksClose) {
-  const auto imbalance = [](double substep_s, bool turn) {
+TEST(SimulatedDevice, EnergyBalanceCloses) {
+  const auto imbalance = [](double substep_s, bool rotate) {
     DeviceDescription device = default_device_description();
     device.maximum_substep_s = substep_s;
     HandTrajectory hand;
     hand.interpolation = HandInterpolation::kMinimumJerk;
     hand.keyframes = {keyframe(0, 0.16), keyframe(0.15, 0.13), keyframe(0.3, 0.17)};
-    if (turn) hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.08, -0.05, 0.1});
+    if (rotate) hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.08, -0.05, 0.1});
     SimulatedDevice simulated = make(device, hand);
     double most_kinetic = 0;
     for (int tick = 0; tick < 300; ++tick) {
@@ -161,16 +161,16 @@ TEST(SimulatedDevice, EnergyBooksClose) {
     return std::abs(work.hand_J + work.motors_J + work.friction_J + work.gravity_J + work.stop_J -
                     simulated.truth().kinetic_J);
   };
-  // The friction of different legs turns the plate a little even in straight motion.
+  // Different friction of the legs rotates the plate slightly even in straight motion.
   EXPECT_LT(imbalance(1e-4, false), 1e-9);
   const double coarse = imbalance(1e-4, true), fine = imbalance(1e-5, true);
-  std::printf("energy left over while turning: %.1e J at 0.1 ms, %.1e J at 0.01 ms\n", coarse,
+  std::printf("energy imbalance with rotation: %.1e J at 0.1 ms, %.1e J at 0.01 ms\n", coarse,
               fine);
   EXPECT_LT(coarse, 1e-5);
   EXPECT_LT(fine, coarse / 5);
 }
 
-TEST(SimulatedDevice, EncodersAreTheTruePosesAndQuantiseAsDescribed) {
+TEST(SimulatedDevice, EncodersAreThoseOfTheTruePoseQuantised) {
   DeviceDescription device = default_device_description();
   testing_support::Random random(31);
   for (const int counts : {0, 4096, 400'000}) {
@@ -197,7 +197,7 @@ TEST(SimulatedDevice, EncodersAreTheTruePosesAndQuantiseAsDescribed) {
   }
 }
 
-TEST(SimulatedDevice, DrivesClipAndRefuseWhatIsNotFinite) {
+TEST(SimulatedDevice, ClipsLargeTorquesAndRefusesNonFiniteOnes) {
   const DeviceDescription device = default_device_description();
   SimulatedDevice simulated = make(device, {});
   DeviceCommand command;
@@ -225,7 +225,7 @@ TEST(SimulatedDevice, DrivesClipAndRefuseWhatIsNotFinite) {
   EXPECT_EQ(simulated.truth().t_s, 0);
 }
 
-TEST(SimulatedDevice, StopsDeadAtTheEndOfReach) {
+TEST(SimulatedDevice, StopsAtTheEndOfReach) {
   const DeviceDescription device = default_device_description();
   SimulatedDevice simulated = make(device, {});
   bool stopped = false;
@@ -244,7 +244,7 @@ TEST(SimulatedDevice, StopsDeadAtTheEndOfReach) {
   EXPECT_LT(work.stop_J, 0);
 }
 
-TEST(SimulatedDevice, SameCallsSameBits) {
+TEST(SimulatedDevice, TheSameCallsGiveTheSameBits) {
   const DeviceDescription device = default_device_description();
   const auto run = [&] {
     HandTrajectory hand;
@@ -265,7 +265,7 @@ TEST(SimulatedDevice, SameCallsSameBits) {
   EXPECT_EQ(std::memcmp(first.data(), second.data(), first.size() * sizeof(double)), 0);
 }
 
-TEST(SimulatedDevice, MakeRefusesBadHandsAndStarts) {
+TEST(SimulatedDevice, MakeRefusesInvalidHandsAndStarts) {
   const DeviceDescription device = default_device_description();
   HandTrajectory hand;
   hand.keyframes = {keyframe(0, 0.5)};
@@ -285,7 +285,7 @@ TEST(SimulatedDevice, MakeRefusesBadHandsAndStarts) {
   EXPECT_FALSE(SimulatedDevice::make(device, hand, pushing));
 }
 
-TEST(Hand, TrajectoriesPassTheirKeyframesAndTheTwistIsTheirDerivative) {
+TEST(Hand, TrajectoryPassesItsKeyframesAndTheTwistIsItsDerivative) {
   HandTrajectory hand;
   hand.keyframes = {keyframe(1, 0.2), keyframe(2, 0.15), keyframe(4, 0.16)};
   hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.3, -0.2, 0.1});
@@ -311,8 +311,8 @@ TEST(Hand, TrajectoriesPassTheirKeyframesAndTheTwistIsTheirDerivative) {
   }
 }
 
-// The loop against a wall of the paper's stiffness, as the device will meet it:
-// encoders -> pose -> F = K dx -> torques, held for a tick.
+// A loop with a wall of the paper's stiffness: encoders -> pose -> F = K dx -> torques, held for a
+// tick.
 struct WallRun {
   std::vector<double> force_N;  // a tick each
   double largest_drop_N = 0;    // from tick to tick while in contact, before puncture
@@ -364,16 +364,16 @@ TEST(SimulatedDevice, DefaultHandPushesThroughTheWallWithoutChatter) {
     EXPECT_GT(run.peak_N, 35 - 100 / rate_Hz);
     EXPECT_LE(run.peak_N, 35);
     EXPECT_NEAR(run.puncture_depth_m, 0.007, 0.02 / rate_Hz);
-    EXPECT_LT(run.largest_drop_N, 1e-6) << "the force must rise without falling back";
+    EXPECT_LT(run.largest_drop_N, 1e-6) << "the force fell before the puncture";
   }
-  // The same test does see chatter when nothing damps: a slack grip, no friction.
+  // Without damping the same test does detect chatter: an undamped grip, no friction.
   DeviceDescription frictionless = device;
   frictionless.joint_viscous_friction_Nms_per_rad = 0;
   const HandImpedance undamped = {4000, 0, 20, 0.3};
   EXPECT_GT(push_through_wall(frictionless, undamped, hand, 500, 2.3, 35).largest_drop_N, 0.1);
 }
 
-TEST(SimulatedDevice, HeldAgainstTheWallTheForceSettlesAtTheExactBalance) {
+TEST(SimulatedDevice, ForceOnTheWallSettlesAtTheExactBalance) {
   const DeviceDescription device = default_device_description();
   const HandImpedance impedance;
   HandTrajectory hand;

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mechanism with any number of legs at equal azimuths, for analysis only: the
-// paper argues for a fourth leg, whose two motors are redundant, by the singularities
-// that it removes; LegRing<3>, six motors, is the device without it. All lengths,
-// heights and branches are the description's, so that nothing but the number of legs
-// differs. (They were searched for with four legs; a search for three may do better.)
-// The loop uses the fixed-size kinematics.h and jacobian.h; LegRing<4> equals those.
+// The mechanism with any number of legs at equal azimuths, for analysis only. The paper justifies
+// the fourth leg, whose two motors are redundant, by the singularities that it removes; LegRing<3>,
+// six motors, is the device without it. All lengths, heights and branches are the description's, so
+// that only the number of legs differs. (They were optimised for four legs; others may suit three
+// better.) LegRing<4> equals kinematics.h and jacobian.h.
 #pragma once
 
 #include <Eigen/SVD>
 #include <cmath>
 #include <numbers>
 
+#include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/leg.h"
 
 namespace trocar::runtime {
@@ -57,7 +57,7 @@ struct LegRing {
     return result;
   }
 
-  /// Singular values, falling; rotation divided by the characteristic length.
+  /// Singular values in descending order, with rotation divided by the characteristic length.
   static Eigen::Matrix<double, 6, 1> singular_values(Matrix G, double characteristic_length_m) {
     G.template rightCols<3>() /= characteristic_length_m;
     return Eigen::JacobiSVD<Matrix>(G).singularValues();

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/reference/mechanism/leg_assemblies.h"
+
+#include <cmath>
+
+#include "runtime/mechanism/leg.h"
+
+namespace trocar::runtime {
+
+std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription& device,
+                                                        const Pose& T_device_plate,
+                                                        int leg) noexcept {
+  constexpr double kUnitTolerance = 1e-9;  // of the quaternion's squared length
+  const bool good = is_finite(T_device_plate) &&
+                    std::abs(T_device_plate.q.squaredNorm() - 1) <= kUnitTolerance && leg >= 0 &&
+                    leg < kLegs;
+  std::array<LegAssembly, kBranchesPerLeg> all;
+  for (int b = 0; b < kBranchesPerLeg; ++b) {
+    LegAssembly& each = all[b];
+    each.branch = {b < 2 ? 1 : -1, b % 2 == 0 ? 1 : -1};
+    if (!good) {
+      each.status.failure = KinematicsFailure::kBadInput;
+      continue;
+    }
+    const Eigen::Vector3d C = T_device_plate * leg::plate_joint(device.geometry, leg);
+    const leg::Status status =
+        leg::inverse(device, leg::to_leg(leg, C), each.branch, each.theta_rad);
+    if (!status) {
+      each.status = {status.failure, static_cast<std::int8_t>(leg + 1),
+                     static_cast<std::int8_t>(status.joint)};
+    }
+  }
+  return all;
+}
+
+}  // namespace trocar::runtime
