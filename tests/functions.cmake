@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-# How a test is declared, for every CMake list below this folder.
+# Functions and variables that declare tests, for all CMake lists below this folder.
 find_package(GTest REQUIRED)
 find_package(CGAL 5.5 REQUIRED)
 set(TROCAR_PYTHON /usr/bin/python3 CACHE FILEPATH "Python with Debian's numpy, jsonschema, ...")
 set(TROCAR_REAL_CT ${CMAKE_SOURCE_DIR}/../shared/ct CACHE PATH
-  "Folder of real scans (l3/*.nii.gz); their tests are skipped where it is absent")
+  "Folder of real scans (l3/*.nii.gz); without it their tests are skipped")
 set(TROCAR_PROGRAMS ${CMAKE_RUNTIME_OUTPUT_DIRECTORY})
-set(TROCAR_E2E ${CMAKE_BINARY_DIR}/e2e)             # what the end-to-end tests write
-set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # the scans' assets, made once (e2e/CMakeLists.txt)
+set(TROCAR_E2E ${CMAKE_BINARY_DIR}/e2e)             # outputs of the end-to-end tests
+set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # made once (e2e/CMakeLists.txt)
 
 # trocar_test(NAME LABEL LIBS...): NAME.cpp of this folder as a GoogleTest program, run as
 # one ctest test with the label (unit, property, golden, fuzz or e2e).
@@ -19,7 +19,8 @@ function(trocar_test name label)
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600)
 endfunction()
 
-# trocar_asset_test(NAME LABEL LIBS...): as trocar_test; finds the scans' assets in the folder TROCAR_ASSETS.
+# trocar_asset_test(NAME LABEL LIBS...): as trocar_test, with the assets of the scans in the folder of the
+# environment variable TROCAR_ASSETS.
 function(trocar_asset_test name label)
   trocar_test(${name} ${label} ${ARGN})
   set_tests_properties(${name} PROPERTIES FIXTURES_REQUIRED scan_assets

@@ -7,7 +7,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// A motor that was overloaded rests until it has this of its budget back.
+/// After kMotorOverload, recovery waits until the i2t state of every motor is below this share of
+/// its limit.
 constexpr double kCooled = 0.5;
 
 /// The fault of a status other than kOk and kNoData.
@@ -16,7 +17,7 @@ Fault fault_of(DeviceStatus status) noexcept {
   return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
 }
 
-/// The device's state in `read`, the last one where there is no new one.
+/// Fills `read` with the device's state, or with the last one if there is no new one (not `fresh`).
 Fault read_device(const LoopModel& model, Device& device, LoopState& state, TickResult& result,
                   DeviceState& read, bool& fresh) noexcept {
   read = state.device;
@@ -34,7 +35,7 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
                                                                      : Fault::kNoData;
 }
 
-/// What the clock or the caller found.
+/// A fault of the clock or of the caller.
 Fault outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
   if (inputs.outside != Fault::kNone) return inputs.outside;
   if (limits.gap_max_s == 0) return Fault::kNone;
@@ -52,7 +53,7 @@ Fault check_encoders(const LoopModel& model, const LoopState& state,
     const double step_max_rad =
         model.limits.encoder_rate_max_rad_per_s * (1 + state.no_data_ticks) / model.rate_Hz;
     for (int i = 0; i < kEncoders; ++i) {
-      // A limit that is nan is kept by nothing.
+      // Negated so that a limit of nan always trips.
       if (!(std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]) <= step_max_rad)) {
         return Fault::kEncoderJump;
       }
@@ -61,8 +62,8 @@ Fault check_encoders(const LoopModel& model, const LoopState& state,
   return check_joint_limits(model.device, read.encoder_rad) ? Fault::kNone : Fault::kJointLimit;
 }
 
-/// The pose and what the torques need of it. The lower chains' passive joints and theta4 follow
-/// from the pose, so the measured theta4 are a check of their own.
+/// Computes the pose and the Jacobian. The pose is fitted to the upper chains; the lower chains'
+/// joints and theta4 follow from it, so comparing them with the measured theta4 is a further check.
 Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
                 double& residual_m) noexcept {
   const ForwardResult forward = forward_kinematics(model.device, read.encoder_rad);
@@ -88,7 +89,7 @@ Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& stat
   return Fault::kNone;
 }
 
-/// All that can be judged without a torque being wanted, in every state alike.
+/// All checks that need no torque; the same in every state.
 Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
                    TickResult& result) noexcept {
   if (const Fault f = check_encoders(model, state, read); f != Fault::kNone) return f;
@@ -107,15 +108,15 @@ Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& s
   return is_upright(model.contact.tool, state.T_device_plate) ? Fault::kNone : Fault::kToolTilt;
 }
 
-/// Does no sheet bear the tool, or would bear it if forces were rendered now?
+/// Whether the tool touches no sheet, and would feel no force if `running` began now.
 bool in_free_space(const LoopModel& model, const TickInputs& inputs,
                    const LoopState& state) noexcept {
   const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
   for (std::size_t i = 0; i < inputs.sheets.size(); ++i) {
     const SheetTrack& track = state.contact.tracks[i];
-    const bool bears = track.was_above && track.state != SheetState::kPunctured &&
-                       track.state != SheetState::kBeside;
-    if (bears && tip_z_m < inputs.sheets[i]->z_m) return false;
+    const bool standing = track.was_above && track.state != SheetState::kPunctured &&
+                          track.state != SheetState::kBeside;
+    if (standing && tip_z_m < inputs.sheets[i]->z_m) return false;
   }
   return true;
 }
@@ -129,11 +130,12 @@ bool is_finite(const SheetResponse& response) noexcept {
          std::isfinite(response.offset_m[1]);
 }
 
-/// What the hand is to feel: contact by way of the coupling, the share that safety allows, passive.
+/// The wrench to render: contact, through the coupling if it is on, scaled by the safety state's
+/// authority, made passive.
 Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
                     TickResult& result, Wrench& wanted) noexcept {
   const double share = state.safety.authority;
-  // It would be blended into all that follows, and be felt as nothing.
+  // A response that is not finite would spread into later ticks, since responses are blended.
   if (needs_response(model.contact.law) && !is_finite(inputs.response)) {
     return Fault::kTorqueNotFinite;
   }
@@ -166,7 +168,8 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   return Fault::kNone;
 }
 
-/// What hides the device's friction and weight, from nothing on at the beginning.
+/// Torques that cancel the device's friction and weight; they rise from zero after `running`
+/// begins.
 MotorVector compensation(const LoopModel& model, const MotorModel& motor,
                          LoopState& state) noexcept {
   state.compensation_share =
@@ -176,7 +179,7 @@ MotorVector compensation(const LoopModel& model, const MotorModel& motor,
          compensation_torques(model.device, motor, state.G, rate_rad_per_s, model.compensation);
 }
 
-/// Contact, allocation, limits.
+/// Contact wrench, torque allocation, limits.
 Fault compute_torques(const LoopModel& model, const MotorModel& motor, const TickInputs& inputs,
                       LoopState& state, TickResult& result, MotorVector& tau_motor_Nm) noexcept {
   RecordingRow& row = result.row;
@@ -187,11 +190,11 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
   const double dt_s = 1 / model.rate_Hz;
   const MotorVector limit_Nm = available_torque(motor, state.limits.load);
   const bool compensates = model.compensation.friction || model.compensation.gravity;
-  const MotorVector beside_Nm =
+  const MotorVector compensation_Nm =
       compensates ? compensation(model, motor, state) : MotorVector::Zero();
-  if (!((limit_Nm - beside_Nm.cwiseAbs()).minCoeff() > 0)) return Fault::kMotorOverload;
+  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff() > 0)) return Fault::kMotorOverload;
   const AllocationResult allocation =
-      compensates ? allocate_torques_beside(state.G, wanted, limit_Nm, beside_Nm)
+      compensates ? allocate_torques_beside(state.G, wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(state.G, wanted, limit_Nm);
   if (allocation.kind == Allocation::kRefused) {
     return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
@@ -203,7 +206,7 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
       limit_torques(model.limits, limit_Nm, state.tau_motor_Nm, dt_s, tau, state.limits);
   if (limited != Fault::kNone) return limited;
   tau_motor_Nm = tau;
-  state.beside_Nm = beside_Nm;
+  state.compensation_Nm = compensation_Nm;
 
   row.phase = result.contact.phase;
   row.active_slice = result.contact.active_sheet < 0
@@ -215,12 +218,12 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
   return Fault::kNone;
 }
 
-/// What the hand feels of the torques: what compensates is used up by the device itself.
+/// The wrench that the hand feels; compensation torques only cancel the device's own forces.
 Wrench rendered_wrench(const LoopState& state) noexcept {
-  return state.G.transpose() * (state.tau_motor_Nm - state.beside_Nm);
+  return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }
 
-/// What is known whatever the tick's outcome.
+/// Fills the columns that do not depend on the tick's outcome.
 void describe(const LoopModel& model, const MotorModel& motor, const LoopState& state,
               const DeviceState& read, RecordingRow& row) noexcept {
   const Pose& pose = state.T_device_plate;
@@ -241,7 +244,7 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.motor_heat_max = budget_spent(motor, state.limits.load);
 }
 
-/// Outside of `running` nothing is met and nothing is owed.
+/// Outside of `running` there is no contact, and the energy balance starts again.
 void forget_contact(LoopState& state) noexcept {
   const double given_max_J = state.passivity.given_max_J;
   state.passivity = {};
@@ -249,7 +252,7 @@ void forget_contact(LoopState& state) noexcept {
   state.coupling = {};
   forget_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
-  state.beside_Nm.setZero();
+  state.compensation_Nm.setZero();
   state.compensation_share = 0;
 }
 
@@ -268,7 +271,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   row.response_stiffness_N_per_m = inputs.response.stiffness_N_per_m;
   row.response_offset_m = inputs.response.offset_m;
 
-  // Health.
+  // Read and check the device.
   DeviceState read;
   bool fresh = false;
   Fault fault = read_device(model, device, state, result, read, fresh);
@@ -289,7 +292,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   }
   if (fresh) state.no_data_ticks = 0;
 
-  // State.
+  // Advance the safety state.
   const SafetyState before = safety.state;
   const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
   const bool hot = safety.state == SafetyState::kRecovering &&
@@ -314,13 +317,13 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
     forget_contact(state);
   }
 
-  // Out.
+  // Write.
   DeviceCommand command;
   std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
   const DeviceStatus written = device.write(command);
   row.device_write = written;
   if (written != DeviceStatus::kOk) {
-    // The device may or may not have taken these torques; the ramp starts from them.
+    // The device may or may not have applied these torques; the ramp starts from them.
     const bool was_running = safety.state == SafetyState::kRunning;
     raise(safety, written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(written),
           row.t_s);

@@ -7,7 +7,8 @@
 
 namespace trocar::runtime {
 
-// Comparisons are written so that nan is beyond the limit, and a limit of nan permits nothing.
+// Comparisons are negated so that a value of nan is beyond the limit, and a limit of nan always
+// trips.
 
 Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept {
   for (int i = 0; i < 3; ++i) {
@@ -20,7 +21,7 @@ Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) no
   const double upright = (T_device_plate.q * Eigen::Vector3d::UnitZ()).z();
   if (limits.plate_tilt_max_rad >= std::numbers::pi)  // no tilt is larger
     return std::isfinite(upright) ? Fault::kNone : Fault::kWorkspace;
-  const bool good =  // the cosine knows no sign
+  const bool good =  // a negative limit always trips: the cosine would lose its sign
       limits.plate_tilt_max_rad >= 0 && upright >= std::cos(limits.plate_tilt_max_rad);
   return good ? Fault::kNone : Fault::kWorkspace;
 }
@@ -59,9 +60,8 @@ Fault check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, doubl
 
 Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale, double dt_s,
                      LimitState& state) noexcept {
-  const bool gives_way =
-      (available_torque(motor, state.load).array() < motor.peak_Nm.array()).any();
-  const bool too_little = gives_way && !(scale >= limits.overload_scale_min);
+  const bool derated = (available_torque(motor, state.load).array() < motor.peak_Nm.array()).any();
+  const bool too_little = derated && !(scale >= limits.overload_scale_min);
   state.overload_s = too_little ? state.overload_s + dt_s : 0;
   return state.overload_s <= limits.overload_time_max_s + dt_s / 2 ? Fault::kNone
                                                                    : Fault::kMotorOverload;
@@ -93,7 +93,7 @@ Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
   if (shortened) {
     state.rise_s += dt_s;
   } else if ((wanted_Nm - last_Nm).cwiseAbs().maxCoeff() <= rise_max_Nm / 2) {
-    state.rise_s = 0;  // a steep release is no pause
+    state.rise_s = 0;  // a steep release does not reset it
   }
   const double beyond = tau_Nm.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff();
   if (beyond > 1) tau_Nm /= beyond;

@@ -37,23 +37,23 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
   if (input.stored_J == 0) state.given_max_J = std::max(state.given_max_J, -state.balance_J);
   if (input.wrench_device.isZero(0)) {
-    state.balance_J = 0;  // nothing is met: the book is closed
+    state.balance_J = 0;  // no contact: the balance starts again
     return input.wrench_device;
   }
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
   if (!(moved_over_s > 0)) {
     state.damping_N_s_per_m = acting_N_s_per_m;
-    return input.wrench_device - acting_N_s_per_m * state.against;
+    return input.wrench_device - acting_N_s_per_m * state.unit_damper;
   }
-  const double owed_J = -options.reserve_J - state.balance_J;
-  if (!options.on || !gives || !(owed_J > 0)) return input.wrench_device;
-  state.against << step.head<3>() / moved_over_s,
+  const double deficit_J = -options.reserve_J - state.balance_J;
+  if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
+  state.unit_damper << step.head<3>() / moved_over_s,
       options.length_m * options.length_m * step.tail<3>() / moved_over_s;
   const double most = damping_max(options, plate_mass_kg, moved_over_s);
-  const double taken_J = state.against.dot(step);  // in a tick like the last, by 1 N s/m
-  state.damping_N_s_per_m = owed_J < most * taken_J ? owed_J / taken_J : most;
-  return input.wrench_device - state.damping_N_s_per_m * state.against;
+  const double dissipated_J = state.unit_damper.dot(step);  // by 1 N s/m, in a tick like the last
+  state.damping_N_s_per_m = deficit_J < most * dissipated_J ? deficit_J / dissipated_J : most;
+  return input.wrench_device - state.damping_N_s_per_m * state.unit_damper;
 }
 
 }  // namespace trocar::runtime

@@ -27,7 +27,7 @@ SafetyState next_state(SafetyState state, SafetyEvent event) noexcept {
 }
 
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept {
-  // Written so that nan is no time at all.
+  // Written so that nan counts as zero.
   const double ramp_s = timing.ramp_s > 0 ? std::min(timing.ramp_s, kRampMax_s) : 0;
   return std::max(1, static_cast<int>(std::floor(ramp_s * rate_Hz + 1e-9)));
 }

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the loop is allowed to do: five states, the events that lead from one to another, and the
-// share of the torques that goes with them.
+// The safety state machine: five states, the events that lead from one to another, and the factor
+// on the torques in each.
 //
-// Laws (tests/runtime/control/safety_test.cpp):
-//  1. Any fault, in any state but recovering, leads to `fault`, and it is the first one that is
-//     kept; nothing but a request for recovery leaves that state.
-//  2. From the tick that leaves `running` on, torques are the last ones times a factor that falls
-//     linearly from less than 1 to 0 in ramp_ticks() ticks: within kRampMax_s at
-//     250 Hz and more, at once below.
-//  3. From `recovering` the way leads through `ready` only, after a time without any fault with
-//     the tool in free space; a fault in between starts that time anew. Torques are zero.
-//  4. After a recovery the share of the torques rises linearly from 0 to 1 over `ramp_up_s`.
-//  5. A time that is nan permits nothing: torques are zero at once, recovery never ends, and no
-//     share rises. A negative time is zero.
+// Contract (tests/runtime/control/safety_test.cpp):
+//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a
+//     request for recovery leaves that state.
+//  2. From the tick that leaves `running`, torques are the last ones times a factor that falls
+//     linearly to 0 in ramp_ticks() ticks and is below 1 in the first of them. At 250 Hz and more
+//     that takes at most kRampMax_s; below, torques are zero at once.
+//  3. `recovering` ends in `ready`, after `quiet_s` without a fault and with the tool in free
+//  space;
+//     a fault starts that time again. Torques are zero meanwhile.
+//  4. After a recovery the share of the torques (`authority`) rises linearly from 0 to 1 over
+//     `ramp_up_s`.
+//  5. A time of nan is safe: torques are zero at once, recovery never ends, and the share does not
+//     rise. A negative time counts as zero.
 #pragma once
 
 #include <cstdint>
@@ -25,55 +27,56 @@ namespace trocar::runtime {
 inline constexpr double kRampMax_s = 0.004;
 
 struct SafetyTiming {
-  double ramp_s = kRampMax_s;  ///< law 2; not above kRampMax_s
-  double quiet_s = 0.25;       ///< law 3
-  double ramp_up_s = 0.25;     ///< law 4
+  double ramp_s = kRampMax_s;  ///< item 2; not above kRampMax_s
+  double quiet_s = 0.25;       ///< item 3
+  double ramp_up_s = 0.25;     ///< item 4
 };
 
 enum class SafetyEvent : std::uint8_t {
   kSeen,     ///< the device's state was read and found good
-  kFree,     ///< all is well and the tool is where no sheet bears it
-  kFault,    ///< something is wrong
+  kFree,     ///< no fault, and the tool is in free space
+  kFault,    ///< a fault was found
   kRecover,  ///< the operator asks for recovery
-  kSettled,  ///< law 3's time is over
+  kSettled,  ///< the time of item 3 is over
 };
 inline constexpr int kSafetyEvents = 5;
 
-/// The table of transitions; an event that means nothing in a state leaves it as it is.
+/// The table of transitions; an event without a transition leaves the state as it is.
 SafetyState next_state(SafetyState state, SafetyEvent event) noexcept;
 
-/// Between ticks.
+/// Memory between ticks.
 struct Safety {
   SafetyState state = SafetyState::kIdle;
   Fault fault = Fault::kNone;  ///< latched; none outside of `fault` and `recovering`
   double fault_t_s = 0;
   std::uint64_t ramp_ticks_done = 0;  ///< since `running` was left
-  std::uint64_t quiet_ticks = 0;      ///< law 3
-  bool recovered = false;             ///< law 4 is in force
-  double authority = 1;               ///< law 4: share of the torques while running
+  std::uint64_t quiet_ticks = 0;      ///< item 3
+  bool recovered = false;             ///< item 4 applies
+  double authority = 1;               ///< item 4: share of the torques while running
 };
 
+/// Ticks of the ramp of item 2, at least 1.
 int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// What law 4's share rises by in a tick, in 0..; 1 and more: at once.
+/// By how much the share of item 4 rises in a tick, >= 0; 1 and more: at once.
 double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// A fault found at `t_s`. Returns whether it is now the one that is latched.
+/// Reports a fault found at `t_s`. Returns whether this one is latched.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 
-/// A request for recovery; true if it has an effect: in `fault`, when torques are zero.
+/// Requests recovery. It takes effect, and true is returned, in `fault` once torques are zero.
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// After the checks of a tick: `fault` is what they found, if anything, `seen` whether a state was
-/// ever read, `free` whether no sheet bears the tool. Moves the machine on by one tick.
+/// Advances the machine by one tick. `fault`: what the tick's checks found, or none; `seen`: a
+/// device state has been read; `free`: the tool is in free space.
 void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,
              bool seen, bool free) noexcept;
 
-/// The factor of law 2 for this tick (called once a tick outside `running`), on the torques at
-/// which `running` was left.
+/// The factor of item 2 for this tick, on the torques at which `running` was left. To be called
+/// once per tick outside `running`.
 double ramp_factor(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// Are torques zero because a fault's ramp has ended?
+/// Whether the ramp after a fault has ended, so that torques are zero.
 bool at_rest(const Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
 }  // namespace trocar::runtime

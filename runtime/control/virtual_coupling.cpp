@@ -20,8 +20,8 @@ Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose&
   const ProxyEnvironment& environment = state.environment;
   const Eigen::Vector3d last_N = environment.wrench_device.head<3>();
   if (const double force_N = last_N.norm(); force_N > 0) {
-    // Along the environment's force it yields with its stiffness and damping, whose force of the
-    // last move does not stay; across it not at all.
+    // Along its force the environment yields with its stiffness and damping; the damping force of
+    // the last move does not persist. Across the force the environment gives no resistance.
     const Eigen::Vector3d n = last_N / force_N;
     const double d = state.damper_N_per_m;
     const double k = environment.stiffness_N_per_m + environment.damping_N_s_per_m / moved_over_s;
@@ -50,7 +50,7 @@ Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& envir
   Eigen::Vector3d felt_N = options.stiffness_N_per_m * state.offset_m +
                            state.damper_N_per_m * (state.offset_m - state.last_offset_m);
   const double pull_N = n.dot(felt_N);
-  if (pull_N < 0) felt_N -= pull_N * n;  // the damper does not hold the tool back
+  if (pull_N < 0) felt_N -= pull_N * n;  // the damper must not pull the tool into the sheet
   Wrench felt = environment.wrench_device;
   felt.head<3>() = felt_N;
   return felt;

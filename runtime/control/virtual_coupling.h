@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // Virtual coupling (J. Colgate, M. Stanley, J. Brown, Issues in the haptic display of tool use,
 // IROS 1995; R. Adams, B. Hannaford, Stable haptic interaction with virtual environments, IEEE TRA
-// 15(3), 1999): the sheets are met by a proxy of the tool, and spring and damper between the two
-// are what the hand feels. However stiff a sheet, the device renders at most the spring.
+// 15(3), 1999): a proxy of the tool is in contact with the sheets, and the hand feels the spring
+// and damper between tool and proxy. However stiff a sheet, the device renders at most that spring.
 //
-// The proxy has no mass and the plate's orientation; it moves each tick to where coupling and
-// environment balance, the environment taken as a spring and a damper from where the proxy last
-// was.
+// The proxy has no mass and the plate's orientation. Each tick it moves to where coupling and
+// environment are in equilibrium; the environment is taken as a spring and a damper around the
+// proxy's last position.
 //
-// Laws (tests/runtime/control/virtual_coupling_test.cpp):
-//  1. Where nothing acts on the proxy it is the tool, and no force is felt.
-//  2. At rest in a sheet of stiffness k the force felt is that of k and the coupling in series; a
-//     damper in the sheet adds its own share in motion, and nothing else.
-//  3. A release of the environment is a release of the coupling, in the same tick.
+// Contract (tests/runtime/control/virtual_coupling_test.cpp):
+//  1. Where nothing acts on the proxy it coincides with the tool, and the force is zero.
+//  2. At rest in a sheet of stiffness k the force is that of k and the coupling in series. In
+//  motion
+//     a damper in the sheet adds its own force and nothing else.
+//  3. When the environment is released the coupling is released in the same tick.
 #pragma once
 
 #include "runtime/mechanism/pose.h"
@@ -25,29 +26,31 @@ struct CouplingOptions {
   double damping_N_s_per_m = 5;
 };
 
-/// What the proxy meets: along the force, stiffness times depth and damping times rate.
+/// The environment at the proxy: along the force, stiffness times depth plus damping times rate.
 struct ProxyEnvironment {
   Wrench wrench_device = Wrench::Zero();
   double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
   double rate_m_per_s = 0;  ///< of the depth
 };
 
-/// Between ticks.
+/// Memory between ticks.
 struct CouplingState {
   bool has_last = false;
   Eigen::Vector3d device_m = Eigen::Vector3d::Zero();  ///< the plate's origin, last tick
-  Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();  ///< proxy less device
+  Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();  ///< proxy minus device
   Eigen::Vector3d last_offset_m = Eigen::Vector3d::Zero();
   ProxyEnvironment environment;
-  double damper_N_per_m = 0;  ///< damping over the last move's time
+  double damper_N_per_m = 0;  ///< damping divided by the time of the last move
 };
 
-/// The proxy in the place of the plate at a tick's start. `moved_over_s`: as in update_contact;
-/// without a new pose the proxy stays too, and spring and damper act on as they did.
+/// Returns the pose of the proxy, to be used instead of the plate's in this tick. `moved_over_s`:
+/// as in update_contact; without a new pose the proxy keeps its offset, and spring and damper keep
+/// their forces.
 Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept;
 
-/// The wrench on the plate, given what the proxy meets. The moment is the environment's.
+/// Returns the wrench on the plate, given the environment at the proxy. The moment is the
+/// environment's.
 Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
                    CouplingState& state) noexcept;
 

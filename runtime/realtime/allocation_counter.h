@@ -1,26 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts what a realtime scope may not do: calls of malloc, calloc, realloc,
-// aligned_alloc, posix_memalign and free (and so of new and delete) on the scope's thread.
-// The counting itself is in allocation_hooks.cpp, which a program links as objects
-// (target trocar_allocation_hooks, empty under sanitizers); without it nothing is counted. Locks
-// taken there (mutexes, condition variables, semaphores) are counted likewise by lock_hooks.cpp
-// (target trocar_lock_hooks), which only tests link.
+// Counts the allocations of realtime code: calls of malloc, calloc, realloc, aligned_alloc,
+// posix_memalign and free (and so of new and delete) on a thread that is inside a
+// NoAllocationScope.
+//
+// Programs that link the target trocar_allocation_hooks (tests/reference/hooks) count; the shipped
+// programs and sanitizer builds do not, and there a scope costs one thread-local store.
 #pragma once
 
 #include <cstdint>
 
 namespace trocar::runtime {
 
-/// Are the hooks linked in?
+/// Whether this program counts.
 bool allocations_are_counted() noexcept;
-/// By all threads, inside scopes, since the start.
+/// By all threads, inside scopes, since the start; 0 where nothing is counted.
 std::uint64_t allocations_in_scopes() noexcept;
 
-/// The same of locks.
-bool locks_are_counted() noexcept;
-std::uint64_t locks_in_scopes() noexcept;
-
-/// While it lives, its thread's allocations and locks are counted. Scopes may not nest.
+/// While it exists, its thread's allocations are counted. Scopes may not nest.
 class NoAllocationScope {
  public:
   NoAllocationScope() noexcept;
@@ -29,10 +25,11 @@ class NoAllocationScope {
   NoAllocationScope& operator=(const NoAllocationScope&) = delete;
 };
 
-/// For the hooks.
+/// For the hooks: whether the calling thread is inside a scope.
+bool in_no_allocation_scope() noexcept;
+/// For the hooks: one allocation by the calling thread; counted inside a scope only.
 void note_allocation() noexcept;
+/// For the hooks: from now on this program counts.
 void announce_allocation_hooks() noexcept;
-void note_lock() noexcept;
-void announce_lock_hooks() noexcept;
 
 }  // namespace trocar::runtime

@@ -36,24 +36,24 @@ class Histogram {
     return max_us();
   }
 
-  /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, ascending:
-  /// count samples were at most upper_us and more than the one before.
+  /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in ascending
+  /// order: `count` samples were at most upper_us and above the previous quarter's.
   template <typename Found>
   void each_quarter_octave(Found&& found) const {
-    constexpr std::size_t kTogether = (std::size_t{1} << kBits) / 4;
-    for (std::size_t i = 0; i < kBuckets; i += kTogether) {
+    constexpr std::size_t kPerQuarter = (std::size_t{1} << kBits) / 4;
+    for (std::size_t i = 0; i < kBuckets; i += kPerQuarter) {
       std::uint64_t sum = 0;
-      for (std::size_t k = i; k < std::min(i + kTogether, kBuckets); ++k)
+      for (std::size_t k = i; k < std::min(i + kPerQuarter, kBuckets); ++k)
         sum += count_[k];
       if (sum > 0) {
-        found(static_cast<double>(upper_end(std::min(i + kTogether, kBuckets) - 1)) * 1e-3, sum);
+        found(static_cast<double>(upper_end(std::min(i + kPerQuarter, kBuckets) - 1)) * 1e-3, sum);
       }
     }
   }
 
  private:
   static constexpr unsigned kBits = 6;                            // 64 buckets an octave
-  static constexpr std::size_t kExact = std::size_t{2} << kBits;  // values below have their own
+  static constexpr std::size_t kExact = std::size_t{2} << kBits;  // smaller values are exact
   static constexpr std::size_t kBuckets = kExact + (std::size_t{33} << kBits);
 
   static std::size_t bucket(std::uint64_t value) noexcept {

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The latest values of one writing thread, which never waits: it overwrites the oldest. One reading
-// thread takes copies, and is told if the writer came round meanwhile (a sequence lock, after
-// H.-J. Boehm, "Can seqlocks get along with programming language memory models?", 2012).
+// A ring buffer of the latest values of one writing thread, which never waits and overwrites the
+// oldest. One reading thread copies values out and learns whether the writer overwrote them
+// meanwhile (a sequence lock, after H.-J. Boehm, "Can seqlocks get along with programming language
+// memory models?", 2012).
 //
-// Values are kept as atomic words, so that reading one while it is overwritten is no data race; on
-// x86 they cost what plain ones do. A word is stored with release and loaded with acquire: a reader
-// that saw a word of value c sees, in its look at the count afterwards, that c values came before.
+// Values are stored as atomic words, so that reading one while it is overwritten is no data race;
+// on x86 these cost as much as plain words. A word is stored with release and loaded with acquire:
+// a reader that saw a word of value number c then reads a count of at least c.
 #pragma once
 
 #include <array>
@@ -24,7 +25,7 @@ class OverwritingRing {
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 
  public:
-  /// Allocates; nothing else does, but for a reader's copy. `capacity` >= 1 values.
+  /// `capacity` >= 1 values. Allocates; of the other functions only copy() does.
   explicit OverwritingRing(std::size_t capacity) : capacity_(capacity), words_(capacity * kWords) {}
 
   /// Writer.
@@ -36,17 +37,17 @@ class OverwritingRing {
       to[w].store(words[w], std::memory_order_release);
     count_.store(++pushed_, std::memory_order_release);
   }
-  /// Writer: how many values so far.
+  /// Writer: number of values pushed.
   std::uint64_t pushed() const noexcept { return pushed_; }
 
   /// Reader: appends the values first, ..., end - 1, counted from the first push, to `out`. All of
-  /// them must have been pushed. False, and nothing is appended, if one is overwritten already.
+  /// them must have been pushed. False, and nothing is appended, if one has been overwritten.
   bool copy(std::uint64_t first, std::uint64_t end, std::vector<T>& out) const {
-    const auto overtaken = [&] {
-      // The writer may be at work on value `count`.
+    const auto overwritten = [&] {
+      // The writer may be writing value number `count` now.
       return count_.load(std::memory_order_acquire) >= first + capacity_;
     };
-    if (overtaken()) return false;
+    if (overwritten()) return false;
     const std::size_t before = out.size();
     out.resize(before + static_cast<std::size_t>(end - first));
     for (std::uint64_t i = first; i < end; ++i) {
@@ -57,7 +58,7 @@ class OverwritingRing {
       std::memcpy(static_cast<void*>(&out[before + static_cast<std::size_t>(i - first)]),
                   words.data(), sizeof(T));
     }
-    if (!overtaken()) return true;
+    if (!overwritten()) return true;
     out.resize(before);
     return false;
   }

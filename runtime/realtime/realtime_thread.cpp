@@ -37,7 +37,7 @@ void sleep_until(std::int64_t time_ns) noexcept {
   }
 }
 
-/// Pages of the stack that the loop will use are there before it starts.
+/// Maps the pages of the stack that the loop will use, before it starts.
 __attribute__((noinline)) void touch_stack() noexcept {
   std::array<volatile unsigned char, kStackTouched> pages;
   for (std::size_t i = 0; i < kStackTouched; i += 4096)
@@ -103,8 +103,8 @@ void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
 }
 
 void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {
-  // Memory of the future is locked only where there is no limit to it: with one, the
-  // first allocation beyond it would fail.
+  // Future memory is locked only if locked memory is unlimited: under a limit the first allocation
+  // beyond it would fail.
   rlimit limit{};
   const bool unlimited =
       ::getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;

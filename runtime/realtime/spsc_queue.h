@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bounded queue between one writing and one reading thread: no lock, no wait,
-// no allocation after construction (L. Lamport's ring; each side keeps a copy of the
-// other's index, so that it touches the shared one only when it seems full or empty).
+// A bounded queue from one writing to one reading thread: no lock, no wait, no allocation after
+// construction (L. Lamport's ring; each side caches the other's index and reads the shared one only
+// when the queue seems full or empty).
 #pragma once
 
 #include <array>
@@ -44,10 +44,10 @@ class SpscQueue {
 
  private:
   static constexpr std::size_t kLine = 64;
-  alignas(kLine) std::atomic<std::size_t> head_{0};  // next to read; grows without end
-  alignas(kLine) std::size_t tail_seen_ = 0;         // the reader's
+  alignas(kLine) std::atomic<std::size_t> head_{0};  // next to read; never wraps
+  alignas(kLine) std::size_t tail_seen_ = 0;         // the reader's cache of tail_
   alignas(kLine) std::atomic<std::size_t> tail_{0};  // next to write
-  alignas(kLine) std::size_t head_seen_ = 0;         // the writer's
+  alignas(kLine) std::size_t head_seen_ = 0;         // the writer's cache of head_
   alignas(kLine) std::array<T, Capacity> ring_{};
 };
 

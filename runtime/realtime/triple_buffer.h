@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The latest value from one writing to one reading thread: neither ever waits, the
-// reader sees whole values only and never an older one after a newer one.
+// Passes the latest value from one writing to one reading thread. Neither waits; the reader sees
+// complete values only, and never an older one after a newer one.
 #pragma once
 
 #include <array>

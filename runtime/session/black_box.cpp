@@ -38,7 +38,7 @@ Result<std::unique_ptr<BlackBox>> BlackBox::make(const std::filesystem::path& fo
                                                  double rate_Hz) {
   const std::string name = "black_box_" + start_in_utc();
   if (const Result<void> good = check_writable(folder / name); !good)
-    return unwritable(good.error().message + " (--black-box names another for the black boxes)");
+    return unwritable(good.error().message + " (--black-box sets another folder for black boxes)");
   const auto rows = static_cast<std::size_t>(std::ceil(kBlackBox_s * rate_Hz - 1e-6));
   return std::unique_ptr<BlackBox>(new BlackBox(folder, name, std::max<std::size_t>(rows, 1)));
 }
@@ -75,7 +75,9 @@ void BlackBox::serve_one(const Request& request) {
   const bool kept = ring_.copy(first, request.end, rows);
   made.rows = rows.size();
   if (!kept) {
-    made.error = unwritable(made.file.string() + ": the machine was too slow to keep these rows");
+    made.error =
+        unwritable(made.file.string() +
+                   ": rows were overwritten before they could be copied: the machine is too slow");
   } else if (Result<RecordingWriter> writer = RecordingWriter::open(made.file); !writer) {
     made.error = writer.error();
   } else {

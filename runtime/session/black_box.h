@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The black box: the last seconds of every tick, kept always and written out on a fault, as a
-// recording of its own. The haptic thread writes into a ring made beforehand and says where it
-// stood; a worker copies and writes. The ring holds twice what a file does, so the worker has as
-// long again before the haptic thread comes round; if it ever were later, the file says so by
-// being an error in the report, never by being a mixture.
+// The black box keeps the rows of the last seconds and writes them to a recording of their own
+// after a fault. The haptic thread pushes rows into a preallocated ring and, on a fault, requests a
+// file; a worker thread copies the rows and writes it. The ring holds twice as many rows as a file,
+// so the worker has kBlackBox_s for its copy. If it is later, rows have been overwritten: the
+// report has an error and there is no file.
 #pragma once
 
 #include <atomic>
@@ -14,8 +14,8 @@
 #include <thread>
 #include <vector>
 
-#include "formats/session/recording.h"
 #include "formats/base/result.h"
+#include "formats/session/recording.h"
 #include "runtime/realtime/overwriting_ring.h"
 #include "runtime/realtime/spsc_queue.h"
 
@@ -23,7 +23,7 @@ namespace trocar::runtime {
 
 inline constexpr double kBlackBox_s = 4;
 
-/// One file, or why there is none.
+/// One file, or the error why there is none.
 struct BlackBoxFile {
   Fault fault = Fault::kNone;
   double t_s = 0;          ///< of the fault
@@ -35,8 +35,8 @@ struct BlackBoxFile {
 class BlackBox {
  public:
   /// Files go into `folder`, named black_box_DATE-TIME_tSECONDSs_FAULT.csv by the start in UTC, the
-  /// session's time and the fault's word; what is there already is not replaced. Unwritable: no
-  /// folder, or one that nothing can be put into.
+  /// session's time and the fault's name; existing files are not replaced. Unwritable: the folder
+  /// does not exist or files cannot be created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder,
                                                 double rate_Hz);
   ~BlackBox();
@@ -46,21 +46,21 @@ class BlackBox {
   // Haptic thread.
 
   void push(const RecordingRow& row) noexcept { ring_.push(row); }
-  /// Asks for the rows so far to be written. False: too many files wait; it is counted.
+  /// Requests a file of the rows so far. False if too many requests wait; lost() counts them.
   bool save(Fault fault, double t_s) noexcept;
 
-  // One other thread: the one that start() makes, or the caller's.
+  // One other thread: the one that start() creates, or the caller's.
 
   void start();
-  /// Writes what was asked for.
+  /// Writes the requested files.
   void serve();
-  /// Ends the thread, if any, and writes the rest.
+  /// Ends the thread, if any, and writes the remaining files.
   void stop();
 
-  // After stop(), or from the thread that serves.
+  // After stop(), or on the thread that calls serve().
 
   const std::vector<BlackBoxFile>& files() const noexcept { return files_; }
-  /// Requests that found no room.
+  /// Requests lost because the queue was full.
   std::uint64_t lost() const noexcept { return lost_.load(); }
 
  private:

@@ -13,14 +13,6 @@ double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept 
   return held ? row.penetration_m : 0;
 }
 
-std::vector<double> displaced_heights_m(const SheetShape& shape, double depth_m) {
-  std::vector<double> heights_m;
-  heights_m.reserve(shape.w.size());
-  for (const double w : shape.w)
-    heights_m.push_back(shape.z_m - depth_m * w);
-  return heights_m;
-}
-
 void FrameWriter::add(const RecordingRow& row, const std::shared_ptr<const SheetShape>& shape) {
   if (shape != nullptr && shape != last_) {
     const nlohmann::json line = {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording in the place of a device: what it said, tick by tick.
+// A recording played back as a device: it gives the recorded states and statuses, tick by tick.
 #pragma once
 
 #include <span>
@@ -14,7 +14,7 @@ class ReplayDevice final : public Device {
   /// `rows` must outlive the device.
   explicit ReplayDevice(std::span<const RecordingRow> rows) : rows_(rows) {}
 
-  /// As in the next row; kEndOfData after the last.
+  /// State and status of the next row; kEndOfData after the last.
   DeviceStatus read(DeviceState& state) noexcept override {
     if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
     const RecordingRow& row = rows_[next_++];

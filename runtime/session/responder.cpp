@@ -13,19 +13,19 @@ namespace trocar::runtime {
 namespace {
 
 constexpr int kMaxPropagationTicks = 500;
-constexpr double kSettled = 1e-6;  // relative change of the force in a tick
+constexpr double kSettled = 1e-6;  // largest relative change of the force in a tick
 
 ResponseOptions options_of(const ForceLaw& law) {
   ResponseOptions options;
   options.error_bound = law.solver == NetworkSolver::kAuto ? law.error_bound : 0;
   options.region.radius_m =
       law.solver == NetworkSolver::kLocal ? law.radius_m : std::numeric_limits<double>::infinity();
-  // Propagation counts its depth in the sheet's own nodes.
+  // The depth of a propagation is counted in nodes of the sheet's mesh, so it is not graded.
   options.region.grading.graded = law.solver != NetworkSolver::kPropagation;
   return options;
 }
 
-/// The force per depth at which the propagation comes to rest.
+/// The force per depth at which the propagation settles.
 double settled_stiffness_N_per_m(const Region& region, const ForceLaw& law) {
   PropagationOptions options;
   options.depth = law.depth;
@@ -81,13 +81,13 @@ Result<std::unique_ptr<Responder>> Responder::make(const Scene& scene,
   const Grading grading = options_of(scene.force_law).region.grading;
   for (std::size_t i = 0; i < tissue_of_sheet.size(); ++i) {
     const Tissue& tissue = tissue_of_sheet[i];
-    // All else that a membrane depends on is the scene's.
+    // A membrane depends on the stiffness and on values common to the scene.
     const auto before = std::find_if(
         tissue_of_sheet.begin(), tissue_of_sheet.end(),
         [&](const Tissue& other) { return other.stiffness_N_per_m == tissue.stiffness_N_per_m; });
-    const auto of_before = static_cast<std::size_t>(before - tissue_of_sheet.begin());
-    if (of_before < i) {
-      responder->membrane_.push_back(responder->membrane_[of_before]);
+    const auto index_before = static_cast<std::size_t>(before - tissue_of_sheet.begin());
+    if (index_before < i) {
+      responder->membrane_.push_back(responder->membrane_[index_before]);
       continue;
     }
     ++responder->report_.calibrations;

@@ -15,7 +15,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::array<const char*, 4> kSolverWords{"auto", "local", "global", "propagation"};
+constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
 
 template <typename... Values>
 std::string line(const char* format, Values... values) {
@@ -32,7 +32,8 @@ Pose over_anchor(const Sheet& sheet, const Tool& tool, double tip_z_m) {
   return T_device_plate;
 }
 
-/// What the motors need to hold the threshold force where a sheet gives way, or why they cannot.
+/// The torque that the threshold force takes where the sheet is punctured, or why it is not
+/// possible.
 std::string motor_need(const DeviceDescription& device, const Sheet& sheet, const Tool& tool) {
   const Tissue& tissue = sheet.tissue;
   const Pose T_device_plate =
@@ -102,7 +103,7 @@ Result<std::string> describe_needs(const Scene& scene, const DeviceDescription& 
     if (!made) return made.error();
     responder = std::move(*made);
     out += line("force law  %s, solver %s, reach %.3g mm\n", to_string(scene.force_law.kind),
-                kSolverWords.at(static_cast<std::size_t>(scene.force_law.solver)),
+                kSolverNames.at(static_cast<std::size_t>(scene.force_law.solver)),
                 scene.force_law.reach_m * 1e3);
   } else {
     out += line("force law  %s\n", to_string(scene.force_law.kind));

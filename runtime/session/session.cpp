@@ -87,13 +87,13 @@ class Session {
     haptic_tick(model_, inputs(timing), device_, state_, result_);
     if (result_.end_of_data) return false;
     result_.row.cuts_published = cuts_published_;
-    if (result_.contact.gave_way) give_way();
+    if (result_.contact.gave_way) record_puncture();
     if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
     if (recorder_ != nullptr) recorder_->push(result_.row);
-    follow_faults();
+    track_faults();
     if (options_.live != nullptr) options_.live->write(result_.row);
     if (options_.on_frame && is_real()) for_frames_.write(result_.row);
-    keep_count(result_.row);
+    update_report(result_.row);
     report_.tick.add(now_ns() - start_ns);
     advance_(model_.contact.dt_s);
     return !(result_.at_rest && options_.recovery == RecoveryPolicy::kNever &&
@@ -115,18 +115,19 @@ class Session {
     realtime.cpu = options_.cpu;
     realtime.stop = options_.stop;
     report_.realtime = run_realtime(
-        realtime, [this](const TickTiming& timing) { return tick(timing); }, [this] { let_go(); });
+        realtime, [this](const TickTiming& timing) { return tick(timing); },
+        [this] { write_zero_torques(); });
     done.store(true);
     display.join();
     remesher_.stop();
   }
 
   void run_virtual() {
-    std::deque<std::uint64_t> due;  // ticks at whose start the next hand-overs are
+    std::deque<std::uint64_t> due;  // ticks at whose start new meshes come into use
     std::size_t recorded = 0;
     for (;;) {
       if (options_.stop != nullptr && options_.stop->load()) break;
-      hand_over(due);
+      publish_due(due);
       if (!tick({})) break;
       if (black_box_ != nullptr) black_box_->serve();
       if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
@@ -135,14 +136,15 @@ class Session {
       if (options_.on_frame) show_frame();
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
-    let_go();
+    write_zero_torques();
     remesher_.stop();
   }
 
   SessionReport finish() {
     const Safety& safety = state_.safety;
     if (black_box_ != nullptr) {
-      if (save_pending_) black_box_->save(safety.fault, safety.fault_t_s);  // the end came first
+      if (save_pending_)
+        black_box_->save(safety.fault, safety.fault_t_s);  // the session ended within the ramp
       black_box_->stop();
       report_.black_boxes = black_box_->files();
       report_.black_boxes_lost = black_box_->lost();
@@ -176,9 +178,8 @@ class Session {
     return inputs;
   }
 
-  /// The first thing after the last tick: motors hold what was last written while the other
-  /// threads end.
-  void let_go() noexcept { device_.write(DeviceCommand{}); }
+  /// Directly after the last tick: motors would hold the last torques while the other threads end.
+  void write_zero_torques() noexcept { device_.write(DeviceCommand{}); }
 
   bool wants_recovery() noexcept {
     if (options_.recovery == RecoveryPolicy::kAuto) return true;
@@ -186,9 +187,9 @@ class Session {
            options_.recover->exchange(false);
   }
 
-  /// The list of faults, and a black box for each: saved when torques are zero, so that the whole
-  /// way there is in it.
-  void follow_faults() noexcept {
+  /// Updates the list of faults and requests a black box for each. It is requested when torques are
+  /// zero, so that it contains the whole ramp.
+  void track_faults() noexcept {
     const RecordingRow& row = result_.row;
     if (black_box_ != nullptr) black_box_->push(row);
     FaultEvent* last = report_.faults.empty() || report_.faults_count > kMaxListedFaults
@@ -197,7 +198,7 @@ class Session {
     if (result_.new_fault != Fault::kNone) {
       save_pending_ = true;
       last = nullptr;
-      if (options_.recover != nullptr) options_.recover->store(false);  // of before
+      if (options_.recover != nullptr) options_.recover->store(false);  // an earlier request
       if (++report_.faults_count <= kMaxListedFaults) {
         FaultEvent event;
         event.fault = result_.new_fault;
@@ -219,7 +220,7 @@ class Session {
     if (row.passivity_N_s_per_m > 0) ++report_.damped_ticks;
   }
 
-  void give_way() noexcept {
+  void record_puncture() noexcept {
     const CutRequest& cut = result_.contact.cut;
     if (!remesher_.request(cut)) outside_ = Fault::kRemeshBacklog;
     if (report_.punctures.size() == kMaxListedPunctures) {
@@ -238,7 +239,7 @@ class Session {
     report_.punctures.push_back(event);
   }
 
-  void keep_count(const RecordingRow& row) noexcept {
+  void update_report(const RecordingRow& row) noexcept {
     last_force_N_ = result_.contact.force_N;
     last_active_sheet_ = result_.contact.active_sheet;
     if (!options_.replay.empty() && report_.replay_first_difference < 0) {
@@ -251,7 +252,7 @@ class Session {
     for (const double tau : row.tau_Nm) {
       report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
     }
-    if (row.authority < 1) return;  // a ramp renders nothing, or not all
+    if (row.authority < 1) return;  // forces are off or ramped up
     report_.max_force_N = std::max(report_.max_force_N, result_.contact.force_N);
     if (row.wrench_scale < 1) ++report_.scaled_ticks;
     const double wanted = wrench_norm(row.wrench_wanted);
@@ -302,9 +303,9 @@ class Session {
     }
   }
 
-  /// Virtual clock, before a tick: new meshes and responses that are due, or that the recording has
-  /// here.
-  void hand_over(std::deque<std::uint64_t>& due) {
+  /// Virtual clock, before a tick: puts the meshes and responses into use that are due, or that the
+  /// recording has in this tick.
+  void publish_due(std::deque<std::uint64_t>& due) {
     if (options_.replay.empty()) {
       while (!due.empty() && due.front() <= state_.tick) {
         due.pop_front();
@@ -440,7 +441,7 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
 }
 
 std::uint64_t tick_count(double duration_s, double rate_Hz) {
-  // A duration of whole periods must not gain a tick from rounding.
+  // Rounding must not add a tick to a duration of whole periods.
   const double ticks = duration_s * rate_Hz;
   const double nearest = std::round(ticks);
   return static_cast<std::uint64_t>(
@@ -448,14 +449,14 @@ std::uint64_t tick_count(double duration_s, double rate_Hz) {
 }
 
 Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
-  if (rows.size() < 2) return refused(name + ": a single row has no rate");
+  if (rows.size() < 2) return refused(name + ": one row alone has no rate");
   const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
   if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
-    return refused(name + ": its rate is outside of what the loop runs at");
+    return refused(name + ": its rate is outside the range of the loop");
   }
-  // Rates are typed: the shortest decimal that gives every row's time is the one. `exact` itself is
-  // off by a rounding or two.
-  std::size_t most_rows = 0;  // that a rate was right for
+  // Rates are typed by people: the shortest decimal that gives every row's time is taken. `exact`
+  // may be off by a few roundings.
+  std::size_t most_rows = 0;  // whose times a candidate matched
   const auto fits = [&](double rate_Hz) {
     std::size_t k = 0;
     while (k < rows.size() && rows[k].t_s == static_cast<double>(k) / rate_Hz)
@@ -477,7 +478,7 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
     if (fits(above)) return above;
   }
   return refused(name + ": row " + std::to_string(most_rows + 1) +
-                 " is not at its time: no rate gives those of all rows, to the last bit");
+                 " has an unexpected time: no rate gives the times of all rows to the last bit");
 }
 
 }  // namespace trocar::runtime

@@ -48,7 +48,7 @@ json describe_faults(const SessionReport& report) {
                   {"torques_zero_t_s", time_or_null(event.rest_t_s)},
                   {"recovered_t_s", time_or_null(event.recovered_t_s)},
                   {"black_box", nullptr}};
-    const auto box =  // one may be lost
+    const auto box =  // none if the request was lost
         std::find_if(report.black_boxes.begin(), report.black_boxes.end(),
                      [&event](const BlackBoxFile& b) { return b.t_s == event.t_s; });
     if (box != report.black_boxes.end()) {

@@ -9,13 +9,13 @@
 namespace trocar::runtime {
 namespace {
 
-// The haptic thread wakes nobody: a system call a puncture would be a delay.
+// The workers poll: to wake them the haptic thread would need a system call, which takes time.
 constexpr std::chrono::milliseconds kPollInterval{1};
 constexpr std::chrono::milliseconds kRecorderInterval{20};
 
 }  // namespace
 
-Remesher::Lane::Lane(const Sheet& sheet)
+Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
     : replica{sheet, sheet},
       edit(sheet.mesh),
       doubled_area(trocar::doubled_area(to_slice_mesh(sheet.mesh))),
@@ -31,10 +31,10 @@ Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
   for (const auto& sheet : sheets) {
     vertex_slots_ = std::max(vertex_slots_, sheet->mesh.vertices.size());
     triangle_slots_ = std::max(triangle_slots_, sheet->mesh.triangles.size());
-    lanes_.push_back(std::make_unique<Lane>(*sheet));
+    pairs_.push_back(std::make_unique<ReplicaPair>(*sheet));
   }
   make_workspaces();
-  ready_.reserve(lanes_.size());
+  ready_.reserve(pairs_.size());
   records_.reserve(kMaxRecords);
   hole_points_.reserve(kMaxHolePoints);
   ring_end_.reserve(kMaxHolePoints / 3);
@@ -50,37 +50,37 @@ Remesher::~Remesher() {
 }
 
 const Sheet* Remesher::current(std::size_t sheet) noexcept {
-  Lane& lane = *lanes_[sheet];
-  const Sheet* latest = lane.published.load(std::memory_order_acquire);
-  // Versions only ever get newer, so from here on no older one is looked at.
-  lane.seen_cuts.store(latest->cuts, std::memory_order_release);
+  ReplicaPair& pair = *pairs_[sheet];
+  const Sheet* latest = pair.published.load(std::memory_order_acquire);
+  // Versions only get newer, so older ones are not read from here on.
+  pair.seen_cuts.store(latest->cuts, std::memory_order_release);
   return latest;
 }
 
-void Remesher::catch_up(Lane& lane) {
-  if (!lane.older_is_behind || lane.unpublished) return;
-  const Sheet& newer = lane.replica[lane.newer];
-  if (lane.seen_cuts.load(std::memory_order_acquire) < newer.cuts && !nobody_reads_) return;
-  Sheet& older = lane.replica[1 - lane.newer];
+void Remesher::catch_up(ReplicaPair& pair) {
+  if (!pair.older_is_behind || pair.unpublished) return;
+  const Sheet& newer = pair.replica[pair.newer];
+  if (pair.seen_cuts.load(std::memory_order_acquire) < newer.cuts && !reader_stopped_) return;
+  Sheet& older = pair.replica[1 - pair.newer];
   if (older.mesh.triangles.size() < newer.mesh.triangles.size()) {
     older.mesh.add_slots(newer.mesh.vertices.size() - older.mesh.vertices.size(),
                          newer.mesh.triangles.size() - older.mesh.triangles.size());
     older.grid.add_slots(older.mesh);
   }
-  lane.edit.copy_to(newer.mesh, older.mesh);
-  older.grid.update(lane.edit, older.mesh);
+  pair.edit.copy_to(newer.mesh, older.mesh);
+  older.grid.update(pair.edit, older.mesh);
   older.cuts = newer.cuts;
-  lane.older_is_behind = false;
+  pair.older_is_behind = false;
 }
 
-void Remesher::improve(Lane& lane, Sheet& sheet, CutRecord& record) noexcept {
+void Remesher::improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept {
   if (options_.min_angle_deg <= 0) return;
   LocalRefinementOptions options;
   options.min_angle_deg = options_.min_angle_deg;
   const LocalRefinementResult result =
-      refine_locally(sheet.mesh, lane.edit, work_->stitch.created, options, *refinement_);
+      refine_locally(sheet.mesh, pair.edit, work_->stitch.created, options, *refinement_);
   record.quality_vertices = result.vertices_added;
-  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, lane.edit);
+  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, pair.edit);
 }
 
 void Remesher::keep_hole(CutRecord& record) noexcept {
@@ -107,59 +107,59 @@ std::vector<Ring> Remesher::hole(const CutRecord& record) const {
   return rings;
 }
 
-void Remesher::make_room(Lane& lane, Sheet& unread) {
-  unread.mesh.add_slots(kSpareVertices, kSpareTriangles);
-  unread.grid.add_slots(unread.mesh);
-  lane.edit = SheetEdit(unread.mesh);
-  if (unread.mesh.triangles.size() <= triangle_slots_ &&
-      unread.mesh.vertices.size() <= vertex_slots_)
+void Remesher::add_capacity(ReplicaPair& pair, Sheet& older) {
+  older.mesh.add_slots(kSpareVertices, kSpareTriangles);
+  older.grid.add_slots(older.mesh);
+  pair.edit = SheetEdit(older.mesh);
+  if (older.mesh.triangles.size() <= triangle_slots_ && older.mesh.vertices.size() <= vertex_slots_)
     return;
-  vertex_slots_ = std::max(vertex_slots_, unread.mesh.vertices.size());
-  triangle_slots_ = std::max(triangle_slots_, unread.mesh.triangles.size());
+  vertex_slots_ = std::max(vertex_slots_, older.mesh.vertices.size());
+  triangle_slots_ = std::max(triangle_slots_, older.mesh.triangles.size());
   make_workspaces();
 }
 
-CutReport Remesher::cut_with_room(Lane& lane, Sheet& unread, const LatticeOutline& outline) {
-  if (unread.mesh.free_vertices.size() < kLeastFreeVertices ||
-      unread.mesh.free_triangles.size() < kLeastFreeTriangles)
-    make_room(lane, unread);
+CutReport Remesher::cut_with_capacity(ReplicaPair& pair, Sheet& older,
+                                      const LatticeOutline& outline) {
+  if (older.mesh.free_vertices.size() < kMinFreeVertices ||
+      older.mesh.free_triangles.size() < kMinFreeTriangles)
+    add_capacity(pair, older);
   CutReport report;
-  for (int attempt = 0; attempt < kMostAttempts; ++attempt) {
-    if (attempt > 0) make_room(lane, unread);
-    report = cut_in_place(unread.mesh, unread.grid,
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    if (attempt > 0) add_capacity(pair, older);
+    report = cut_in_place(older.mesh, older.grid,
                           std::span(outline.points.data(), static_cast<std::size_t>(outline.size)),
-                          *work_, lane.edit);
+                          *work_, pair.edit);
     if (report.outcome != CutOutcome::kCapacity) break;
   }
   return report;
 }
 
-// The older replica is as the newer one, and nobody reads it.
+// Precondition: the older replica equals the newer one and is not visible to the haptic thread.
 void Remesher::serve_one(const CutRequest& request) {
   const auto start = std::chrono::steady_clock::now();
   const auto index = static_cast<std::size_t>(request.sheet);
-  Lane& lane = *lanes_[index];
-  const std::uint32_t cuts = lane.replica[lane.newer].cuts;
-  Sheet& next = lane.replica[1 - lane.newer];
+  ReplicaPair& pair = *pairs_[index];
+  const std::uint32_t cuts = pair.replica[pair.newer].cuts;
+  Sheet& next = pair.replica[1 - pair.newer];
   CutRecord record;
   record.request = request;
-  record.doubled_area_before = lane.doubled_area;
+  record.doubled_area_before = pair.doubled_area;
   if (request.cut != cuts + 1) {
     record.error = bug("a cut before this one failed");
   } else {
-    record.cut = cut_with_room(lane, next, request.outline);
+    record.cut = cut_with_capacity(pair, next, request.outline);
     if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNothingMet) {
-      if (record.cut.outcome == CutOutcome::kCut) improve(lane, next, record);
-      next.grid.update(lane.edit, next.mesh);
+      if (record.cut.outcome == CutOutcome::kCut) improve(pair, next, record);
+      next.grid.update(pair.edit, next.mesh);
       next.cuts = cuts + 1;
       keep_hole(record);
-      lane.doubled_area -= record.cut.doubled_area_removed;
-      lane.newer = 1 - lane.newer;
-      lane.older_is_behind = true;
-      lane.unpublished = true;
+      pair.doubled_area -= record.cut.doubled_area_removed;
+      pair.newer = 1 - pair.newer;
+      pair.older_is_behind = true;
+      pair.unpublished = true;
       ready_.push_back(index);
     } else if (record.cut.outcome == CutOutcome::kCapacity) {
-      record.error = refused("cut: it takes more than there is room for");
+      record.error = refused("cut: it exceeds the capacity of the mesh");
     } else {
       record.error = bug("cut: " + std::string(to_word(record.cut.outcome)) +
                          (record.cut.bug != nullptr ? std::string(": ") + record.cut.bug : ""));
@@ -167,21 +167,17 @@ void Remesher::serve_one(const CutRequest& request) {
   }
   record.remesh_us =
       std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start).count();
-  if (records_.size() < kMaxRecords) {
-    records_.push_back(record);
-  } else {
-    ++records_not_kept_;
-  }
+  if (records_.size() < kMaxRecords) records_.push_back(record);
 }
 
 void Remesher::serve() {
-  for (const auto& lane : lanes_)
-    catch_up(*lane);
+  for (const auto& pair : pairs_)
+    catch_up(*pair);
   CutRequest request;
   while (waiting_ || requests_.pop(request)) {
     if (waiting_) request = *waiting_;
     waiting_.reset();
-    if (lanes_[static_cast<std::size_t>(request.sheet)]->older_is_behind) {
+    if (pairs_[static_cast<std::size_t>(request.sheet)]->older_is_behind) {
       waiting_ = request;
       return;
     }
@@ -191,10 +187,10 @@ void Remesher::serve() {
 
 bool Remesher::publish_next() {
   if (ready_.empty()) return false;
-  Lane& lane = *lanes_[ready_.front()];
+  ReplicaPair& pair = *pairs_[ready_.front()];
   ready_.erase(ready_.begin());
-  lane.published.store(&lane.replica[lane.newer], std::memory_order_release);
-  lane.unpublished = false;
+  pair.published.store(&pair.replica[pair.newer], std::memory_order_release);
+  pair.unpublished = false;
   return true;
 }
 
@@ -216,11 +212,11 @@ void Remesher::stop() {
     stopping_.store(true, std::memory_order_release);
     thread_.join();
   }
-  nobody_reads_ = true;
+  reader_stopped_ = true;
   do {
     serve();
   } while (publish_next() || waiting_);
-  nobody_reads_ = false;
+  reader_stopped_ = false;
 }
 
 Recorder::~Recorder() {
@@ -249,7 +245,7 @@ void Recorder::drain() {
   std::array<RecordingRow, 64> batch;
   std::size_t count = 0;
   const auto write = [&] {
-    // After a failure rows are taken off and dropped, so that the haptic side never fills up.
+    // After a failure rows are discarded, so that the queue does not fill up.
     if (!error_) {
       if (Result<void> done = writer_.append(std::span(batch.data(), count)); !done) {
         error_ = done.error();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hard case of the sheet's mechanics (tests/corpus/cut): a sheet, a sequence of cuts, and what
-// the force law `network` makes of what is left. The format is described in tests/corpus/README.md.
+// A hard case of the sheet's mechanics (tests/corpus/cut): a sheet, a sequence of cuts, and forces
+// of the law `network` on the remaining sheet. Format: tests/corpus/README.md.
 #pragma once
 
 #include <cstdint>
@@ -13,32 +13,34 @@
 
 namespace trocar::test {
 
-/// Coordinates as in an asset: what is larger never reaches a sheet.
-inline constexpr std::int64_t kMostSheetCoordinate = 1 << 24;
-inline constexpr std::size_t kMostCuts = 2000;
+/// The largest coordinate in an asset, and so in a sheet.
+inline constexpr std::int64_t kMaxSheetCoordinate = 1 << 24;
+inline constexpr std::size_t kMaxCuts = 2000;
 
 struct ForceCase {
-  std::vector<double> stiffness_N_per_m;  ///< the answer must be in proportion to it
+  std::vector<double> stiffness_N_per_m;  ///< the response must be proportional to it
   double reach_mm = 8;
   Ring tool;
-  std::string refused;  ///< not empty: no membrane can be made, and this is said
-  std::optional<double> over_K_min, over_K_max;      ///< stiffness felt, by the wanted one
-  std::optional<double> over_bed_min, over_bed_max;  ///< by that of the bed under the whole sheet
-  double propagated_max = 1.002;  ///< what a thousand sweeps of propagation leave, by the answer
+  std::string refused;  ///< not empty: calibration must fail with this message
+  std::optional<double> over_K_min, over_K_max;  ///< bounds of response over wanted stiffness
+  std::optional<double> over_bed_min,
+      over_bed_max;  ///< the same over the stiffness of the bed under the whole sheet
+  /// Bound of the stiffness after 1,000 sweeps of propagation, over the response.
+  double propagated_max = 1.002;
 };
 
 struct CutCase {
   std::string right;
   Lattice lattice;
-  Pslg outline;     ///< to be triangulated, or
-  SliceMesh sheet;  ///< as it is
+  Pslg outline;     ///< to be triangulated, if has_outline; else
+  SliceMesh sheet;  ///< the mesh itself
   bool has_outline = false;
   std::vector<Ring> cuts;
-  std::vector<ForceCase> forces;  ///< on what the cuts have left
+  std::vector<ForceCase> forces;  ///< on the sheet after all cuts
 
   bool valid_sheet = true;
-  std::string because;                                 ///< what the refusal of the sheet must say
-  std::int64_t cut = 0, nothing_met = 0, refused = 0;  ///< how many of the cuts
+  std::string because;  ///< text of the error if the sheet must be refused
+  std::int64_t cut = 0, nothing_met = 0, refused = 0;  ///< numbers of cuts by outcome
   std::optional<std::int64_t> doubled_area_left, triangles_left, islands, holes;
 };
 
@@ -47,15 +49,15 @@ namespace detail {
 inline SliceMesh read_mesh(StrictObject& o, JsonErrors& errors) {
   SliceMesh out;
   out.vertices =
-      read_ring(*o.optional_value("vertices"), "/sheet/vertices", kMostSheetCoordinate, errors);
-  const nlohmann::json* triangles = o.array("triangles", 0, kMostParts);
+      read_ring(*o.optional_value("vertices"), "/sheet/vertices", kMaxSheetCoordinate, errors);
+  const nlohmann::json* triangles = o.array("triangles", 0, kMaxParts);
   if (triangles == nullptr) return out;
   for (const nlohmann::json& t : *triangles) {
     Triangle read{};
     const bool three = t.is_array() && t.size() == 3;
     if (!three) errors.add("/sheet/triangles", "a triangle must be three vertices");
     for (std::size_t i = 0; three && i < 3; ++i) {
-      const bool index = t[i].is_number_unsigned() && t[i].get<std::uint64_t>() < kMostPoints;
+      const bool index = t[i].is_number_unsigned() && t[i].get<std::uint64_t>() < kMaxPoints;
       if (!index) errors.add("/sheet/triangles", "a vertex must be a small number");
       if (index) read[i] = t[i].get<std::uint32_t>();
     }
@@ -69,7 +71,7 @@ inline void read_sheet(const nlohmann::json& value, CutCase& out, JsonErrors& er
   if (o.has("rings")) {
     out.has_outline = true;
     out.outline.rings =
-        read_rings(*o.optional_value("rings"), "/sheet/rings", kMostSheetCoordinate, errors);
+        read_rings(*o.optional_value("rings"), "/sheet/rings", kMaxSheetCoordinate, errors);
   } else if (o.has("vertices")) {
     out.sheet = read_mesh(o, errors);
   } else {
@@ -83,7 +85,7 @@ inline void read_sheet(const nlohmann::json& value, CutCase& out, JsonErrors& er
 }
 
 inline void read_cuts(const nlohmann::json& value, CutCase& out, JsonErrors& errors) {
-  if (!value.is_array() || value.size() > kMostCuts) {
+  if (!value.is_array() || value.size() > kMaxCuts) {
     errors.add("/cuts", "must be an array");
     return;
   }
@@ -92,17 +94,17 @@ inline void read_cuts(const nlohmann::json& value, CutCase& out, JsonErrors& err
     if (!o.has("polygon")) errors.add("/cuts/polygon", "is missing");
     if (errors.first) return;
     Ring tool =
-        read_ring(*o.optional_value("polygon"), "/cuts/polygon", kMostSheetCoordinate, errors);
-    const std::int64_t times = o.integer("times", 1, kMostCuts, 1);
+        read_ring(*o.optional_value("polygon"), "/cuts/polygon", kMaxSheetCoordinate, errors);
+    const std::int64_t times = o.integer("times", 1, kMaxCuts, 1);
     LatticePoint step;
     if (o.has("step")) {
       const Ring read =
           read_ring(nlohmann::json::array({*o.optional_value("step")}), "/cuts/step",
-                    kMostSheetCoordinate / static_cast<std::int64_t>(kMostCuts), errors);
+                    kMaxSheetCoordinate / static_cast<std::int64_t>(kMaxCuts), errors);
       if (read.size() == 1) step = read[0];
     }
     o.finish();
-    for (std::int64_t i = 0; i < times && out.cuts.size() < kMostCuts; ++i) {
+    for (std::int64_t i = 0; i < times && out.cuts.size() < kMaxCuts; ++i) {
       out.cuts.push_back(tool);
       for (LatticePoint& p : tool)
         p = {p.x + step.x, p.y + step.y};
@@ -125,7 +127,7 @@ inline void read_forces(const nlohmann::json& value, CutCase& out, JsonErrors& e
     force.reach_mm = o.number("reach_mm", -1e9, 1e9);
     if (o.has("tool"))
       force.tool =
-          read_ring(*o.optional_value("tool"), "/forces/tool", kMostSheetCoordinate, errors);
+          read_ring(*o.optional_value("tool"), "/forces/tool", kMaxSheetCoordinate, errors);
     force.refused = optional_string(o, "refused");
     force.over_K_min = optional_number(o, "over_K_min", 0, 1e9);
     force.over_K_max = optional_number(o, "over_K_max", 0, 1e9);
@@ -139,7 +141,7 @@ inline void read_forces(const nlohmann::json& value, CutCase& out, JsonErrors& e
 
 }  // namespace detail
 
-/// Refused: anything but what corpus/README.md describes.
+/// Refused: anything that tests/corpus/README.md does not describe.
 inline Result<CutCase> parse_cut_case(std::string_view text, const std::string& name) {
   auto json = parse_strict_json(text, name);
   if (!json) return json.error();
@@ -161,14 +163,14 @@ inline Result<CutCase> parse_cut_case(std::string_view text, const std::string& 
     StrictObject e(*value, "/expect", errors);
     out.because = optional_string(e, "sheet_refused");
     out.valid_sheet = out.because.empty();
-    constexpr std::int64_t kMost = std::int64_t{1} << 62;
-    out.cut = e.integer("cut", 0, kMost, 0);
-    out.nothing_met = e.integer("nothing_met", 0, kMost, 0);
-    out.refused = e.integer("refused", 0, kMost, 0);
-    out.doubled_area_left = optional_integer(e, "doubled_area_left", 0, kMost);
-    out.triangles_left = optional_integer(e, "triangles_left", 0, kMost);
-    out.islands = optional_integer(e, "islands", 0, kMost);
-    out.holes = optional_integer(e, "holes", 0, kMost);
+    constexpr std::int64_t kLargest = std::int64_t{1} << 62;
+    out.cut = e.integer("cut", 0, kLargest, 0);
+    out.nothing_met = e.integer("nothing_met", 0, kLargest, 0);
+    out.refused = e.integer("refused", 0, kLargest, 0);
+    out.doubled_area_left = optional_integer(e, "doubled_area_left", 0, kLargest);
+    out.triangles_left = optional_integer(e, "triangles_left", 0, kLargest);
+    out.islands = optional_integer(e, "islands", 0, kLargest);
+    out.holes = optional_integer(e, "holes", 0, kLargest);
     e.finish();
   } else {
     errors.add("/expect", "is missing");

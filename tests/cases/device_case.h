@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hard case of the device (tests/corpus/device): one question to kinematics, allocation, motors,
-// limits, description, packets or the whole loop, and the answer that is right. The format is
-// described in tests/corpus/README.md.
+// A hard case of the device (tests/corpus/device): one input of kinematics, allocation, motors,
+// limits, description, packets or the whole loop, and the correct result. Format:
+// tests/corpus/README.md.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -18,10 +18,10 @@
 
 namespace trocar::test {
 
-/// A number, or one of those that JSON has no word for.
-inline std::optional<double> number_or_word(const nlohmann::json& value) {
+/// A number, or the name of one that JSON cannot write.
+inline std::optional<double> number_or_name(const nlohmann::json& value) {
   if (value.is_number()) return value.get<double>();
-  static const std::map<std::string, double> kWords = {
+  static const std::map<std::string, double> kNames = {
       {"nan", std::numeric_limits<double>::quiet_NaN()},
       {"inf", std::numeric_limits<double>::infinity()},
       {"-inf", -std::numeric_limits<double>::infinity()},
@@ -30,13 +30,13 @@ inline std::optional<double> number_or_word(const nlohmann::json& value) {
       {"smallest normal", std::numeric_limits<double>::min()},
       {"largest", std::numeric_limits<double>::max()},
       {"-0", -0.0}};
-  const auto word = value.is_string() ? kWords.find(value.get<std::string>()) : kWords.end();
-  if (word == kWords.end()) return std::nullopt;
-  return word->second;
+  const auto name = value.is_string() ? kNames.find(value.get<std::string>()) : kNames.end();
+  if (name == kNames.end()) return std::nullopt;
+  return name->second;
 }
 
-/// Reads the fields of one object; what is missing or of another kind is noted in `errors`, and
-/// finish() notes what nobody asked for.
+/// Reads the fields of one object. Missing fields and wrong types are added to `errors`; finish()
+/// adds fields that were not read.
 class DeviceFields {
  public:
   DeviceFields(const nlohmann::json& value, std::string path, JsonErrors& errors)
@@ -47,7 +47,7 @@ class DeviceFields {
     const nlohmann::json* found = object_.optional_value(key);
     return found == nullptr ? otherwise : read(*found, key);
   }
-  /// One number for all, or one for each.
+  /// An array of `size` numbers; a single number stands for all of them.
   std::vector<double> numbers(const char* key, std::size_t size, double otherwise) {
     const nlohmann::json* found = object_.optional_value(key);
     std::vector<double> out(size, otherwise);
@@ -61,7 +61,7 @@ class DeviceFields {
       out[i] = read((*found)[i], key);
     return out;
   }
-  std::string word(const char* key, const std::string& otherwise) {
+  std::string text(const char* key, const std::string& otherwise) {
     return object_.has(key) ? object_.string(key) : otherwise;
   }
   const nlohmann::json& object(const char* key) {
@@ -73,8 +73,8 @@ class DeviceFields {
 
  private:
   double read(const nlohmann::json& value, const char* key) {
-    const std::optional<double> x = number_or_word(value);
-    if (!x) errors_.add(path_ + "/" + key, "must be a number or a word for one");
+    const std::optional<double> x = number_or_name(value);
+    if (!x) errors_.add(path_ + "/" + key, "must be a number or the name of one");
     return x.value_or(0);
   }
   StrictObject object_;
@@ -82,8 +82,8 @@ class DeviceFields {
   JsonErrors& errors_;
 };
 
-/// {p_m, turn_deg: rotation vector} or {p_m, q: w x y z as it is}; with `towards` the pose is moved
-/// along it to the end of the device's reach, and from there back by inside_m.
+/// {p_m, turn_deg: rotation vector} or {p_m, q: w x y z, not normalized}; with `towards` the pose
+/// is moved in this direction to the end of the device's reach, and back from there by inside_m.
 inline runtime::Pose read_pose(const DeviceDescription& device, const nlohmann::json& value,
                                JsonErrors& errors) {
   DeviceFields o(value, "/pose", errors);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The hard cases of tests/corpus: small JSON files, each named after what it shows, each with a
-// field `right` that says in words what is right there and `expect`, the same for the machine.
-// Unit tests and fuzzers read them alike: a file more is a test more. Formats: corpus/README.md.
+// Reading the hard cases of tests/corpus: small JSON files, each named after what it shows. The
+// field `right` states the correct result in words, `expect` states it for the test. Unit tests and
+// fuzzers read the same files, so a new file is a new test. Formats: tests/corpus/README.md.
 #pragma once
 
 #include <algorithm>
@@ -16,12 +16,12 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/geometry/slice_mesh.h"
 #include "formats/base/strict_json.h"
+#include "formats/geometry/slice_mesh.h"
 
 namespace trocar::test {
 
-/// In alphabetical order, so that tests come in the same order everywhere.
+/// The JSON files of a folder in alphabetical order, so that tests have the same order everywhere.
 inline std::vector<std::filesystem::path> case_files(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> out;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
@@ -36,7 +36,7 @@ inline std::string text_of(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-/// A file's name as GoogleTest wants it.
+/// A file's name as a GoogleTest name.
 inline std::string test_name(const std::filesystem::path& file) {
   std::string name = file.stem().string();
   std::replace_if(
@@ -44,14 +44,14 @@ inline std::string test_name(const std::filesystem::path& file) {
   return name;
 }
 
-/// Far more than any case needs: what a fuzzer may claim.
-inline constexpr std::size_t kMostPoints = 20'000, kMostParts = 20'000;
+/// Limits on sizes that a fuzzed file may state; far above those of the corpus.
+inline constexpr std::size_t kMaxPoints = 20'000, kMaxParts = 20'000;
 
 /// [[x, y], ...] in lattice steps, each coordinate at most `most`.
 inline Ring read_ring(const nlohmann::json& value, const std::string& path, std::int64_t most,
                       JsonErrors& errors) {
   Ring out;
-  if (!value.is_array() || value.size() > kMostPoints) {
+  if (!value.is_array() || value.size() > kMaxPoints) {
     errors.add(path, "must be an array of points");
     return out;
   }
@@ -73,7 +73,7 @@ inline Ring read_ring(const nlohmann::json& value, const std::string& path, std:
 inline std::vector<Ring> read_rings(const nlohmann::json& value, const std::string& path,
                                     std::int64_t most, JsonErrors& errors) {
   std::vector<Ring> out;
-  if (!value.is_array() || value.size() > kMostParts) {
+  if (!value.is_array() || value.size() > kMaxParts) {
     errors.add(path, "must be an array of rings");
     return out;
   }
@@ -82,7 +82,7 @@ inline std::vector<Ring> read_rings(const nlohmann::json& value, const std::stri
   return out;
 }
 
-/// Present only if the key is.
+/// The value of the key, if it is present.
 inline std::optional<std::int64_t> optional_integer(StrictObject& object, const char* key,
                                                     std::int64_t lowest, std::int64_t highest) {
   if (!object.has(key)) return std::nullopt;

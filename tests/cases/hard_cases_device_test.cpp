@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The hard cases of the device, tests/corpus/device: each asks one question, `ask`, and says what
-// is right. Whatever is asked, no answer is other than finite, and no torque beyond its limit.
+// The hard cases of the device, tests/corpus/device: each gives one input of the kind `ask` and its
+// correct result. In all cases results are finite and torques are within their limits.
 #include <gtest/gtest.h>
 
 #include <Eigen/SVD>
@@ -43,14 +43,14 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 
   void ask_pose(DeviceFields& asked, DeviceFields& right) {
     const Pose T = test::read_pose(device_, asked.object("pose"), errors_);
-    const std::string bad_field = asked.word("each_field", "");
-    if (!bad_field.empty()) return each_pose_field(T, *test::number_or_word(bad_field), right);
+    const std::string bad_field = asked.text("each_field", "");
+    if (!bad_field.empty()) return each_pose_field(T, *test::number_or_name(bad_field), right);
     expect_pose(T, right);
   }
 
   void expect_pose(const Pose& T, DeviceFields& right) {
     const InverseResult inverse = inverse_kinematics(device_, T);
-    EXPECT_EQ(to_string(inverse.status.failure), right.word("inverse", "none"));
+    EXPECT_EQ(to_string(inverse.status.failure), right.text("inverse", "none"));
     EXPECT_EQ(inverse.status.leg, right.number("leg", 0));
     EXPECT_EQ(inverse.status.joint, right.number("joint", 0));
     int assemblies = 0;
@@ -63,7 +63,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       }
     }
     EXPECT_EQ(assemblies, right.number("assemblies", assemblies));
-    const std::string jacobian_word = right.word("jacobian", "none");
+    const std::string expected_jacobian = right.text("jacobian", "none");
     const double condition_min = right.number("inverse_condition_min", 0),
                  condition_max = right.number("inverse_condition_max", 1),
                  branch_min_m = right.number("branch_min_m", -1),
@@ -76,7 +76,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     EXPECT_LT(forward.T_device_plate.q.angularDistance(T.q), 1e-9);
 
     const JacobianResult compact = jacobian(device_, T, inverse.joints);
-    EXPECT_EQ(to_string(compact.status.failure), jacobian_word);
+    EXPECT_EQ(to_string(compact.status.failure), expected_jacobian);
     ASSERT_TRUE(compact.G.allFinite());
     // The distance to a branch needs no Jacobian.
     const Singularity measured = measure_singularity(device_, T, inverse.joints, compact.G);
@@ -99,21 +99,22 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   }
 
   void each_pose_field(const Pose& T, double bad, DeviceFields& right) {
-    const std::string word = right.word("inverse", "bad input");
+    const std::string expected = right.text("inverse", "bad input");
     for (int i = 0; i < 7; ++i) {
-      Pose spoilt = T;
-      (i < 3 ? spoilt.p_m[i] : spoilt.q.coeffs()[i - 3]) = bad;
-      EXPECT_EQ(to_string(inverse_kinematics(device_, spoilt).status.failure), word) << i;
-      for (const LegAssembly& each : leg_assemblies(device_, spoilt, 0))
-        EXPECT_EQ(to_string(each.status.failure), word) << i;
+      Pose corrupted = T;
+      (i < 3 ? corrupted.p_m[i] : corrupted.q.coeffs()[i - 3]) = bad;
+      EXPECT_EQ(to_string(inverse_kinematics(device_, corrupted).status.failure), expected) << i;
+      for (const LegAssembly& each : leg_assemblies(device_, corrupted, 0))
+        EXPECT_EQ(to_string(each.status.failure), expected) << i;
       const MotorVector motors = motor_angles(inverse_kinematics(device_, T).joints);
-      EXPECT_EQ(to_string(forward_kinematics_from_motors(device_, motors, spoilt).status.failure),
-                word)
+      EXPECT_EQ(
+          to_string(forward_kinematics_from_motors(device_, motors, corrupted).status.failure),
+          expected)
           << i;
-      EXPECT_EQ(check_workspace({}, spoilt), Fault::kWorkspace) << i;
+      EXPECT_EQ(check_workspace({}, corrupted), Fault::kWorkspace) << i;
       LimitState state;
       check_speed({}, T, 1e-3, state);
-      EXPECT_EQ(check_speed({}, spoilt, 1e-3, state), Fault::kSpeed) << i;
+      EXPECT_EQ(check_speed({}, corrupted, 1e-3, state), Fault::kSpeed) << i;
     }
   }
 
@@ -126,9 +127,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const bool add = asked.has("add");
     const double change = add ? asked.number("add", 0) : asked.number("set", 0);
     const auto at = static_cast<int>(asked.number("encoder", -1));  // -1: each in turn
-    const std::string forward_word = right.word("forward", "none"),
-                      limits_word = right.word("limits", "none"),
-                      motors_word = right.word("from_motors", "none");
+    const std::string expected_forward = right.text("forward", "none"),
+                      expected_limits = right.text("limits", "none"),
+                      expected_motors = right.text("from_motors", "none");
     const double moved_max_m = right.number("moved_max_m", 1e-10);
     for (int i = at < 0 ? 0 : at; i < (at < 0 ? kEncoders : at + 1); ++i) {
       SCOPED_TRACE("encoder " + std::to_string(i));
@@ -139,17 +140,17 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       if (i % 4 == 3) {  // theta4 is not part of this fit
         EXPECT_TRUE(forward.status);
       } else {
-        EXPECT_EQ(to_string(forward.status.failure), forward_word);
+        EXPECT_EQ(to_string(forward.status.failure), expected_forward);
       }
       if (forward.status) {
         EXPECT_LE((forward.T_device_plate.p_m - T.p_m).norm(), moved_max_m);
         EXPECT_TRUE(is_finite(forward.T_device_plate));
       }
-      EXPECT_EQ(to_string(check_joint_limits(device_, encoders).failure), limits_word);
+      EXPECT_EQ(to_string(check_joint_limits(device_, encoders).failure), expected_limits);
       if (i % 4 != 0 && i % 4 != 3) continue;
       const ForwardResult by_motors =
           forward_kinematics_from_motors(device_, motor_angles(encoders), T);
-      EXPECT_EQ(to_string(by_motors.status.failure), motors_word);
+      EXPECT_EQ(to_string(by_motors.status.failure), expected_motors);
       if (by_motors.status) {
         EXPECT_LE((by_motors.T_device_plate.p_m - T.p_m).norm(), moved_max_m);
       }
@@ -158,7 +159,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 
   // ---- allocation ----
 
-  // Laws 1 and 2 of torque_allocation.h, and nothing that is not finite.
+  // Laws 1 and 2 of torque_allocation.h; all results are finite.
   static void expect_allocation(const Jacobian& G, const Wrench& wanted, const MotorVector& limit) {
     const AllocationResult result = allocate_torques(G, wanted, limit);
     ASSERT_TRUE(result.tau_motor_Nm.allFinite());
@@ -171,7 +172,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     EXPECT_GE(result.scale, 0);
     EXPECT_LE(result.scale, 1);
     if (result.kind == Allocation::kMinimumNorm && wanted.norm() > 1e-150) {
-      // Another decomposition's pseudo-inverse; rotation in metres, as its rank is judged.
+      // The pseudo-inverse by another decomposition; rotation scaled to metres, as for its rank.
       Jacobian in_metres = G;
       in_metres.rightCols<3>() /= kCharacteristicLength_m;
       Wrench wanted_in_metres = wanted;
@@ -196,9 +197,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const Wrench wanted = Eigen::Map<const Wrench>(wrench.data());
     const MotorVector limit = Eigen::Map<const MotorVector>(limits.data());
     static const char* const kKinds[] = {"minimum norm", "null space", "scaled", "refused"};
-    const std::string word = right.word("kind", "minimum norm");
+    const std::string expected = right.text("kind", "minimum norm");
     const auto expect_kind = [&](const Jacobian& J, const Wrench& w, const MotorVector& l) {
-      EXPECT_EQ(kKinds[static_cast<int>(allocate_torques(J, w, l).kind)], word);
+      EXPECT_EQ(kKinds[static_cast<int>(allocate_torques(J, w, l).kind)], expected);
       expect_allocation(J, w, l);
     };
     if (!asked.has("each_field")) {
@@ -211,13 +212,13 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const double bad = asked.number("each_field", 0);
     for (int i = 0; i < 6 + kMotors + 6 * kMotors; ++i) {
       SCOPED_TRACE("field " + std::to_string(i));
-      Jacobian spoilt_G = G;
-      Wrench spoilt_wrench = wanted;
-      MotorVector spoilt_limit = limit;
-      (i < 6             ? spoilt_wrench[i]
-       : i < 6 + kMotors ? spoilt_limit[i - 6]
-                         : spoilt_G(i % kMotors, (i - 6 - kMotors) / kMotors)) = bad;
-      expect_kind(spoilt_G, spoilt_wrench, spoilt_limit);
+      Jacobian corrupted_G = G;
+      Wrench corrupted_wrench = wanted;
+      MotorVector corrupted_limit = limit;
+      (i < 6             ? corrupted_wrench[i]
+       : i < 6 + kMotors ? corrupted_limit[i - 6]
+                         : corrupted_G(i % kMotors, (i - 6 - kMotors) / kMotors)) = bad;
+      expect_kind(corrupted_G, corrupted_wrench, corrupted_limit);
     }
   }
 
@@ -247,7 +248,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   void ask_hand(DeviceFields& asked, DeviceFields& right) {
     const Pose T = test::read_pose(device_, asked.object("pose"), errors_);
     const double bad = asked.number("each_field", 0);
-    const std::string because = right.word("because", "");
+    const std::string because = right.text("because", "");
     const HandTrajectory still{{{0, T}, {1, T}}};
     ASSERT_TRUE(check_hand(still, {}));
     constexpr int kPoseFields = 8, kImpedanceFields = 6;
@@ -269,7 +270,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
                             : k.T_device_tool.q.coeffs()[field - 4]) = bad;
       const auto checked = check_hand(hand, grip);
       const auto device = SimulatedDevice::make(device_, hand, grip);
-      // A hand may let go at any time or never.
+      // The hand may be released at any time or never.
       const bool lets_go = parts[5] == parts[std::max(0, i - 2 * kPoseFields)] && !std::isnan(bad);
       EXPECT_EQ(static_cast<bool>(checked), lets_go);
       EXPECT_EQ(static_cast<bool>(device), lets_go);
@@ -283,7 +284,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 
   // ---- scene, description and packets ----
 
-  /// In each place where `original` has a number, `text` in its stead.
+  /// Replaces each number of `original` in turn by `text`; each result must be refused.
   template <typename Parse>
   static void each_number_refused(const nlohmann::json& original, const std::string& text,
                                   const std::string& because, int least, Parse parse) {
@@ -292,12 +293,12 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     for (const auto& [pointer, value] : flat.items()) {
       if (!value.is_number()) continue;
       ++numbers;
-      nlohmann::json spoilt = original;
-      spoilt[nlohmann::json::json_pointer(pointer)] = "PLACE";
-      std::string dumped = spoilt.dump();
+      nlohmann::json corrupted = original;
+      corrupted[nlohmann::json::json_pointer(pointer)] = "PLACE";
+      std::string dumped = corrupted.dump();
       dumped.replace(dumped.find("\"PLACE\""), 7, text);
       const auto read = parse(dumped);
-      ASSERT_FALSE(read) << pointer << " = " << text << " was taken";
+      ASSERT_FALSE(read) << pointer << " = " << text << " was accepted";
       EXPECT_EQ(read.error().code, ExitCode::kRefused);
       EXPECT_EQ(read.error().message.rfind("case.json: ", 0), 0U) << read.error().message;
       EXPECT_NE(read.error().message.find(because.empty() ? pointer.substr(0, 6) : because),
@@ -308,7 +309,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   }
 
   void ask_scene(DeviceFields& asked, DeviceFields& right) {
-    const std::string text = asked.word("each_number", "null"), because = right.word("because", "");
+    const std::string text = asked.text("each_number", "null"), because = right.text("because", "");
     const std::string source = test::text_of(TROCAR_CORPUS "/device/every_field_of_a.scene");
     ASSERT_TRUE(parse_scene(source, "every_field_of_a.scene", ""));
     each_number_refused(
@@ -317,7 +318,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   }
 
   void ask_description(DeviceFields& asked, DeviceFields& right) {
-    const std::string text = asked.word("each_number", "null"), because = right.word("because", "");
+    const std::string text = asked.text("each_number", "null"), because = right.text("because", "");
     const std::string source = test::text_of(TROCAR_FOUR_LEGS_JSON);
     auto original = parse_strict_json(source, "four_legs.json");
     ASSERT_TRUE(original);
@@ -329,24 +330,24 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   void ask_packet(DeviceFields& asked, DeviceFields& right) {
     ASSERT_TRUE(start_link());
     const double bad = asked.number("each_field", 0);
-    const bool taken = right.word("packet", "refused") == "taken";
+    const bool accepted = right.text("packet", "refused") == "taken";
     const LinkKey key = random_link_key();
     std::array<std::uint8_t, kLargestPacketBytes> bytes{};
     for (std::size_t i = 0; i < kLinkEncoders; ++i) {
       StatePacket packet{1, 1, 0, DriveMode::kReady, 0, 0, {}};
       packet.encoder_rad[i] = bad;
-      EXPECT_EQ(encode(packet, key, bytes) > 0, taken) << "encoder " << i;
+      EXPECT_EQ(encode(packet, key, bytes) > 0, accepted) << "encoder " << i;
     }
     for (std::size_t i = 0; i < kLinkMotors; ++i) {
       CommandPacket packet{1, 1, 0, CommandMode::kTorque, 0, {}};
       packet.tau_motor_Nm[i] = bad;
-      EXPECT_EQ(encode(packet, key, bytes) > 0, taken) << "motor " << i;
+      EXPECT_EQ(encode(packet, key, bytes) > 0, accepted) << "motor " << i;
     }
     const HelloPacket hello{1, {1}, bad, true};
-    EXPECT_EQ(encode(hello, key, bytes) > 0, right.word("period", "refused") == "taken");
+    EXPECT_EQ(encode(hello, key, bytes) > 0, right.text("period", "refused") == "taken");
   }
 
-  // ---- the loop: the tool goes down into a sheet, and then something is wrong ----
+  // ---- the loop: the tool goes down into a sheet, then a fault is injected ----
 
   LoopModel loop_model(DeviceFields& asked) {
     LoopModel model;
@@ -354,7 +355,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     model.contact.tool = make_tool(test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015).tool);
     model.limits.gap_max_s = 0.1;
     model.contact.law =
-        force_law_from_string(asked.word("law", "hooke")).value_or(ForceLawKind::kHooke);
+        force_law_from_string(asked.text("law", "hooke")).value_or(ForceLawKind::kHooke);
     DeviceFields set(asked.object("limits"), "/limits", errors_);
     for (const auto& [name, value] : test::limits_by_name(model.limits))
       *value = set.number(name, *value);
@@ -362,34 +363,34 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     return model;
   }
 
-  /// What is right in the end, beside the fault.
+  /// The expected result.
   struct LoopEnd {
     std::string fault;
-    double force_min_N = 0, force_max_N = 1e300;  ///< of contact in the last tick
-    int zero_after_ticks = 5;                     ///< of the fault's
-    // Of a recovery: from the request until running, from there to the whole torques (-1: never),
-    // and what is felt of another 5 N in the end.
+    double force_min_N = 0, force_max_N = 1e300;  ///< contact force in the last tick
+    int zero_after_ticks = 5;                     ///< after the fault
+    // Recovery: ticks from the request to `running`, from there to full torques (-1: never), and
+    // the final force, of 5 N wanted.
     int quiet_ticks = 250, rise_ticks = 250;
     double felt_N = 5;
-    double torque_max_Nm = 1e300;  ///< of any motor in any tick
+    double torque_max_Nm = 1e300;  ///< bound for every motor and tick
   };
 
-  struct Spoilt {
-    int encoder = -1;  ///< and what is done to it
+  struct Corruption {
+    int encoder = -1;  ///< whose angle is changed; -1: none
     bool add = false, first = false;
     double by = 0;
     double gap_s = 1e-3, stiffness = 5000, offset_m = 0, offset_y_m = 0;
     double device_t_s = 0;
-    bool recover = false;    ///< wrong for one tick only, then the tool is lifted and lowered again
-    int silent_ticks = 0;    ///< in which the device has no data
-    double motor_heat = -1;  ///< if not negative: the share of every motor's budget that is spent
+    bool recover = false;    ///< for one tick only; then the tool is lifted and lowered again
+    int silent_ticks = 0;    ///< ticks without data from the device
+    double motor_heat = -1;  ///< if not negative: i2t state of every motor, as a share of its limit
   };
 
   static constexpr int kWrong = 150, kAsked = 170, kLoweredAgain = 900;
 
-  // Down by 0.02 mm a tick from 1 mm above the sheet to 1 mm deep.
-  static double tip_at(int tick, const Spoilt& spoilt) {
-    const bool lifted = spoilt.recover && tick > kWrong;
+  // Down by 0.02 mm per tick from 1 mm above the sheet to 1 mm deep.
+  static double tip_at(int tick, const Corruption& corrupted) {
+    const bool lifted = corrupted.recover && tick > kWrong;
     const int down = lifted ? std::max(0, tick - kLoweredAgain) : tick;
     return kSheet_m + 1e-3 - 2e-5 * std::min(down, 100);
   }
@@ -399,8 +400,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
             (motor.peak_A.cwiseAbs2() - motor.continuous_A.cwiseAbs2())};
   }
 
-  // The fault of the first tick in which one is named, with all that holds of every tick.
-  void run_loop(const LoopModel& model, const Spoilt& spoilt, const LoopEnd& right) {
+  // Finds the first fault, and checks what holds in every tick.
+  void run_loop(const LoopModel& model, const Corruption& corrupted, const LoopEnd& right) {
     Scene scene = test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015);
     scene.tissue = Tissue{5000, 1e6, 0, {}};
     const auto sheets = place_slices(scene, test::square_asset(1), "case");
@@ -413,31 +414,32 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     int since = -1;
     double pressed_N = 0;
     int running_tick = -1, whole_tick = -1;  // after a recovery
-    for (int tick = 0; tick < (spoilt.recover ? kLoweredAgain + 200 : 200); ++tick) {
+    for (int tick = 0; tick < (corrupted.recover ? kLoweredAgain + 200 : 200); ++tick) {
       Pose T;
-      T.p_m.z() = tip_at(tick, spoilt) - model.contact.tool.tip_plate_m.z();
+      T.p_m.z() = tip_at(tick, corrupted) - model.contact.tool.tip_plate_m.z();
       const InverseResult inverse = inverse_kinematics(device_, T);
       ASSERT_TRUE(inverse.status);
       device.now = {tick * 1e-3, encoder_angles(inverse.joints)};
-      const bool wrong = spoilt.first || (spoilt.recover ? tick == kWrong : tick >= kWrong);
-      if (wrong) device.now.t_s += spoilt.device_t_s;
-      const bool silent = tick >= kWrong && tick < kWrong + spoilt.silent_ticks;
+      const bool wrong = corrupted.first || (corrupted.recover ? tick == kWrong : tick >= kWrong);
+      if (wrong) device.now.t_s += corrupted.device_t_s;
+      const bool silent = tick >= kWrong && tick < kWrong + corrupted.silent_ticks;
       device.answer = silent ? DeviceStatus::kNoData : DeviceStatus::kOk;
-      if (tick == kWrong && spoilt.motor_heat >= 0) {
-        state.limits.load = load_of(make_motor_model(device_), spoilt.motor_heat);
+      if (tick == kWrong && corrupted.motor_heat >= 0) {
+        state.limits.load = load_of(make_motor_model(device_), corrupted.motor_heat);
       }
-      if (wrong && spoilt.encoder >= 0) {
-        double& angle = device.now.encoder_rad[static_cast<std::size_t>(spoilt.encoder)];
-        angle = spoilt.add ? angle + spoilt.by : spoilt.by;
+      if (wrong && corrupted.encoder >= 0) {
+        double& angle = device.now.encoder_rad[static_cast<std::size_t>(corrupted.encoder)];
+        angle = corrupted.add ? angle + corrupted.by : corrupted.by;
       }
       TickInputs inputs;
       inputs.sheets = current;
-      inputs.gap_s = wrong ? spoilt.gap_s : 1e-3;
+      inputs.gap_s = wrong ? corrupted.gap_s : 1e-3;
       if (needs_response(model.contact.law)) {
         inputs.response = {0, 5000, {}};
-        if (wrong) inputs.response = {0, spoilt.stiffness, {spoilt.offset_m, spoilt.offset_y_m}};
+        if (wrong)
+          inputs.response = {0, corrupted.stiffness, {corrupted.offset_m, corrupted.offset_y_m}};
       }
-      inputs.recover = spoilt.recover && tick == kAsked;
+      inputs.recover = corrupted.recover && tick == kAsked;
       haptic_tick(model, inputs, device, state, result);
       for (const double tau : device.written.tau_motor_Nm) {
         ASSERT_TRUE(std::isfinite(tau)) << "tick " << tick;
@@ -446,7 +448,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       }
       pressed_N = std::max(pressed_N, result.contact.force_N);
       if (found == Fault::kNone) found = result.new_fault;
-      const bool recovers = spoilt.recover && tick >= kAsked;
+      const bool recovers = corrupted.recover && tick >= kAsked;
       if (recovers && result.row.safety == SafetyState::kRunning) {
         if (running_tick < 0) running_tick = tick;
         if (whole_tick < 0 && state.safety.authority >= 1) whole_tick = tick;
@@ -458,12 +460,12 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       }
     }
     EXPECT_EQ(std::string(to_word(found)), right.fault);
-    if (!spoilt.first && right.fault == "none") {
+    if (!corrupted.first && right.fault == "none") {
       EXPECT_NEAR(pressed_N, 5, 0.1);
     }
     EXPECT_GE(result.contact.force_N, right.force_min_N);
     EXPECT_LE(result.contact.force_N, right.force_max_N);
-    if (!spoilt.recover) return;
+    if (!corrupted.recover) return;
     EXPECT_EQ(running_tick < 0 ? -1 : running_tick - kAsked, right.quiet_ticks);
     EXPECT_EQ(whole_tick < 0 ? -1 : whole_tick - running_tick, right.rise_ticks);
     EXPECT_NEAR(result.row.wrench_delivered[2], right.felt_N, 0.02 * right.felt_N);
@@ -471,33 +473,33 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 
   void ask_loop(DeviceFields& asked, DeviceFields& right) {
     const LoopModel model = loop_model(asked);
-    const LoopEnd word{right.word("fault", "none"),
-                       right.number("force_min_N", 0),
-                       right.number("force_max_N", 1e300),
-                       static_cast<int>(right.number("zero_after_ticks", 5)),
-                       static_cast<int>(right.number("quiet_ticks", 250)),
-                       static_cast<int>(right.number("rise_ticks", 250)),
-                       right.number("felt_N", 5),
-                       right.number("torque_max_Nm", 1e300)};
-    Spoilt spoilt;
-    spoilt.gap_s = asked.number("gap_s", 1e-3);
-    spoilt.stiffness = asked.number("response_stiffness_N_per_m", 5000);
-    spoilt.offset_m = asked.number("response_offset_m", 0);
-    spoilt.offset_y_m = asked.number("response_offset_y_m", 0);
-    spoilt.device_t_s = asked.number("device_t_s", 0);
-    spoilt.recover = asked.word("then", "") == "recover";
-    spoilt.silent_ticks = static_cast<int>(asked.number("silent_ticks", 0));
-    spoilt.motor_heat = asked.number("motor_heat", -1);
-    spoilt.add = asked.has("add");
-    spoilt.by = spoilt.add ? asked.number("add", 0) : asked.number("set", 0);
-    spoilt.first = asked.word("from", "contact") == "the start";
-    if (!asked.has("add") && !asked.has("set")) return run_loop(model, spoilt, word);
+    const LoopEnd expected{right.text("fault", "none"),
+                           right.number("force_min_N", 0),
+                           right.number("force_max_N", 1e300),
+                           static_cast<int>(right.number("zero_after_ticks", 5)),
+                           static_cast<int>(right.number("quiet_ticks", 250)),
+                           static_cast<int>(right.number("rise_ticks", 250)),
+                           right.number("felt_N", 5),
+                           right.number("torque_max_Nm", 1e300)};
+    Corruption corrupted;
+    corrupted.gap_s = asked.number("gap_s", 1e-3);
+    corrupted.stiffness = asked.number("response_stiffness_N_per_m", 5000);
+    corrupted.offset_m = asked.number("response_offset_m", 0);
+    corrupted.offset_y_m = asked.number("response_offset_y_m", 0);
+    corrupted.device_t_s = asked.number("device_t_s", 0);
+    corrupted.recover = asked.text("then", "") == "recover";
+    corrupted.silent_ticks = static_cast<int>(asked.number("silent_ticks", 0));
+    corrupted.motor_heat = asked.number("motor_heat", -1);
+    corrupted.add = asked.has("add");
+    corrupted.by = corrupted.add ? asked.number("add", 0) : asked.number("set", 0);
+    corrupted.first = asked.text("from", "contact") == "the start";
+    if (!asked.has("add") && !asked.has("set")) return run_loop(model, corrupted, expected);
     const auto only = static_cast<int>(asked.number("encoder", -1));
     for (int i = 0; i < kEncoders; ++i) {
       if (only >= 0 && i % 4 != only) continue;
       SCOPED_TRACE("encoder " + std::to_string(i));
-      spoilt.encoder = i;
-      run_loop(model, spoilt, word);
+      corrupted.encoder = i;
+      run_loop(model, corrupted, expected);
     }
   }
 
@@ -509,9 +511,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 
 TEST_P(HardCase, IsRight) {
   DeviceFields file(json_, "", errors_);
-  const std::string words = file.word("right", ""), ask = file.word("ask", "");
-  ASSERT_FALSE(words.empty()) << GetParam() << " does not say what is right";
-  SCOPED_TRACE(GetParam().filename().string() + ": right is: " + words);
+  const std::string statement = file.text("right", ""), ask = file.text("ask", "");
+  ASSERT_FALSE(statement.empty()) << GetParam() << " does not state the correct result";
+  SCOPED_TRACE(GetParam().filename().string() + ": correct is: " + statement);
   DeviceFields right(file.object("expect"), "/expect", errors_);
   if (ask == "pose") {
     ask_pose(file, right);
@@ -532,7 +534,7 @@ TEST_P(HardCase, IsRight) {
   } else if (ask == "loop") {
     ask_loop(file, right);
   } else {
-    FAIL() << "nothing is known of ask = " << ask;
+    FAIL() << "unknown: ask = " << ask;
   }
   if (HasFatalFailure()) return;
   file.finish();

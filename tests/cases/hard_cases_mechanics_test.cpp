@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The hard cases of the sheet's mechanics, tests/corpus/cut: each cut in place and on a copy, every
-// law of the cut, areas against clipping, and the spring network of what is left against Eigen's
-// Cholesky and against what the file says is right.
+// The hard cases of the sheet's mechanics, tests/corpus/cut: cuts in place and on a copy, the
+// contract of the cut, areas compared with clipping, and the spring network of the remaining sheet
+// compared with a global solution and with the results in the file.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "pipeline/mesh/triangulation.h"
+#include "runtime/cut/cut.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
-#include "runtime/cut/cut.h"
 #include "tests/cases/cut_case.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"
@@ -36,7 +36,8 @@ bool is_convex(const Ring& ring) {
   return true;
 }
 
-/// Twice what sheet and tool have in common, by clipping in floating point. `tool` is convex.
+/// Twice the area of the intersection of sheet and tool, by clipping in floating point. `tool` is
+/// convex.
 Real common_area(const SliceMesh& sheet, const Ring& tool) {
   Real sum = 0;
   for (std::size_t t = 0; t < sheet.triangles.size(); ++t) {
@@ -53,7 +54,7 @@ Real common_area(const SliceMesh& sheet, const Ring& tool) {
   return sum;
 }
 
-/// Pieces that hang together by sides.
+/// Number of components connected by edges.
 std::int64_t islands(const SliceMesh& mesh) {
   const auto sheet = make_sheet_mesh(mesh, 0, 0);
   std::vector<std::uint32_t> piece(mesh.triangles.size());
@@ -92,7 +93,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     std::int64_t cut = 0, nothing_met = 0, refused = 0;
   };
 
-  // One cut on a copy, held against all laws if `closely`; `sheet_` is what it leaves.
+  // One cut on a copy, with all checks if `closely`; `sheet_` becomes the result.
   void cut_once(const Ring& tool, bool closely, Counts& counts) {
     const auto done = cut(sheet_, tool);
     if (!done) {
@@ -104,7 +105,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     if (closely) {
       EXPECT_EQ(contract_violation(sheet_, *done), "");
       EXPECT_EQ(outline_violation(*done), "");
-      cut_in_place_too(tool, *done);
+      expect_same_in_place(tool, *done);
     }
     if (closely && is_convex(tool)) {
       const Real common = common_area(sheet_, tool);
@@ -115,8 +116,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     sheet_ = done->mesh;
   }
 
-  // With room for it, in place is the same as on a copy.
-  void cut_in_place_too(const Ring& tool, const CutResult& copy) const {
+  // With enough capacity a cut in place gives the same as one on a copy.
+  void expect_same_in_place(const Ring& tool, const CutResult& copy) const {
     auto mesh = make_sheet_mesh(sheet_, 512, 1024);
     ASSERT_TRUE(mesh);
     const std::size_t slots = mesh->triangles.size();
@@ -136,7 +137,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     return prepare_region(sheet, find_seeds(sheet, tool), tool, lattice, membrane, {}, workspace);
   }
 
-  // Shape and force against the reference, and what holds of every equilibrium.
+  // Shape and force compared with the global solution, and properties of every equilibrium.
   static void expect_sound(const Region& region, double tolerance) {
     const auto global = solve_global(region.network, region.mesh.kind);
     ASSERT_TRUE(global) << global.error().message;
@@ -159,8 +160,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const auto sheet = make_sheet_mesh(sheet_, 0, 0);
     ASSERT_TRUE(sheet) << sheet.error().message;
     std::optional<double> first;
-    // The network's condition number is about the square of reach over triangle, which are some
-    // tenths of a millimetre here.
+    // The network's condition number is about the square of the reach over the size of a triangle,
+    // some tenths of a millimetre here.
     const double tolerance = std::max(1e-9, 1e-15 * std::pow(force.reach_mm / 0.5, 2));
     for (const double K : force.stiffness_N_per_m) {
       const auto calibration = calibrate(K, force.reach_mm * 1e-3, force.tool, case_.lattice);
@@ -179,7 +180,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       const double over_K = r.stiffness_N_per_m / K;
       ASSERT_TRUE(std::isfinite(over_K));
       if (!first) first = over_K;
-      EXPECT_NEAR(over_K, *first, tolerance * *first) << "not in proportion to the stiffness";
+      EXPECT_NEAR(over_K, *first, tolerance * *first) << "not proportional to the stiffness";
       EXPECT_GE(over_K, force.over_K_min.value_or(0));
       EXPECT_LE(over_K, force.over_K_max.value_or(1e300));
       const double step_m = case_.lattice.step_m();
@@ -191,8 +192,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
   }
 
-  // The paper's propagation tends to the same: with full damping from above, falling with every
-  // tick, to within `most` of it after a thousand sweeps, and what is there stays.
+  // The paper's propagation converges to the same: with full damping from above, falling with every
+  // tick, to within `most` after a thousand sweeps; the solution is a fixed point.
   static void expect_propagation_sound(const Region& region, double most) {
     const PropagationPlan plan =
         plan_propagation(region.network, region.mesh.kind, {1'000'000, 50, 1.0});
@@ -202,7 +203,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const double first_excess = last - right;
     for (int tick = 1; tick < 20; ++tick) {
       const double next = propagate(region.network, plan, 1, state);
-      ASSERT_LE(next, last * (1 + 1e-9)) << "depth and time only add support";
+      ASSERT_LE(next, last * (1 + 1e-9)) << "the force of a propagation falls with time";
       last = next;
       for (const double w : state.w_m)
         ASSERT_TRUE(std::isfinite(w));
@@ -220,7 +221,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 };
 
 TEST_P(HardCase, IsRight) {
-  SCOPED_TRACE(GetParam().filename().string() + ": right is: " + case_.right);
+  SCOPED_TRACE(GetParam().filename().string() + ": correct is: " + case_.right);
   const auto valid = check_mesh(sheet_);
   ASSERT_EQ(static_cast<bool>(valid), case_.valid_sheet)
       << (valid ? "not refused" : valid.error().message);

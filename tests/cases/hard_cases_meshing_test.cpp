@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The hard cases of meshing, tests/corpus/pslg: each from its outline or its picture through every
-// stage, every proof of every stage, and what the file says is right in it.
+// The hard cases of meshing, tests/corpus/pslg: each outline or picture through all stages, with
+// the checks of every stage and the results in the file.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -29,7 +29,7 @@ namespace {
 using test::PslgCase;
 using test::triangles_of;
 
-std::string word(RefinementOutcome outcome) {
+std::string name_of(RefinementOutcome outcome) {
   switch (outcome) {
     case RefinementOutcome::kRefined:
       return "refined";
@@ -43,7 +43,7 @@ std::string word(RefinementOutcome outcome) {
   return "vertex budget";
 }
 
-/// By the corners' coordinates alone; 60 without triangles.
+/// From the coordinates of the corners; 60 without triangles.
 double smallest_angle_deg(const SliceMesh& mesh) {
   double least = 60;
   for (const Triangle& t : mesh.triangles) {
@@ -97,7 +97,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     case_ = *read;
   }
 
-  // Counts and areas of an outline and its triangulation.
+  // Checks counts and areas of an outline and its triangulation.
   void expect_counts(const Pslg& outline, const SliceMesh& cdt) const {
     const test::PslgExpectation& e = case_.expect;
     const auto holes = std::count_if(outline.rings.begin(), outline.rings.end(),
@@ -110,7 +110,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     expect_is("holes", holes, e.holes);
     expect_is("doubled area", doubled_area(outline), e.doubled_area_steps2);
     expect_is("triangles", static_cast<std::int64_t>(cdt.triangles.size()), e.triangles);
-    // Euler: whatever the rings' places, a triangulation of them without more points has so many.
+    // Euler: a triangulation of disjoint rings without further points has this many triangles.
     std::set<LatticePoint> points;
     std::size_t corners = 0;
     for (const Ring& ring : outline.rings) {
@@ -124,13 +124,14 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     }
   }
 
-  // The outline's corners stay, and its sides recede by less than three steps: so little is lost.
+  // The outline's corners are kept, and its edges recede by less than three steps, which bounds the
+  // lost area.
   static void expect_of_outline(const SliceMesh& mesh, const Pslg& outline) {
     const std::set<LatticePoint> points(mesh.vertices.begin(), mesh.vertices.end());
     double perimeter = 0;
     for (const Ring& ring : outline.rings) {
       for (std::size_t i = 0; i < ring.size(); ++i) {
-        EXPECT_TRUE(points.contains(ring[i])) << ring[i].x << ", " << ring[i].y << " is gone";
+        EXPECT_TRUE(points.contains(ring[i])) << ring[i].x << ", " << ring[i].y << " is missing";
         perimeter +=
             std::sqrt(static_cast<double>(distance2(ring[i], ring[(i + 1) % ring.size()])));
       }
@@ -147,7 +148,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const auto ok = check_mesh_against_pslg(mesh, boundary_rings(mesh));
     EXPECT_TRUE(ok) << ok.error().message;
     EXPECT_TRUE(is_constrained_delaunay(mesh));
-    EXPECT_EQ(word(refined.outcome), e.refinement);
+    EXPECT_EQ(name_of(refined.outcome), e.refinement);
     if (e.refined_triangles_max > 0) {
       EXPECT_LE(static_cast<std::int64_t>(mesh.triangles.size()), e.refined_triangles_max);
     }
@@ -189,13 +190,13 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     expect_counts(case_.outline, cdt->mesh);
     const Refined refined = refine(*cdt, case_.lattice, refinement());
     expect_refined(refined, case_.outline);
-    expect_kept_if_it_fits(refined.mesh);
+    expect_stored_if_it_fits(refined.mesh);
     if (case_.also_at) expect_moves_along(*cdt, refined.mesh, {0, *case_.also_at});
     for (int quarters = 0; quarters < 4; ++quarters)
       expect_moves_along(*cdt, refined.mesh, {quarters, far_from(case_.outline, quarters)});
   }
 
-  // A place far away where the turned outline is still on the lattice.
+  // A large translation that keeps the rotated outline on the lattice.
   static LatticePoint far_from(const Pslg& outline, int quarters) {
     LatticePoint by{123'456'789, -198'765'432};
     for (const Ring& ring : test::Motion{quarters, {}}(outline).rings) {
@@ -207,8 +208,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     return by;
   }
 
-  // To the bit, but where there is a choice and a turn may bring the outline onto itself: of two
-  // triangulations with four corners on one circle, and of places for refinement's points.
+  // The moved outline gives the moved mesh, to the bit. Exception: an outline that a rotation may
+  // map to itself, where ties (four cocircular corners, positions of refinement points) can be
+  // broken differently.
   void expect_moves_along(const Triangulation& here, const SliceMesh& refined_here,
                           const test::Motion& motion) const {
     const auto there = triangulate(motion(case_.outline));
@@ -219,7 +221,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
         own.add(p);
     }
     const bool undecided = motion.quarters != 0 && own.x() == 0 && own.y() == 0;
-    const std::string what = std::to_string(motion.quarters) + " quarters of a turn";
+    const std::string what = std::to_string(motion.quarters) + " quarter turns";
     if (!undecided || !test::has_ties(here.mesh)) {
       EXPECT_EQ(triangles_of(there->mesh), triangles_of(motion(here.mesh))) << what;
     }
@@ -228,7 +230,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       EXPECT_EQ(triangles_of(refined_there.mesh), triangles_of(motion(refined_here))) << what;
     }
     expect_refined(refined_there, motion(case_.outline));
-    expect_kept_if_it_fits(refined_there.mesh);
+    expect_stored_if_it_fits(refined_there.mesh);
   }
 
   MeshOptions mesh_options() const {
@@ -243,8 +245,8 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     return options;
   }
 
-  // Of the full contours, by the pixels alone.
-  void expect_outlines_its_pixels(const Pslg& contours) const {
+  // Checks the full contours from the pixels alone.
+  void expect_pixels_on_the_right_side(const Pslg& contours) const {
     const test::Picture& picture = *case_.picture;
     if (case_.min_region_mm2 > 0) return;
     const double steps_per_mm = 1 / case_.lattice.step_mm();
@@ -278,7 +280,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm * (1 + 1e-12));
       const auto contours_ok = check_pslg(slice->contours);
       EXPECT_TRUE(contours_ok) << contours_ok.error().message;
-      expect_outlines_its_pixels(slice->contours);
+      expect_pixels_on_the_right_side(slice->contours);
       const auto cdt_ok = check_mesh_against_pslg(slice->cdt, slice->pslg);
       EXPECT_TRUE(cdt_ok) << cdt_ok.error().message;
       expect_counts(slice->pslg, slice->cdt);
@@ -291,10 +293,10 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       out.mesh = slice->refined.mesh;
       asset.slices.push_back(std::move(out));
     }
-    expect_kept_by_an_asset(asset);
+    expect_stored_in_an_asset(asset);
   }
 
-  // An asset's positions have 24 bits, counted from the plane's origin or beyond.
+  // An asset's positions have 24 bits, relative to the plane's origin or to the first vertex.
   static bool fits_an_asset(const SliceMesh& mesh) {
     std::int64_t extent = 0;
     for (const LatticePoint p : mesh.vertices) {
@@ -305,22 +307,22 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     return extent <= kMaxAssetExtent;
   }
 
-  // Kept by an asset, or refused with the way out.
-  void expect_kept_if_it_fits(const SliceMesh& mesh) const {
+  // Stored in an asset, or refused with a hint.
+  void expect_stored_if_it_fits(const SliceMesh& mesh) const {
     Asset asset;
     asset.lattice = case_.lattice;
     asset.slices.emplace_back();
     asset.slices[0].mesh = mesh;
     asset.slices[0].pslg = boundary_rings(mesh);
-    if (fits_an_asset(mesh)) return expect_kept_by_an_asset(asset);
+    if (fits_an_asset(mesh)) return expect_stored_in_an_asset(asset);
     const auto bytes = encode_asset(asset);
     ASSERT_FALSE(bytes);
     EXPECT_EQ(bytes.error().code, ExitCode::kRefused);
     EXPECT_NE(bytes.error().message.find("use a coarser lattice"), std::string::npos);
   }
 
-  // To bytes and back: the same triangles, and planes that have not moved.
-  static void expect_kept_by_an_asset(const Asset& asset) {
+  // Encoding and decoding gives the same triangles and planes.
+  static void expect_stored_in_an_asset(const Asset& asset) {
     const auto bytes = encode_asset(asset);
     ASSERT_TRUE(bytes) << bytes.error().message;
     const auto back = decode_asset(*bytes, "case.glb");
@@ -339,7 +341,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
 };
 
 TEST_P(HardCase, IsRight) {
-  SCOPED_TRACE(GetParam().filename().string() + ": right is: " + case_.right);
+  SCOPED_TRACE(GetParam().filename().string() + ": correct is: " + case_.right);
   if (case_.picture) {
     picture_is_right();
   } else {

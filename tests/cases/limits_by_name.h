@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loop's limits by the names that the device's hard cases give them; fuzz_device's seeds name
-// them by their place.
+// The loop's limits by their names in the hard cases of the device. The seeds of fuzz_device refer
+// to them by index, so the order must not change.
 #pragma once
 
 #include <utility>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an outline owes its picture, found from the pixels alone.
+// Checks of an outline from the pixels of its picture alone.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace trocar::test {
 
-/// Which pixels are material, and where the lattice has their centres.
+/// Which pixels are material, and the positions of their centres on the lattice.
 struct PixelTruth {
   int width = 0, height = 0;
   std::vector<bool> material;
@@ -23,7 +23,7 @@ struct PixelTruth {
   bool as_chains = false;          ///< outlined through pixel centres, else between them
   bool half_way = false;           ///< a mask: outlined exactly half way between centres
 
-  /// Beyond the picture there is none.
+  /// Outside the picture there is no material.
   bool at(int x, int y) const {
     return x >= 0 && y >= 0 && x < width && y < height &&
            material[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
@@ -31,12 +31,13 @@ struct PixelTruth {
   }
 };
 
-/// The first pixel whose centre is on the wrong side of the outline, or "". By chains a wall of one
-/// pixel has no width: there only what is void, and what has material all around, is known.
+/// Describes the first pixel whose centre is on the wrong side of the outline, or "". With chains a
+/// wall of one pixel has no width: only pixels without material, and those surrounded by it, are
+/// checked.
 inline std::string wrong_pixel(const PixelTruth& truth, const Pslg& outline) {
   const auto row_at = [&](int y) { return std::nearbyint((y + truth.offset_y) * truth.step_v); };
   const auto column_at = [&](int x) { return std::nearbyint((x + truth.offset_x) * truth.step_u); };
-  // Of each row the crossings from left to right: where, and how the winding changes.
+  // The crossings of each row from left to right: position, and change of the winding number.
   std::vector<std::vector<std::pair<double, int>>> rows(static_cast<std::size_t>(truth.height));
   for (const Ring& ring : outline.rings) {
     for (std::size_t i = 0; i < ring.size(); ++i) {
@@ -69,16 +70,17 @@ inline std::string wrong_pixel(const PixelTruth& truth, const Pslg& outline) {
         }
       }
       if (is_known && winding != (truth.at(x, y) ? 1 : 0))
-        return "pixel (" + std::to_string(x) + ", " + std::to_string(y) + ") is in " +
-               std::to_string(winding) + " times";
+        return "pixel (" + std::to_string(x) + ", " + std::to_string(y) + ") has winding number " +
+               std::to_string(winding);
     }
   }
   return "";
 }
 
-/// Twice the outline's area in steps squared, where the pixels alone say it: for chains the squares
-/// and corners between centres, for masks the pieces of them that are cut off half way, with the
-/// two material corners of a saddle joined. Nothing else, and nothing if it is no whole number.
+/// Twice the outline's area in steps squared, where the pixels determine it: for chains from the
+/// squares and half squares between pixel centres, for masks from their parts cut half way between
+/// centres, with the two material corners of a saddle joined. None otherwise, or if it is not an
+/// integer.
 inline std::optional<std::int64_t> exact_doubled_area(const PixelTruth& truth) {
   if (!truth.as_chains && !truth.half_way) return std::nullopt;
   std::int64_t eighths = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A hard case of meshing (tests/corpus/pslg): an outline on the lattice, or a picture whose outline
-// it is about. The format is described in tests/corpus/README.md.
+// A hard case of meshing (tests/corpus/pslg): an outline on the lattice, or a picture to be
+// outlined. Format: tests/corpus/README.md.
 #pragma once
 
 #include <algorithm>
@@ -16,27 +16,27 @@
 
 namespace trocar::test {
 
-/// Pixels of 0..100, material from 50 on.
+/// Pixels from 0 to 100; 50 and more are material.
 struct Picture {
   int width = 0, height = 0;
   std::vector<float> values;
   bool is_mask = false;    ///< 0 and 1, given as labels
   bool as_chains = false;  ///< outlined by pixel chains rather than by the iso-contour
   std::array<double, 2> pixel_mm{1, 1};
-  std::array<double, 3> origin_mm{};  ///< of the first slice's plane, in the patient
+  std::array<double, 3> origin_mm{};  ///< of the first slice's plane, patient frame
   std::vector<double> z_mm{0};        ///< of the slices, all with the same picture
 };
 
 struct PslgExpectation {
   bool meshed = true;
-  std::string because;  ///< what the refusal must say
+  std::string because;  ///< text of the error, if refused
   std::optional<std::int64_t> rings, holes, doubled_area_steps2, triangles;
-  std::int64_t refined_triangles_max = 0;  ///< 0: no matter
+  std::int64_t refined_triangles_max = 0;  ///< 0: not checked
   std::string refinement = "refined";
-  /// Triangles below the wanted angle: at small input angles, or where the lattice is too coarse.
+  /// Largest number of triangles below the wanted angle.
   std::int64_t sharp_max = 0;
   std::int64_t negative_stiffness_max = 0;
-  std::optional<double> min_angle_deg_min;  ///< no triangle is sharper
+  std::optional<double> min_angle_deg_min;  ///< bound of the smallest angle
 };
 
 struct PslgCase {
@@ -45,14 +45,14 @@ struct PslgCase {
   std::optional<Picture> picture;  ///< outlined with the options below
   Lattice lattice;
   double tolerance_mm = 0.25, min_angle_deg = 30, max_area_mm2 = 50, min_region_mm2 = 0;
-  /// The same outline once more, moved by so many steps: it must give the same, moved.
+  /// A translation in steps: the translated outline must give the translated mesh.
   std::optional<LatticePoint> also_at;
   PslgExpectation expect;
 };
 
 namespace detail {
 
-// A square with `cells` x `cells` square holes on a grid: every four neighbours on one circle.
+// A square with `cells` x `cells` square holes on a grid: many cocircular vertices.
 inline Pslg grid_of_holes(std::int32_t cells, std::int32_t cell, std::int32_t hole) {
   Pslg out;
   const std::int32_t side = cells * cell, margin = (cell - hole) / 2;
@@ -66,7 +66,7 @@ inline Pslg grid_of_holes(std::int32_t cells, std::int32_t cell, std::int32_t ho
   return out;
 }
 
-// One square all along whose sides there is a vertex every `every` steps.
+// A square with a vertex every `every` steps along its sides.
 inline Pslg beaded_square(std::int32_t side, std::int32_t every) {
   Ring ring;
   for (std::int32_t i = 0; i < side; i += every)
@@ -129,7 +129,7 @@ inline Picture read_picture(const nlohmann::json& value, const std::string& path
     if (const nlohmann::json* rows = o.array("rows", 1, 1000))
       read_rows(*rows, path + "/rows", out, errors);
   } else {
-    // Nothing but pixels at every `every`-th place, or, with 1, nothing but material.
+    // Single pixels, one at every `every`-th row and column; with 1 all pixels.
     out.width = static_cast<int>(o.integer("width", 1, 1000));
     out.height = static_cast<int>(o.integer("height", 1, 1000));
     const auto every = static_cast<int>(o.integer("every", 1, 1000));
@@ -164,15 +164,15 @@ inline PslgExpectation read_pslg_expectation(const nlohmann::json& value, JsonEr
     if (outcome != "refused") errors.add("/expect/outcome", "is \"meshed\" or \"refused\"");
     out.because = o.string("because");
   }
-  constexpr std::int64_t kMost = std::int64_t{1} << 62;
-  out.rings = optional_integer(o, "rings", 0, kMost);
-  out.holes = optional_integer(o, "holes", 0, kMost);
-  out.doubled_area_steps2 = optional_integer(o, "doubled_area_steps2", 0, kMost);
-  out.triangles = optional_integer(o, "triangles", 0, kMost);
-  out.refined_triangles_max = o.integer("refined_triangles_max", 0, kMost, 0);
+  constexpr std::int64_t kLargest = std::int64_t{1} << 62;
+  out.rings = optional_integer(o, "rings", 0, kLargest);
+  out.holes = optional_integer(o, "holes", 0, kLargest);
+  out.doubled_area_steps2 = optional_integer(o, "doubled_area_steps2", 0, kLargest);
+  out.triangles = optional_integer(o, "triangles", 0, kLargest);
+  out.refined_triangles_max = o.integer("refined_triangles_max", 0, kLargest, 0);
   if (o.has("refinement")) out.refinement = o.string("refinement");
-  out.sharp_max = o.integer("sharp_max", 0, kMost, 0);
-  out.negative_stiffness_max = o.integer("negative_stiffness_max", 0, kMost, 0);
+  out.sharp_max = o.integer("sharp_max", 0, kLargest, 0);
+  out.negative_stiffness_max = o.integer("negative_stiffness_max", 0, kLargest, 0);
   out.min_angle_deg_min = optional_number(o, "min_angle_deg_min", 0, 60);
   o.finish();
   return out;
@@ -180,7 +180,7 @@ inline PslgExpectation read_pslg_expectation(const nlohmann::json& value, JsonEr
 
 }  // namespace detail
 
-/// Refused: anything but what corpus/README.md describes.
+/// Refused: anything that tests/corpus/README.md does not describe.
 inline Result<PslgCase> parse_pslg_case(std::string_view text, const std::string& name) {
   auto json = parse_strict_json(text, name);
   if (!json) return json.error();
@@ -188,10 +188,10 @@ inline Result<PslgCase> parse_pslg_case(std::string_view text, const std::string
   StrictObject o(*json, "", errors);
   PslgCase out;
   out.right = o.string("right");
-  // Beyond the lattice's range too: what is right there is a refusal.
-  constexpr std::int64_t kMost = INT32_MAX;
+  // Coordinates beyond the lattice's range are read too; the correct result is then a refusal.
+  constexpr std::int64_t kLargest = INT32_MAX;
   if (o.has("rings")) {
-    out.outline.rings = read_rings(*o.optional_value("rings"), "/rings", kMost, errors);
+    out.outline.rings = read_rings(*o.optional_value("rings"), "/rings", kLargest, errors);
   } else if (o.has("made")) {
     out.outline = detail::read_made_outline(*o.optional_value("made"), "/made", errors);
   } else if (o.has("picture")) {
@@ -220,7 +220,7 @@ inline Result<PslgCase> parse_pslg_case(std::string_view text, const std::string
   return out;
 }
 
-/// The triangles by their points, moved, in an order that only they decide.
+/// The triangles by their points, translated, in a canonical order.
 inline std::vector<Corners> triangles_of(const SliceMesh& mesh, LatticePoint moved = {}) {
   return canonical(Motion{0, moved}(mesh));
 }

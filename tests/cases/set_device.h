@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device that is where one says, and keeps what it is told.
+// A device whose state and status a test sets, and which stores the last command.
 #pragma once
 
 #include "runtime/device/device.h"
@@ -9,7 +9,6 @@ namespace trocar::test {
 using runtime::DeviceCommand;
 using runtime::DeviceState;
 
-/// At encoder angles that are set.
 class SetDevice final : public runtime::Device {
  public:
   DeviceStatus read(DeviceState& state) noexcept override {
@@ -21,7 +20,7 @@ class SetDevice final : public runtime::Device {
     return DeviceStatus::kOk;
   }
   DeviceState now;
-  DeviceStatus answer = DeviceStatus::kOk;  ///< to being read
+  DeviceStatus answer = DeviceStatus::kOk;  ///< returned by read()
   DeviceCommand written;
 };
 

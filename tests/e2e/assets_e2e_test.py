@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""assets_e2e_test.py CASE SOURCE BIN SCAN WORK: real scans through trocar-mesh; what comes out is
-proved by `trocar-mesh verify` and opened by three.js, and the two must see the same.
+"""assets_e2e_test.py CASE SOURCE BIN SCAN WORK: real scans through trocar-mesh; each asset is
+verified by `trocar-mesh verify` and opened by three.js; both must agree.
 
 CASE: sample (trocar-sample-ct's folder SCAN: PNG, DICOM, NIfTI; and the paper's preset),
       l3     (the clinical CT of the folder TROCAR_REAL_CT),
@@ -27,7 +27,7 @@ class Case:
         self.three = (source / "tests" / "e2e" / "three" / "node_modules" / "three").is_dir() and shutil.which("node")
 
     def build(self, name, *arguments):
-        """An asset from a scan: its report and what `info` says, all views held against each other."""
+        """Makes an asset from a scan; its report, `info` and three.js must agree. Returns the report and the asset."""
         asset, report = self.work / f"{name}.glb", self.work / f"{name}.json"
         run(self.mesh, *arguments, "-o", asset, "--report", report, "--quiet")
         run(self.mesh, "verify", asset)
@@ -64,7 +64,7 @@ class Case:
         check(all(0 < b - a < 1 for a, b in zip(low, high) if b != a), f"{name}: not in metres")
 
     def check_damage_is_noticed(self, asset):
-        """The checks above can fail: neither verify nor three.js takes a broken file."""
+        """The checks above can fail: verify and three.js refuse a broken file."""
         data = bytearray(asset.read_bytes())
         cut = self.work / "cut.glb"
         cut.write_bytes(data[: len(data) * 2 // 3])
@@ -82,9 +82,8 @@ class Case:
 
 
 def check_quality(name, report, min_angle_deg=30.0, unless_warned=False, springs=True):
-    """Small angles occur only at small input angles. On a scan whose shapes nobody chose they may
-    occur elsewhere if a warning says so. The edges are springs, unless pixel chains leave an input
-    angle of a few degrees, where a third of a lattice step decides the sign."""
+    """Small angles occur only at small input angles; on a clinical scan also elsewhere, with a warning. Edges have positive
+    stiffness, except where pixel chains leave an input angle of a few degrees and rounding to the lattice decides the sign."""
     warned = {w["where"] for w in report["warnings"] if w["code"] == "angle_not_reached"}
     for piece in report["slices"]:
         excused = piece["triangles_below_min_angle_at_small_input_angle"]
@@ -167,7 +166,7 @@ def main():
     work.mkdir(parents=True)
     case = Case(source, programs, scan, work)
     if not case.three:
-        print("three.js is not installed: `npm ci` in tests/three, or scripts/test, installs it")
+        print("three.js is not installed: `npm ci` in tests/e2e/three, or scripts/test, installs it")
         if os.environ.get("TROCAR_REQUIRE_THREE"):
             return 1
     code = globals()[sys.argv[1]](case) or 0

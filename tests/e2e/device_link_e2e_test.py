@@ -23,7 +23,7 @@ import sys
 import time
 
 import device_link as link
-from e2e import NO_ALLOCATIONS, check, failures, run
+from e2e import COUNTED_RUN, NO_ALLOCATIONS, check, failures, run
 
 FORCE_N, SHARE = 35.0, 0.02
 STALLS = {"no_data", "link_lost", "deadline_missed"}
@@ -93,7 +93,7 @@ def check_hand(name, drive_report, punctures, sheets):
 
 
 def experiments(source, programs, asset, work):
-    trocar_run = programs / "trocar-run"
+    trocar_run = programs / COUNTED_RUN
     for name, sheets in (("one_slice", 1), ("three_slices", 3)):
         scene = source / "runtime" / "scenes" / f"{name}.json"
         inside = work / f"{name}.inproc.csv"

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""experiments_e2e_test.py SOURCE BIN SCAN WORK: the paper's two experiments as a user runs them, on
-an asset made from the sample scan (folder SCAN), judged from the recordings alone (no code of the project).
+"""experiments_e2e_test.py SOURCE BIN SCAN WORK: the paper's two experiments as a user runs them, on an asset
+made from the sample scan (folder SCAN), checked from the recordings alone, without code of the project.
 
-A recording must show, at the paper's 2 ms and at 1 kHz: no force until contact; force K times
-penetration from there, up to the threshold within one tick's rise; penetration at puncture
-F_th / K within one tick's travel; no force in that tick's successor and on until the next slice.
-Besides: two runs give the same bytes, a replay gives the same torques, and the exit codes and
-messages of the outer contract.
+A recording must show, at the paper's 2 ms and at 1 kHz: no force until contact; then a force of K times
+penetration, up to the threshold within one tick's rise; penetration F_th / K at the puncture, within one
+tick's travel; no force from the puncture until the next slice. Two runs give the same bytes, a replay gives
+the same torques, and errors have their documented exit codes and one line on stderr.
 """
 import csv
 import json
@@ -15,7 +14,7 @@ import re
 import shutil
 import sys
 
-from e2e import NO_ALLOCATIONS, check, failures, run
+from e2e import COUNTED_RUN, NO_ALLOCATIONS, check, failures, run
 
 
 def read_recording(path):
@@ -44,7 +43,7 @@ def check_experiment(name, rows, scene, summary, rate):
     worst = max(abs(f - d) for f, d in zip(force, delivered))
     check(worst <= 1e-9 * threshold, f"{name}: delivered force is off by {worst} N")
 
-    # Every tick's force is what the law gives for the topmost sheet that still stands.
+    # In every tick the force follows from the force law and the topmost sheet that is not punctured.
     standing, peaks = list(heights), []
     for i, row in enumerate(rows):
         depth = standing[0] - tip[i] if standing else 0.0
@@ -58,7 +57,7 @@ def check_experiment(name, rows, scene, summary, rate):
             check(abs(depth - threshold / stiffness) <= travel,
                   f"{name}: punctured {depth} m deep; one tick's travel is {travel} m")
             told = summary["punctures"][len(peaks) - 1]
-            check(abs(told["t_s"] - time[i]) <= 1.5 / rate, f"{name}: puncture told at {told['t_s']} s, seen at {time[i]} s")
+            check(abs(told["t_s"] - time[i]) <= 1.5 / rate, f"{name}: puncture reported at {told['t_s']} s, seen at {time[i]} s")
             check(told["hole_vertices"] >= 3, f"{name}: a hole of {told['hole_vertices']} vertices")
             standing.pop(0)
             wanted = 0.0
@@ -92,29 +91,31 @@ def main():
         scene_file = source / "runtime" / "scenes" / f"{name}.json"
         scene = json.loads(scene_file.read_text())
         needs = run(trocar_run, scene_file, "--asset", asset, "--check").stdout
-        # As many times less than the file as the scene has fewer slices, or nearly.
+        # The share of the file that is read is about the share of its slices that the scene uses.
         read, of = map(float, re.search(r"([\d.]+) of its ([\d.]+) kB read", needs).groups())
         check(of == round(asset.stat().st_size / 1e3, 1) and read < 1.5 * of * len(scene["slices"]) / 35, f"{name}: {needs}")
         for rate in (500, 1000):
             record, summary = (work / f"{name}_{rate}{end}" for end in (".csv", ".json"))
             loaded = (trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet")
             common = (*loaded, "--rate", rate)
-            run(*common, "--record", record, "--summary", summary)
+            run(programs / COUNTED_RUN, *common[1:], "--record", record, "--summary", summary)
             check_experiment(f"{name} at {rate} Hz", read_recording(record), scene,
                              json.loads(summary.read_text()), rate)
             again = work / "again.csv"
-            run(*common, "--record", again)
+            run(*common, "--record", again, "--summary", work / "shipped.json")
             check(again.read_bytes() == record.read_bytes(), f"{name} at {rate} Hz: two runs differ")
+            shipped = json.loads((work / "shipped.json").read_text())
+            check(shipped["allocations_in_loop"] is None, f"{name}: the shipped program counts allocations")
             replayed = work / "replayed.csv"
             run(*loaded, "--replay", record, "--record", replayed)
             torques = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(record)]
             once_more = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(replayed)]
             check(len(torques[0]) == 8 and torques == once_more, f"{name} at {rate} Hz: the replay's torques differ")
 
-    # The outer contract's exit codes.
+    # Exit codes.
     one_line(run(trocar_run, work / "absent.json", expect=3), "absent.json")
     one_line(run(trocar_run, scene_file, "--asset", work / "absent.glb", "--check", expect=3), "absent.glb")
-    # A byte of the scene's slice that changed on its way: of its Draco payload, the only one in that slice's stretch.
+    # A changed byte in the Draco payload of the scene's slice.
     damaged = bytearray(asset.read_bytes())
     payloads = [at for at in range(len(damaged)) if damaged.startswith(b"DRACO", at)]
     damaged[payloads[17] + 300] ^= 1
@@ -126,18 +127,18 @@ def main():
     one_line(run(trocar_run, broken, "--asset", asset, "--check", expect=3), "broken.json", "no_such_key")
     one_line(run(trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet",
                  "--record", work / "no" / "such" / "folder.csv", expect=4), "folder.csv")
-    # No output takes the place of an input, or of another output.
+    # An output never overwrites an input or another output.
     broken.write_text(json.dumps(scene))
     kept = {file: file.read_bytes() for file in (asset, broken, record)}
     for words in (("--summary", broken), ("--record", asset), ("--replay", record, "--record", record),
                   ("--record", work / "both", "--summary", work / "." / "both")):
         one_line(run(trocar_run, broken, "--asset", asset, "--clock", "virtual", *words, expect=2), str(words[-1]))
-    check(all(file.read_bytes() == kept[file] for file in kept), "an input was written over")
+    check(all(file.read_bytes() == kept[file] for file in kept), "an input was overwritten")
     run(trocar_run, scene_file, "--no-such-option", expect=2)
     run(trocar_run, expect=2)
     run(trocar_run, scene_file, "--asset", asset, "--rate", "-5", expect=2)
     for words in (("--help",), ("--version",)):
-        check(run(trocar_run, *words).stdout.strip() != "", f"{words} says nothing")
+        check(run(trocar_run, *words).stdout.strip() != "", f"{words} prints nothing")
     for line in failures:
         print(line)
     return 1 if failures else 0

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""head_ct_test.py SOURCE: scripts/lib/head_ct.py on made-up InVesalius projects: a small sound
-one comes out voxel for voxel where it belongs, and each kind of broken one is refused."""
+"""head_ct_test.py SOURCE: scripts/lib/head_ct.py on synthetic InVesalius projects: all voxels of a valid
+one are at their places, and each kind of invalid one is refused."""
 import io
 import pathlib
 import plistlib
@@ -14,7 +14,7 @@ import numpy
 
 SHAPE = (3, 4, 5)  # z, y, x
 VOXELS = numpy.arange(60, dtype="<i2").reshape(SHAPE) - 30
-SOUND = {"matrix": {"dtype": "int16", "filename": "matrix.dat", "shape": list(SHAPE)},
+VALID = {"matrix": {"dtype": "int16", "filename": "matrix.dat", "shape": list(SHAPE)},
          "spacing": [0.5, 0.75, 2.0], "orientation": 1}
 
 
@@ -27,7 +27,7 @@ def archive(path, plist, matrix, extra=()):
 
 
 def changed(**keys):
-    return plistlib.dumps({**SOUND, **keys})
+    return plistlib.dumps({**VALID, **keys})
 
 
 def main():
@@ -41,10 +41,10 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         source, output = folder / "x.inv3", folder / "x.nii.gz"
-        sound = plistlib.dumps(SOUND)
+        valid = plistlib.dumps(VALID)
         data = VOXELS.tobytes()
 
-        archive(source, sound, data)
+        archive(source, valid, data)
         done = run(source, output)
         assert done.returncode == 0, done.stderr
         first = output.read_bytes()
@@ -52,23 +52,23 @@ def main():
         image = nibabel.load(output)
         array = numpy.asarray(image.dataobj)
         assert array.dtype == numpy.int16 and nibabel.aff2axcodes(image.affine) == ("L", "P", "S")
-        assert numpy.allclose(image.header.get_zooms(), SOUND["spacing"])
+        assert numpy.allclose(image.header.get_zooms(), VALID["spacing"])
         assert numpy.allclose(image.affine @ [2, 1.5, 1, 1], [0, 0, 0, 1]), "centre is not the origin"
         for z, y, x in numpy.ndindex(SHAPE):  # InVesalius's y runs from posterior to anterior
             assert array[x, SHAPE[1] - 1 - y, z] == VOXELS[z, y, x]
         assert run(source, folder / "no" / "x.nii.gz").returncode == 4
 
         broken = {
-            "no matrix": (sound, None, ()),
-            "short matrix": (sound, data[:-2], ()),
-            "long matrix": (sound, data + b"\0\0", ()),
-            "two matrices": (sound, data, [("q/matrix.dat", data)]),
+            "no matrix": (valid, None, ()),
+            "short matrix": (valid, data[:-2], ()),
+            "long matrix": (valid, data + b"\0\0", ()),
+            "two matrices": (valid, data, [("q/matrix.dat", data)]),
             "not a plist": (b"<plist>", data, ()),
             "a plist that is a list": (plistlib.dumps([1]), data, ()),
-            "another type": (changed(matrix={**SOUND["matrix"], "dtype": "uint8"}), data, ()),
-            "negative shape": (changed(matrix={**SOUND["matrix"], "shape": [-3, -4, 5]}), data, ()),
-            "huge shape": (changed(matrix={**SOUND["matrix"], "shape": [65535] * 3}), data, ()),
-            "shape of words": (changed(matrix={**SOUND["matrix"], "shape": ["3", "4", "5"]}), data, ()),
+            "another type": (changed(matrix={**VALID["matrix"], "dtype": "uint8"}), data, ()),
+            "negative shape": (changed(matrix={**VALID["matrix"], "shape": [-3, -4, 5]}), data, ()),
+            "huge shape": (changed(matrix={**VALID["matrix"], "shape": [65535] * 3}), data, ()),
+            "shape of words": (changed(matrix={**VALID["matrix"], "shape": ["3", "4", "5"]}), data, ()),
             "zero spacing": (changed(spacing=[0.0, 1.0, 1.0]), data, ()),
             "nan spacing": (changed(spacing=[float("nan"), 1.0, 1.0]), data, ()),
             "another orientation": (changed(orientation=2), data, ()),
@@ -85,7 +85,7 @@ def main():
             done = run(source, output)
             if done.returncode != 3 or len(done.stderr.strip().splitlines()) != 1 or output.exists():
                 failures.append(f"{name}: exit {done.returncode}, stderr {done.stderr!r}")
-        archive(source, sound, data)
+        archive(source, valid, data)
         whole = source.read_bytes()
         for name, content in (("cut gzip", whole[: len(whole) // 2]), ("no gzip", b"no archive"), ("empty", b"")):
             source.write_bytes(content)

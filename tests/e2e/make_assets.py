@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """make_assets.py BIN SCAN OUT: the scans' assets with trocar-mesh's defaults, for tests that need
 real slices: OUT/sample.glb from the folder SCAN (trocar-sample-ct's), OUT/l3.glb and OUT/head.glb
-where TROCAR_REAL_CT and TROCAR_HEAD_CT say they are."""
+if TROCAR_REAL_CT and TROCAR_HEAD_CT give their scans."""
 import os
 import pathlib
 import sys
@@ -23,7 +23,7 @@ def main():
             run(programs / "trocar-mesh", source, "-o", asset, "--quiet")
             print(f"{asset}: {asset.stat().st_size} bytes")
         elif asset.exists():
-            asset.unlink()  # of a scan that is no longer there
+            asset.unlink()  # its scan is no longer available
 
 
 if __name__ == "__main__":

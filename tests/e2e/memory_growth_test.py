@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """memory_growth_test.py PROGRAMS SCAN WORK [dicom]: the peak memory of trocar-mesh on 1,000 slices of 512 x 512 pixels is within
 1.5 times that on 100, of PNG files or, when asked for (half a gigabyte), of DICOM files: memory grows with threads, not with slices. The slices
-are the sample's, over and over."""
+are those of the sample scan, repeated."""
 import json
 import pathlib
 import shutil
@@ -18,7 +18,7 @@ def pngs(scan, folder, count):
 
 
 def dicoms(scan, folder, count):
-    """Each with an instance UID and a position of its own, patched in place at the same length."""
+    """Copies with different instance UIDs and positions, patched in place at the same length."""
     files = sorted((scan / "dicom").glob("*.dcm"))
     for i in range(count):
         data = bytearray(files[i % len(files)].read_bytes())

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""mesh_program_e2e_test.py PROGRAMS SCAN WORK: trocar-mesh as a user calls it: options in any order, nothing of the user's
-written over, names of any bytes, and what an asset says of how it was made."""
+"""mesh_program_e2e_test.py PROGRAMS SCAN WORK: trocar-mesh as a user calls it: options in any order, no file of the user
+overwritten, names of any bytes, parameters stored in the asset."""
 import gzip
 import json
 import os
@@ -12,23 +12,23 @@ import subprocess
 import sys
 import time
 
-from e2e import NO_ALLOCATIONS, check, outcome, run
+from e2e import SANITIZED, check, outcome, run
 
 
 def refuses(code, text, *command, **keys):
-    """With this exit code, and one line that says so."""
+    """Expects this exit code, and one line on stderr that contains `text`."""
     said = run(*command, expect=code, **keys).stderr
     check(len(said.splitlines()) == 1 and text in said, f"{' '.join(map(str, command))}: {said!r} lacks {text!r}")
 
 
 def warned(mesh, report, *words):
-    """The warnings of a run, by their codes."""
+    """Runs the program; returns its warnings by code."""
     run(mesh, *words, "--quiet", "--report", report)
     return {w["code"]: w["where"] + ": " + w["sentence"] for w in json.loads(report.read_bytes())["warnings"]}
 
 
 def wait_until_caught(process, signal_number):
-    """Until the program has put its own handler in the place of the signal's usual end."""
+    """Waits until the program has installed its handler of the signal."""
     status = pathlib.Path(f"/proc/{process.pid}/status")
     while process.poll() is None:
         caught = next(int(line.split()[1], 16) for line in status.read_text().splitlines() if line.startswith("SigCgt"))
@@ -38,7 +38,7 @@ def wait_until_caught(process, signal_number):
 
 
 def one_clear_line(programs, scan, work):
-    """Wrong usage is reported in one line: empty values, options that would be ignored, numbers out of range."""
+    """Errors name the option: empty values, options without effect, numbers out of range."""
     mesh, volume, png, out = programs / "trocar-mesh", scan / "sample.nii.gz", scan / "png", ("-o", work / "never.glb")
     grey = ("--spacing", "0.3125,0.3125,1", "--threshold", "95.2")
     for option in ("--labels", "--slices", "--crop", "--series", "--report", "--equalize", "--spacing"):
@@ -53,14 +53,14 @@ def one_clear_line(programs, scan, work):
     refuses(2, "two pixels", mesh, volume, *out, "--crop", "10:10,10:10")
     refuses(2, "--crop 10:600,10:20 is outside", mesh, volume, *out, "--crop", "10:600,10:20")
     refuses(2, "before it begins", mesh, volume, *out, "--slices", "5:3")
-    # A series of what has none; a slice to dump, but no file for it; what belongs to another command.
+    # --series for input without series; --dump-slice without a file; options of another command.
     refuses(2, "--series", mesh, volume, *out, "--series", "1.2.3")
     refuses(2, "--series", mesh, png, *out, *grey, "--series", "1.2.3")
     refuses(2, "--dump-stages", mesh, volume, *out, "--dump-slice", "3")
     for words, name in (((png,), "INPUT"), (out, "--output"), (("--threshold", "3"), "--threshold")):
         for command in ("verify", "info"):
             refuses(2, name, mesh, *words, command, work / "good.glb")
-    # What is no scan, by its name even in the working folder.
+    # A file that is not a scan; its name is in the message also in the working folder.
     text = work / "env.sh"
     text.write_text("no scan")
     refuses(3, "trocar-mesh: env.sh: ", mesh, "env.sh", *out, cwd=work)
@@ -83,24 +83,24 @@ def warns(programs, scan, work):
     said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "32000")
     check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
     said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "255")
-    check(set(said) <= {"empty_slice"}, f"warned of nothing: {said}")
+    check(set(said) <= {"empty_slice"}, f"unexpected warnings: {said}")
 
 
-def keeps_to_its_memory(programs, scan, work):
-    """An area that asks for more vertices than a slice can have is not waited for."""
-    if NO_ALLOCATIONS is None:
+def limits_its_memory(programs, scan, work):
+    """An area bound that needs more vertices than a slice can have ends early, with a warning."""
+    if SANITIZED:
         return  # sanitizers take far more memory
     said = warned("prlimit", work / "fine.json", "--as=3000000000", programs / "trocar-mesh", scan / "sample.nii.gz",
                   "-o", work / "fine.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "1e-6")
     check("slice 3: " in said.get("area_not_reached", ""), f"an area too small: {said}")
     made = json.loads((work / "fine.json").read_bytes())["slices"][0]
-    check(made["max_area_mm2"] < 2e-6 * made["area_mm2"], f"not even what could be had: {made}")
+    check(made["max_area_mm2"] < 2e-6 * made["area_mm2"], f"not refined as far as possible: {made}")
     refuses(3, "sample.nii.gz slice 3: not enough memory", "prlimit", "--as=500000000", programs / "trocar-mesh",
             scan / "sample.nii.gz", "-o", work / "none.glb", "--slices", "3:3", "--jobs", "1", "--max-area", "0.001")
 
 
-def spacing_where_there_is_none(programs, scan, work):
-    """A NIfTI without voxel sizes: asked for, taken, and then the same mesh as if they stood in the file."""
+def spacing_of_a_file_without_one(programs, scan, work):
+    """A NIfTI without voxel sizes needs --spacing, and then gives the same mesh as one with them."""
     mesh, out = programs / "trocar-mesh", work / "sized.glb"
     given = ("--spacing", "0.3125,0.3125,1", "--slices", "3:4", "--quiet")
     header = bytearray(gzip.decompress((scan / "sample.nii.gz").read_bytes()))
@@ -117,8 +117,8 @@ def spacing_where_there_is_none(programs, scan, work):
     check(made["with"] == made["without"] == made["nan"], f"--spacing: {made}")
 
 
-def outputs_whole_or_not(programs, scan, work):
-    """Pipes in an output's place, files beyond `ulimit -f`, a wish to stop: said, with nothing left."""
+def outputs_complete_or_none(programs, scan, work):
+    """A pipe as an output, a file beyond `ulimit -f`, a signal: an error, and no file is left."""
     mesh, sample_ct, volume = programs / "trocar-mesh", programs / "trocar-sample-ct", scan / "sample.nii.gz"
     os.mkfifo(work / "pipe")
     for words in (("-o", work / "pipe"), ("-o", work / "never.glb", "--report", work / "pipe")):
@@ -130,7 +130,7 @@ def outputs_whole_or_not(programs, scan, work):
                 "128", "--quiet")
         check(list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}")
     refuses(4, "File too large", "prlimit", "--fsize=2000", mesh, scan / "dicom", "-o", work / "never.glb", "--slices", "3:5")
-    check(not list(work.glob("never.glb*")), "a part of an asset")
+    check(not list(work.glob("never.glb*")), "a partial asset is left")
     for signal_number in (signal.SIGINT, signal.SIGTERM):
         for seconds in (0, 1):
             folder = work / f"stopped_{int(signal_number)}_{seconds}"
@@ -145,8 +145,8 @@ def outputs_whole_or_not(programs, scan, work):
             check(list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}")
 
 
-def export_whole_and_alone(programs, scan, work):
-    """Exported files are those of one asset, all of them or none."""
+def export_complete_and_of_one_asset(programs, scan, work):
+    """An export writes all files of one asset or none."""
     mesh, folder = programs / "trocar-mesh", work / "exported"
     for name, slices in (("few", "3:4"), ("more", "3:6"), ("one", "5:5")):
         run(mesh, scan / "sample.nii.gz", "-o", work / f"{name}.glb", "--slices", slices, "--quiet")
@@ -181,7 +181,7 @@ def main():
     run(mesh, *slices, "-o", good, *grey)
     asset = good.read_bytes()
 
-    # Nothing is written over that was read, or could be a scan, or is another output.
+    # Inputs, files that could be scans, and other outputs are not overwritten.
     for words in (("-o", *slices),  # the shell's  -o s*.png
                   (*slices, "-o", slices[0]),
                   (*slices, "-o", work / "new.png"),
@@ -194,10 +194,10 @@ def main():
                   (*slices, "-o", good, "--dump-stages", work / "stages.json", "--dump-slice", "3")):
         said = run(mesh, *words, *grey, expect=2).stderr
         check(len(said.splitlines()) == 1 and ("-o " in said or "--" in said), f"{words}: {said}")
-    check([f.read_bytes() for f in slices] == before, "a slice was written over")
-    check(good.read_bytes() == asset, "the asset was written over")
+    check([f.read_bytes() for f in slices] == before, "a slice was overwritten")
+    check(good.read_bytes() == asset, "the asset was overwritten")
 
-    # Names of any bytes, in what is read and in what is written.
+    # File names of any bytes, for input and output.
     odd = os.fsdecode(os.fsencode(work) + b"/Sch\xe4del.png")
     shutil.copy(slices[0], odd)
     run(mesh, odd, "-o", work / "odd.glb", *grey, "--report", work / "odd.json")
@@ -211,7 +211,7 @@ def main():
     for words in (("--labels", "1,2", scan / "sample.nii.gz"), (scan / "sample.nii.gz", "--labels", "1,2")):
         run(mesh, *words, "-o", work / "labels.glb", "--slices", "3:4", "--quiet")
 
-    # How it was made: what was asked of the input, too.
+    # The parameters in the asset include those of the input.
     run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "60:62", "--quiet")
     for file, key, value in ((good, "spacing_mm", [0.3125, 0.3125, 1.0]), (work / "coronal.glb", "axis", "coronal")):
         info = json.loads(run(mesh, "info", file, "--json").stdout)
@@ -224,9 +224,9 @@ def main():
     for _ in range(2):
         run(mesh, folder, "-o", folder / "bone.glb", "--slices", "3:5", "--quiet")
         made.append((folder / "bone.glb").read_bytes())
-    check(made[0] == made[1], "an asset beside its slices changes what is made of them")
+    check(made[0] == made[1], "an asset beside its slices changes the result")
 
-    # Exported is only what is proved: an outline whose first two points change places is not.
+    # An invalid asset is not exported: the first two points of an outline are swapped.
     broken = bytearray(asset)
     length = int.from_bytes(asset[12:16], "little")
     gltf = json.loads(asset[20:20 + length])
@@ -238,10 +238,10 @@ def main():
     for words in (("verify", work / "broken.glb"), ("export", work / "broken.glb", "-o", work / "export")):
         said = run(mesh, *words, expect=3).stderr
         check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
-    check(not (work / "export").exists(), "something of a broken asset was exported")
+    check(not (work / "export").exists(), "a part of an invalid asset was exported")
 
-    for part in (one_clear_line, warns, keeps_to_its_memory, spacing_where_there_is_none, outputs_whole_or_not,
-                 export_whole_and_alone):
+    for part in (one_clear_line, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
+                 export_complete_and_of_one_asset):
         part(programs, scan, work)
     shutil.rmtree(work)
     return outcome()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""program_mutants_test.py BIN CORPUS WORK [N]: trocar-mesh itself on N mutants of the corpus: it
-ends with 0 or 3 within 10 s, in 2 GB of address space, with one line on stderr when it refuses
-and none of its own when it does not, and never leaves an output of a refused input. A mutant that has lost its
-voxel size ends with 2, asks for --spacing, and is run again with it."""
+"""program_mutants_test.py BIN CORPUS WORK [N]: the program trocar-mesh on N mutants of the corpus: it
+ends with 0 or 3 within 10 s, in 2 GB of address space, with one line on stderr if it refuses the
+input and none otherwise, and leaves no output of a refused input. For a mutant without a voxel size
+it ends with 2 and asks for --spacing; it is then run again with it."""
 import pathlib
 import random
 import resource
@@ -47,7 +47,7 @@ def run(order):
         done = subprocess.run(order, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False, timeout=SECONDS, preexec_fn=limit)
         return done.returncode, done.stderr.decode(errors="replace")
     except subprocess.TimeoutExpired:
-        return "no end", ""
+        return "timeout", ""
 
 
 def main():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """same_bytes_test.py PROGRAMS SCAN WORK: the same scan gives the same asset, byte by byte, with 1, 2 and 16 threads and from
-the programs of another build, if TROCAR_OTHER_BIN names their folder. Scans: the sample as PNG, DICOM and NIfTI; L3 (folder
-TROCAR_REAL_CT) and the head CT (file TROCAR_HEAD_CT) where they are there. With clang, for example:
+the programs of another build, if TROCAR_OTHER_BIN names its folder. Scans: the sample as PNG, DICOM and NIfTI; L3 (folder
+TROCAR_REAL_CT) and the head CT (file TROCAR_HEAD_CT) if available. With clang, for example:
 
     cmake -S . -B build/clang -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=clang++-14
     ninja -C build/clang trocar-mesh
@@ -37,7 +37,7 @@ def main():
         makers.append((other, pathlib.Path(other), 2))
     for name, scan, options in scans(sample):
         if not scan.exists():
-            print(f"{name}: not there")
+            print(f"{name}: not available")
             continue
         digests = {}
         for maker, folder, jobs in makers:

@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A sheet and a sequence of cuts: after each the sheet is valid, its area exactly what is left, and
-// in place it is the same as on a copy; with too little room it is as it was. Then the force law
-// `network` on the rest. In: a hard case (tests/corpus/cut), or bytes that are a sheet and tools.
+// A sheet and a sequence of cuts: after each the sheet is valid, its area exact, and a cut in place
+// equals one on a copy; with too little capacity the sheet is unchanged. Then the force law
+// `network` on the remaining sheet. In: a hard case (tests/corpus/cut), or bytes that encode a
+// sheet and tools.
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/triangulation.h"
+#include "runtime/cut/cut.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/response.h"
-#include "runtime/cut/cut.h"
 #include "tests/cases/cut_case.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
-#include "tests/support/cut_checks.h"
 #include "tests/fuzz/harness.h"
+#include "tests/support/cut_checks.h"
 
 namespace {
 
@@ -23,52 +24,53 @@ using namespace trocar;           // NOLINT(google-build-using-namespace): a pro
 using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
 
-constexpr std::size_t kMostTriangles = 6000, kMostCutsEach = 12, kMostCuts = 60, kMostForces = 2;
+constexpr std::size_t kMaxTriangles = 6000, kMaxCutsEach = 12, kMaxCuts = 60, kMaxForces = 2;
 
 bool same(const SheetMesh& a, const SheetMesh& b) {
   return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
          a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
 }
 
-// In place, with so much room.
-CutReport cut_with(std::size_t room, const SliceMesh& sheet, const Ring& tool, SheetMesh& mesh) {
-  mesh = *make_sheet_mesh(sheet, room, 2 * room);
+// Cuts in place, with this spare capacity.
+CutReport cut_with(std::size_t capacity, const SliceMesh& sheet, const Ring& tool,
+                   SheetMesh& mesh) {
+  mesh = *make_sheet_mesh(sheet, capacity, 2 * capacity);
   const SheetMesh before = mesh;
   const std::size_t slots = mesh.triangles.size();
-  CutWorkspace work({slots, mesh.vertices.size() + room, 3 * slots + room});
+  CutWorkspace work({slots, mesh.vertices.size() + capacity, 3 * slots + capacity});
   SheetEdit edit(mesh);
   const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work, edit);
   if (report.outcome == CutOutcome::kBug) fail(std::string("cut in place: ") + report.bug);
   if (report.outcome != CutOutcome::kCut && !same(mesh, before))
-    fail("a cut that did nothing changed the sheet");
+    fail("a cut without effect changed the sheet");
   if (const auto ok = check_sheet_mesh(mesh); !ok) fail("in place: " + ok.error().message);
   return report;
 }
 
-// `sheet` becomes what the tool leaves of it. False: no tool.
+// Cuts `sheet`. False if the tool is refused.
 bool cut_and_check(SliceMesh& sheet, const Ring& tool, std::size_t little) {
   const auto done = cut(sheet, tool);
   SheetMesh in_place;
   if (!done) {
     fuzz::expect_refusal(done.error());
     if (cut_with(64, sheet, tool, in_place).outcome != CutOutcome::kNotATool)
-      fail("a tool to one and none to the other");
+      fail("a tool is refused by one kind of cut only");
     return false;
   }
   if (const std::string law = contract_violation(sheet, *done); !law.empty()) fail(law);
   const CutReport tight = cut_with(little, sheet, tool, in_place);
   if (tight.outcome != CutOutcome::kCapacity && tight.outcome != done->outcome)
-    fail("another outcome with little room");
+    fail("another outcome with little capacity");
   const CutReport report = cut_with(512, sheet, tool, in_place);
   if (report.outcome != done->outcome ||
       report.doubled_area_removed != done->doubled_area_removed ||
       triangles_of(to_slice_mesh(in_place)) != triangles_of(done->mesh))
-    fail("in place is not the same as on a copy");
+    fail("a cut in place differs from one on a copy");
   sheet = done->mesh;
   return true;
 }
 
-// `tolerance`: the network's condition number times rounding.
+// `tolerance`: rounding times the network's condition number.
 void expect_equilibrium(const SliceMesh& sheet, const Ring& tool, const Lattice& lattice,
                         const Membrane& membrane, double tolerance) {
   const auto mesh = make_sheet_mesh(sheet, 0, 0);
@@ -81,21 +83,21 @@ void expect_equilibrium(const SliceMesh& sheet, const Ring& tool, const Lattice&
   if (!std::isfinite(r.stiffness_N_per_m) || r.stiffness_N_per_m < 0 || !r.centre_steps.allFinite())
     fail("force: not a stiffness");
   for (const double w : region->solution.w) {
-    if (!std::isfinite(w)) fail("force: not a shape");
+    if (!std::isfinite(w)) fail("force: a displacement that is not finite");
     if (r.negative_springs == 0 && !(w > -tolerance && w < 1 + tolerance))
-      fail("force: beyond the tool");
+      fail("force: a displacement outside 0..1");
   }
   const auto global = solve_global(region->network, region->mesh.kind);
   if (!global) fail("force: " + global.error().message);
   const double scale = std::max(global->stiffness_N_per_m, 1e-300);
   const double off = std::abs(global->stiffness_N_per_m - region->solution.stiffness_N_per_m);
-  if (!(off <= tolerance * scale)) fail("force: not what Cholesky says");
+  if (!(off <= tolerance * scale)) fail("force: differs from the global solution");
 }
 
-// The case's own stiffness, reach and tool on what is left.
+// The stiffness, reach and tool of the case on the remaining sheet.
 void check_force(const SliceMesh& sheet, const test::ForceCase& force, const Lattice& lattice) {
   Grading none;
-  none.graded = false;  // the exact constants, without a dozen regions to calibrate with
+  none.graded = false;  // the exact constants, without calibration on a dozen regions
   for (const double K : force.stiffness_N_per_m) {
     const auto calibration = calibrate(K, force.reach_mm * 1e-3, force.tool, lattice, none);
     if (!calibration) {
@@ -111,13 +113,13 @@ void check_force(const SliceMesh& sheet, const test::ForceCase& force, const Lat
 void check_case(SliceMesh sheet, const std::vector<Ring>& cuts, const Lattice& lattice,
                 const std::vector<test::ForceCase>& forces) {
   if (const auto ok = check_mesh(sheet); !ok) return fuzz::expect_refusal(ok.error());
-  if (sheet.triangles.size() > kMostTriangles) return;
+  if (sheet.triangles.size() > kMaxTriangles) return;
   const Ring* last = nullptr;
-  for (std::size_t i = 0; i < std::min(cuts.size(), kMostCutsEach); ++i) {
+  for (std::size_t i = 0; i < std::min(cuts.size(), kMaxCutsEach); ++i) {
     if (cut_and_check(sheet, cuts[i], 5 * i)) last = &cuts[i];
   }
-  // The rest of a long row of them only on a copy.
-  for (std::size_t i = kMostCutsEach; i < std::min(cuts.size(), kMostCuts); ++i) {
+  // The remaining cuts of a long sequence on a copy only.
+  for (std::size_t i = kMaxCutsEach; i < std::min(cuts.size(), kMaxCuts); ++i) {
     auto done = cut(sheet, cuts[i]);
     if (!done) {
       fuzz::expect_refusal(done.error());
@@ -127,10 +129,10 @@ void check_case(SliceMesh sheet, const std::vector<Ring>& cuts, const Lattice& l
       fail("a cut's area");
     sheet = std::move(done->mesh);
   }
-  if (cuts.size() > kMostCutsEach) {
+  if (cuts.size() > kMaxCutsEach) {
     if (const auto ok = check_mesh(sheet); !ok) fail("after many cuts: " + ok.error().message);
   }
-  for (std::size_t i = 0; i < std::min(forces.size(), kMostForces); ++i)
+  for (std::size_t i = 0; i < std::min(forces.size(), kMaxForces); ++i)
     check_force(sheet, forces[i], lattice);
   if (last == nullptr) return;
   Ring beside = *last;
@@ -146,7 +148,7 @@ void check_bytes(fuzz::Bytes bytes) {
   const SliceMesh sheet = test::square_mesh({low, low}, cell, cells);
   const int scale = 1 + bytes.below(40);
   std::vector<Ring> cuts;
-  while (!bytes.empty() && cuts.size() < kMostCutsEach) {
+  while (!bytes.empty() && cuts.size() < kMaxCutsEach) {
     Ring tool;
     const LatticePoint at{bytes.small() * scale, bytes.small() * scale};
     for (int n = 3 + bytes.below(8); n > 0; --n)

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The device on any numbers, every bit pattern of a double among them: poses, encoders, wrenches,
-// limits, currents, a hand, a scene, one number of the description, and the whole loop on spoilt
-// readings.
-// Each answer is finite and keeps its laws, or is a refusal by name. In: a hard case or a scene
-// (tests/corpus/device), or bytes that are a kind and its doubles.
+// The device with arbitrary numbers, including every bit pattern of a double: poses, encoders,
+// wrenches, limits, currents, a hand, a scene, one number of the description, and the loop with
+// corrupted readings. Each result is finite and within its contract, or a named refusal. In: a hard
+// case or a scene (tests/corpus/device), or bytes that encode a kind and its doubles.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -34,7 +33,7 @@ using fuzz::fail;
 using test::SetDevice;
 using Encoders = std::array<double, kEncoders>;
 
-constexpr int kMostLoopTicks = 40, kMostSteps = 20;
+constexpr int kMaxLoopTicks = 40, kMaxSteps = 20;
 
 const DeviceDescription& paper_device() {
   static const DeviceDescription made = default_device_description();
@@ -61,7 +60,7 @@ void expect_pose(const ForwardResult& result) {
   if (!result.status) return expect_named(result.status, false);
   if (!is_finite(result.T_device_plate) ||
       std::abs(result.T_device_plate.q.squaredNorm() - 1) > 1e-9)
-    fail("forward: no pose");
+    fail("forward: an invalid pose");
   if (!(result.residual_m >= 0) || !std::isfinite(result.residual_m)) fail("forward: residual");
 }
 
@@ -71,31 +70,34 @@ void check_allocation(const Jacobian& G, const Wrench& wanted, const MotorVector
   if (!got.tau_motor_Nm.allFinite() || !got.wrench_device.allFinite())
     fail("allocation: not finite");
   if (got.kind == Allocation::kRefused) {
-    if (got.tau_motor_Nm != MotorVector::Zero()) fail("allocation: refused, and torques");
+    if (got.tau_motor_Nm != MotorVector::Zero())
+      fail("allocation: refused with torques that are not zero");
     return;
   }
   if (!G.allFinite() || !wanted.allFinite() || !limit.allFinite() || !(limit.minCoeff() > 0))
-    fail("allocation: takes what is none");
+    fail("allocation: invalid input is accepted");
   if (!(got.tau_motor_Nm.array().abs() <= limit.array()).all()) fail("allocation: law 1");
   if (!(got.scale >= 0 && got.scale <= 1)) fail("allocation: scale");
   // Where squares neither vanish nor overflow.
   const double torque = got.tau_motor_Nm.norm();
   if (!(torque > 1e-150 && torque < 1e150)) return;
   const Wrench off = G.transpose() * got.tau_motor_Nm - got.scale * wanted;
-  if (!(off.norm() <= 1e-9 * G.norm() * torque)) fail("allocation: the wrench is bent");
+  if (!(off.norm() <= 1e-9 * G.norm() * torque))
+    fail("allocation: the wrench has another direction");
 }
 
 void check_pose(const DeviceDescription& device, const Pose& T, const Wrench& wanted,
                 const MotorVector& limit) {
   const bool is_pose = is_finite(T);
-  if (!is_pose && check_workspace({}, T) != Fault::kWorkspace) fail("workspace: takes no pose");
+  if (!is_pose && check_workspace({}, T) != Fault::kWorkspace)
+    fail("workspace: an invalid pose is accepted");
   for (int leg = 0; leg < kLegs; ++leg) {
     for (const LegAssembly& each : leg_assemblies(device, T, leg)) {
       if (!each.status) {
         expect_named(each.status, is_pose && each.status.failure != KinematicsFailure::kBadInput);
       } else if (!std::all_of(each.theta_rad.begin(), each.theta_rad.end(),
                               [](double a) { return std::isfinite(a); })) {
-        fail("assembly: an angle that is none");
+        fail("assembly: an angle that is not finite");
       }
     }
   }
@@ -103,12 +105,12 @@ void check_pose(const DeviceDescription& device, const Pose& T, const Wrench& wa
   if (!inverse.status) {
     return expect_named(inverse.status, inverse.status.failure != KinematicsFailure::kBadInput);
   }
-  if (!is_pose) fail("inverse: takes no pose");
+  if (!is_pose) fail("inverse: an invalid pose is accepted");
   const Encoders encoders = encoder_angles(inverse.joints);
-  if (!finite(encoders)) fail("inverse: an angle that is none");
+  if (!finite(encoders)) fail("inverse: an angle that is not finite");
   const ForwardResult forward = forward_kinematics(device, encoders);
   expect_pose(forward);
-  if (!forward.status) fail("forward: refuses what inverse gives");
+  if (!forward.status) fail("forward: refuses angles of inverse");
   if (!((forward.T_device_plate.p_m - T.p_m).norm() < 1e-9) ||
       !(forward.T_device_plate.q.angularDistance(T.q) < 1e-7))
     fail("forward of inverse is another pose");
@@ -124,8 +126,8 @@ void check_pose(const DeviceDescription& device, const Pose& T, const Wrench& wa
   const Singularity s = measure_singularity(device, T, inverse.joints, compact.G);
   if (!(s.inverse_condition >= 0 && s.inverse_condition <= 1) ||
       !(s.smallest_singular_value_per_m >= 0) || !std::isfinite(s.nearest_branch_m))
-    fail("singularity: no measure");
-  // Both forms lose digits as a leg is stretched.
+    fail("singularity: an invalid measure");
+  // Both forms lose accuracy as a leg approaches a branch.
   if (paper.status && s.nearest_branch_m > 1e-6 &&
       !((paper.G - compact.G).norm() <= 1e-6 * compact.G.norm()))
     fail("the two Jacobians differ");
@@ -142,20 +144,20 @@ void check_encoders(const DeviceDescription& device, const Encoders& encoders) {
   const KinematicsStatus limits = check_joint_limits(device, encoders);
   if (!limits) expect_named(limits, true);
   if (finite(encoders)) return;
-  if (limits) fail("limits: hold for what is not finite");
+  if (limits) fail("limits: accept angles that are not finite");
   if (by_motors.status && !motor_angles(encoders).allFinite())
-    fail("forward: takes motor angles that are none");
+    fail("forward: accepts motor angles that are not finite");
   for (int i = 0; i < kEncoders; ++i) {
     // theta4 is not part of this fit.
     if (i % 4 != 3 && !std::isfinite(encoders[static_cast<std::size_t>(i)]) && forward.status)
-      fail("forward: takes angles that are none");
+      fail("forward: accepts angles that are not finite");
   }
 }
 
 void check_motors(const MotorVector& current) {
   static const MotorModel model = make_motor_model(paper_device());
   MotorLoad load;
-  for (int tick = 0; tick < kMostSteps; ++tick) {
+  for (int tick = 0; tick < kMaxSteps; ++tick) {
     load = advance(model, load, current, 0.05);
     const MotorVector available = available_current(model, load);
     if (!load.excess_A2s.allFinite() || !(load.excess_A2s.minCoeff() >= 0)) fail("motor: load");
@@ -165,7 +167,7 @@ void check_motors(const MotorVector& current) {
   }
 }
 
-// Refused, or a hand that pulls at the device with numbers.
+// A hand is refused, or all its numbers are valid.
 void check_hand_numbers(const HandTrajectory& trajectory, const HandImpedance& impedance) {
   const auto device = SimulatedDevice::make(paper_device(), trajectory, impedance);
   if (!device) return fuzz::expect_refusal(device.error());
@@ -176,7 +178,7 @@ void check_hand_numbers(const HandTrajectory& trajectory, const HandImpedance& i
                          impedance.rotational_stiffness_Nm_per_rad,
                          impedance.rotational_damping_Nms_per_rad, impedance.mass_kg})
     known = known && std::isfinite(x) && x >= 0;
-  if (!known) fail("hand: takes what is not finite");
+  if (!known) fail("hand: invalid numbers are accepted");
 }
 
 void check_packets(double number) {
@@ -191,22 +193,23 @@ void check_packets(double number) {
   const std::array<std::size_t, 3> sizes = {encode(state, key, bytes), encode(command, key, bytes),
                                             encode(hello, key, bytes)};
   if (!std::isfinite(number) && sizes != std::array<std::size_t, 3>{})
-    fail("a packet of what is not finite");
+    fail("a packet with a number that is not finite");
 }
 
-// ---- the loop: the tool is in contact, and then readings, gap and response are anything ----
+// ---- the loop: in contact, then arbitrary readings, gaps and responses ----
 
-struct SpoiltTick {
+struct CorruptedTick {
   int encoder = 0;
   double angle = 0, gap_s = 1e-3, stiffness = 5000, offset_m = 0, offset_y_m = 0;
   double device_t_s = 0;
   bool silent = false;
 };
 
-/// An `encoder` beyond the last one leaves them alone; these give `angle` to something else.
-constexpr int kSpoilsTime = kEncoders, kSpoilsOffsetY = kEncoders + 1, kIsSilent = kEncoders + 2;
+/// Values of `encoder` beyond the last encoder: `angle` goes to another input.
+constexpr int kCorruptsTime = kEncoders, kCorruptsOffsetY = kEncoders + 1,
+              kIsSilent = kEncoders + 2;
 
-void check_loop(const std::vector<SpoiltTick>& ticks, SafetyLimits limits) {
+void check_loop(const std::vector<CorruptedTick>& ticks, SafetyLimits limits) {
   static const Scene scene = test::descent_scene({0.15}, 0.16, 0.14, 0.015);
   static const auto sheets = place_slices(scene, test::square_asset(1), "fuzz");
   LoopModel model;
@@ -219,8 +222,8 @@ void check_loop(const std::vector<SpoiltTick>& ticks, SafetyLimits limits) {
   SetDevice device;
   TickResult result;
   int since = -1;
-  for (int tick = 0; tick < kMostLoopTicks; ++tick) {
-    Pose T;  // 0.1 mm deeper each tick, then at rest
+  for (int tick = 0; tick < kMaxLoopTicks; ++tick) {
+    Pose T;  // 0.1 mm deeper per tick, then at rest
     T.p_m.z() = 0.15 + 1e-3 - 1e-4 * std::min(tick, 20) - model.contact.tool.tip_plate_m.z();
     const InverseResult inverse = inverse_kinematics(model.device, T);
     device.now = {tick * 1e-3, encoder_angles(inverse.joints)};
@@ -228,10 +231,10 @@ void check_loop(const std::vector<SpoiltTick>& ticks, SafetyLimits limits) {
     inputs.sheets = current;
     inputs.gap_s = 1e-3;
     inputs.response = {0, 5000, {}};
-    const int spoilt = tick - 20;
+    const int corrupted = tick - 20;
     device.answer = DeviceStatus::kOk;
-    if (spoilt >= 0 && static_cast<std::size_t>(spoilt) < ticks.size()) {
-      const SpoiltTick& s = ticks[static_cast<std::size_t>(spoilt)];
+    if (corrupted >= 0 && static_cast<std::size_t>(corrupted) < ticks.size()) {
+      const CorruptedTick& s = ticks[static_cast<std::size_t>(corrupted)];
       if (s.encoder < kEncoders) {
         device.now.encoder_rad[static_cast<std::size_t>(s.encoder)] = s.angle;
       }
@@ -242,7 +245,7 @@ void check_loop(const std::vector<SpoiltTick>& ticks, SafetyLimits limits) {
     }
     haptic_tick(model, inputs, device, state, result);
     for (const double tau : device.written.tau_motor_Nm) {
-      if (!std::isfinite(tau)) fail("loop: a torque that is none");
+      if (!std::isfinite(tau)) fail("loop: a torque that is not finite");
       if (!(std::abs(tau) <= model.device.motor_peak_torque_Nm)) fail("loop: beyond the peak");
     }
     if (result.row.safety == SafetyState::kFault) ++since;
@@ -258,8 +261,8 @@ std::string shipped_text() {
   return test::text_of(TROCAR_FOUR_LEGS_JSON);
 }
 
-// The `which`-th number of the shipped description is another text. What is taken is a device: at
-// the middle of the paper's workspace it answers or names why not.
+// Replaces number `which` of the shipped description by `text`. If that is accepted, the kinematics
+// at the middle of the paper's workspace must succeed or name a failure.
 void check_description(std::size_t which, const std::string& text) {
   static const nlohmann::json original = nlohmann::json::parse(shipped_text());
   static const std::vector<std::string> places = [] {
@@ -270,9 +273,9 @@ void check_description(std::size_t which, const std::string& text) {
     }
     return out;
   }();
-  nlohmann::json spoilt = original;
-  spoilt[nlohmann::json::json_pointer(places[which % places.size()])] = "PLACE";
-  std::string dumped = spoilt.dump();
+  nlohmann::json corrupted = original;
+  corrupted[nlohmann::json::json_pointer(places[which % places.size()])] = "PLACE";
+  std::string dumped = corrupted.dump();
   dumped.replace(dumped.find("\"PLACE\""), 7, text);
   const auto read = parse_device_description(dumped, "input.json");
   if (!read) return fuzz::expect_refusal(read.error());
@@ -289,7 +292,7 @@ std::string written(double number) {
   return text.data();
 }
 
-// What is taken is finite in every field that a session begins with.
+// An accepted scene has finite values in the fields that a session uses.
 void check_scene(std::string_view text) {
   const auto scene = parse_scene(text, "input.json", "");
   if (!scene) return fuzz::expect_refusal(scene.error());
@@ -301,13 +304,14 @@ void check_scene(std::string_view text) {
   }
   for (const SceneSlice& slice : scene->slices)
     known = known && std::isfinite(slice.z_m);
-  if (!known) fail("scene: takes what is not finite");
+  if (!known) fail("scene: a value that is not finite is accepted");
   const Tool tool = make_tool(scene->tool);
   for (int i = 0; i < tool.sides; ++i)
-    if (!tool.corner_plate_m[static_cast<std::size_t>(i)].allFinite()) fail("tool: no corner");
+    if (!tool.corner_plate_m[static_cast<std::size_t>(i)].allFinite())
+      fail("tool: a corner that is not finite");
 }
 
-// ---- what the bytes say ----
+// ---- decoding of the bytes ----
 
 Pose pose_of(fuzz::Bytes& bytes) {
   Pose out;
@@ -344,7 +348,7 @@ void check_bytes(fuzz::Bytes bytes) {
       return check_pose(paper_device(), T, wanted, vector_of<MotorVector>(bytes));
     }
     case 1: {
-      // A rotation vector, so that more of the poses are some.
+      // By rotation vector, so that more of the poses are valid.
       Pose T;
       T.p_m = vector_of<Eigen::Vector3d>(bytes);
       T.q = from_rotation_vector(vector_of<Eigen::Vector3d>(bytes));
@@ -385,16 +389,16 @@ void check_bytes(fuzz::Bytes bytes) {
     }
     default: {
       const SafetyLimits limits = limits_of(bytes);
-      std::vector<SpoiltTick> ticks;
-      while (!bytes.empty() && ticks.size() < kMostSteps) {
-        SpoiltTick tick;
-        tick.encoder = bytes.below(2 * kEncoders);  // half of them leave the encoders alone
+      std::vector<CorruptedTick> ticks;
+      while (!bytes.empty() && ticks.size() < kMaxSteps) {
+        CorruptedTick tick;
+        tick.encoder = bytes.below(2 * kEncoders);  // half of them are not an encoder
         tick.angle = bytes.real();
         tick.gap_s = bytes.real();
         tick.stiffness = bytes.real();
         tick.offset_m = bytes.real();
-        tick.offset_y_m = tick.encoder == kSpoilsOffsetY ? tick.angle : -tick.offset_m;
-        tick.device_t_s = tick.encoder == kSpoilsTime ? tick.angle : 0;
+        tick.offset_y_m = tick.encoder == kCorruptsOffsetY ? tick.angle : -tick.offset_m;
+        tick.device_t_s = tick.encoder == kCorruptsTime ? tick.angle : 0;
         tick.silent = tick.encoder == kIsSilent;
         ticks.push_back(tick);
       }
@@ -403,12 +407,12 @@ void check_bytes(fuzz::Bytes bytes) {
   }
 }
 
-// ---- a hard case: whatever numbers it names, put to every question ----
+// ---- a hard case: its numbers as input of every check ----
 
 void check_case(const nlohmann::json& json) {
   JsonErrors errors{"input.json", {}};
   test::DeviceFields asked(json, "", errors);
-  const std::string ask = asked.word("ask", "");
+  const std::string ask = asked.text("ask", "");
   const Pose T =
       asked.has("pose") ? test::read_pose(paper_device(), asked.object("pose"), errors) : middle();
   const auto wrench = asked.numbers("wrench", 6, 0), limit = asked.numbers("limit_Nm", 8, 6);
@@ -421,26 +425,26 @@ void check_case(const nlohmann::json& json) {
     check_packets(number);
     check_motors(MotorVector::Constant(number));
     for (int i = 0; i < 7; ++i) {
-      Pose spoilt = T;
-      (i < 3 ? spoilt.p_m[i] : spoilt.q.coeffs()[i - 3]) = number;
-      check_pose(paper_device(), spoilt, wanted, limits);
-      check_hand_numbers({{{0, spoilt}}}, {});
+      Pose corrupted = T;
+      (i < 3 ? corrupted.p_m[i] : corrupted.q.coeffs()[i - 3]) = number;
+      check_pose(paper_device(), corrupted, wanted, limits);
+      check_hand_numbers({{{0, corrupted}}}, {});
     }
     const InverseResult inverse = inverse_kinematics(paper_device(), T);
     for (std::size_t i = 0; inverse.status && i < kEncoders; ++i) {
       Encoders encoders = encoder_angles(inverse.joints);
       encoders[i] = std::string(key) == "add" ? encoders[i] + number : number;
       check_encoders(paper_device(), encoders);
-      check_loop({SpoiltTick{static_cast<int>(i), encoders[i]}}, {});
+      check_loop({CorruptedTick{static_cast<int>(i), encoders[i]}}, {});
     }
   }
   if (asked.has("each_number")) {
-    const std::string text = asked.word("each_number", "");
+    const std::string text = asked.text("each_number", "");
     for (std::size_t i = 0; i < 64; ++i)
       check_description(i, text);
   }
   if (ask != "loop") return;
-  SpoiltTick tick{kEncoders};
+  CorruptedTick tick{kEncoders};
   tick.gap_s = asked.number("gap_s", 1e-3);
   tick.stiffness = asked.number("response_stiffness_N_per_m", 5000);
   tick.offset_m = asked.number("response_offset_m", 0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One asset: decoded, and what decodes is proved or refused, never trusted. Read slice by slice as
-// a scene would, it gives what it gives as a whole, or a refusal.
+// One asset: decoded and verified, or refused. Reading single slices gives the same as reading the
+// whole asset, or a refusal.
 #include <cstdlib>
 #include <vector>
 
@@ -24,7 +24,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto asset = trocar::decode_asset({data, size}, "input.glb");
   if (!asset) {
     trocar::fuzz::expect_refusal(asset.error());
-    // Past the checksums, to the decoders. The seeds' slices are numbered from 0.
+    // With corrected checksums the bytes reach the decoders. The seeds' slices are numbered from 0.
     std::vector<std::uint8_t> sealed(data, data + size);
     trocar::write_index_checksums(sealed);
     for (const int index : {0, 1, 2}) {

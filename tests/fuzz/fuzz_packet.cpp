@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One datagram of the device link, given to every reader. The key is not the fuzzer's: nothing but
-// the corpus's own packets (made with it) may be accepted, and what is comes out the same bytes.
+// One datagram of the device link, given to every reader. The fuzzer does not have the key: only
+// the packets of the corpus (made with it) may be accepted, and encoding them again gives the same
+// bytes.
 #include <algorithm>
 #include <cstdlib>
 #include <type_traits>
@@ -41,8 +42,8 @@ Bytes encoded(const Packet& packet) {
   return bytes;
 }
 
-/// The corpus's packets; tests/fuzz/make_corpus.py makes the same by other means.
-const std::vector<Bytes>& true_packets() {
+/// The packets of the corpus, which tests/fuzz/make_corpus.py makes independently.
+const std::vector<Bytes>& valid_packets() {
   static const std::vector<Bytes> made = [] {
     const std::uint64_t session = session_number(kDrive);
     HelloPacket hello{1000, kHost, 1e-3, true};
@@ -59,13 +60,13 @@ const std::vector<Bytes>& true_packets() {
 }
 
 template <typename Packet>
-void judge(LinkRefusal refusal, const Packet& packet, const Bytes& bytes) {
+void check(LinkRefusal refusal, const Packet& packet, const Bytes& bytes) {
   if (refusal != LinkRefusal::kNone) {
     if (!(packet == Packet{})) std::abort();  // a refused packet changes nothing
     return;
   }
   if (encoded(packet) != bytes) std::abort();
-  const auto& known = true_packets();
+  const auto& known = valid_packets();
   if (std::find(known.begin(), known.end(), bytes) == known.end()) std::abort();
 }
 
@@ -74,16 +75,16 @@ void judge(LinkRefusal refusal, const Packet& packet, const Bytes& bytes) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const Bytes bytes(data, data + size);
   const std::uint64_t session = session_number(kDrive);
-  true_packets();
+  valid_packets();
   HelloPacket hello;
-  judge(decode(bytes, key_for<HelloPacket>(), hello), hello, bytes);
+  check(decode(bytes, key_for<HelloPacket>(), hello), hello, bytes);
   WelcomePacket welcome;
-  judge(decode(bytes, key_for<WelcomePacket>(), kHost, welcome), welcome, bytes);
+  check(decode(bytes, key_for<WelcomePacket>(), kHost, welcome), welcome, bytes);
   CommandPacket command;
   std::uint64_t last = 0;
-  judge(decode(bytes, key_for<CommandPacket>(), session, last, command), command, bytes);
+  check(decode(bytes, key_for<CommandPacket>(), session, last, command), command, bytes);
   StatePacket state;
   last = 0;
-  judge(decode(bytes, key_for<StatePacket>(), session, last, state), state, bytes);
+  check(decode(bytes, key_for<StatePacket>(), session, last, state), state, bytes);
   return 0;
 }

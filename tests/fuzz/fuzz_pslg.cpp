@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// An outline, or a picture and its outline, through every stage of meshing, the hard cases into an
-// asset and back: all proofs hold, or it is refused. In: a hard case (tests/corpus/pslg), or bytes
-// that are rings or pixels.
+// An outline, or a picture and its outline, through every stage of meshing; hard cases also into an
+// asset and back. All checks hold, or the input is refused. In: a hard case (tests/corpus/pslg), or
+// bytes that encode rings or pixels.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -24,16 +24,16 @@ using namespace trocar::pipeline;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
 using test::triangles_of;
 
-constexpr std::size_t kMostCorners = 3000;
-constexpr int kMostPixelsAcross = 64;
-constexpr std::uint32_t kMostVertices = 4000;
+constexpr std::size_t kMaxCorners = 3000;
+constexpr int kMaxPixelsAcross = 64;
+constexpr std::uint32_t kMaxVertices = 4000;
 
 void expect(const Result<void>& proof, const char* stage) {
   if (!proof) fail(std::string(stage) + ": " + proof.error().message);
 }
 
-// Of the boundary of what was refined: every vertex within three steps of the segment that it
-// splits, on its material's side.
+// Every boundary vertex of a refined mesh is within three steps of the segment that it splits, on
+// the side of the material.
 void expect_near_outline(const Refined& refined) {
   const std::vector<LatticePoint>& at = refined.mesh.vertices;
   for (std::size_t v = 0; v < at.size(); ++v) {
@@ -47,8 +47,9 @@ void expect_near_outline(const Refined& refined) {
   }
 }
 
-// An asset of it, a slice for each height, comes back to the bit, or is refused.
-void expect_kept(const SliceMesh& mesh, const test::PslgCase& options) {
+// An asset with a slice per height is unchanged, to the bit, by encoding and decoding, or is
+// refused.
+void expect_stored(const SliceMesh& mesh, const test::PslgCase& options) {
   Asset asset;
   asset.lattice = options.lattice;
   const test::Picture one;
@@ -72,7 +73,7 @@ void expect_kept(const SliceMesh& mesh, const test::PslgCase& options) {
     const AssetSlice &is = back->slices[k], &was = asset.slices[k];
     if (triangles_of(is.mesh) != triangles_of(was.mesh) || is.z_mm != was.z_mm ||
         is.T_lps_plane.matrix() != was.T_lps_plane.matrix())
-      fail("asset: another slice comes back");
+      fail("asset: a slice is changed");
   }
 }
 
@@ -85,7 +86,7 @@ void mesh_outline(const Pslg& outline, const test::PslgCase& options) {
   RefinementOptions refinement;
   refinement.min_angle_deg = options.min_angle_deg;
   refinement.max_area_mm2 = options.max_area_mm2;
-  refinement.max_vertices = kMostVertices;
+  refinement.max_vertices = kMaxVertices;
   const Refined refined = refine(*cdt, options.lattice, refinement);
   expect(check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh)), "refinement");
   if (!is_constrained_delaunay(refined.mesh)) fail("refinement: not Delaunay");
@@ -103,12 +104,12 @@ void mesh_outline(const Pslg& outline, const test::PslgCase& options) {
   if (!std::isfinite(quality.min_angle_deg) || !std::isfinite(quality.max_area_mm2))
     fail("quality: not finite");
   if (refined.outcome == RefinementOutcome::kRefined && quality.below_unexplained > 0)
-    fail("refinement: a sharp triangle that nothing explains");
-  // Of bytes hardly one is about the asset, and it takes as long as all else.
-  if (!options.right.empty()) expect_kept(refined.mesh, options);
+    fail("refinement: an unexplained sharp triangle");
+  // For hard cases only: for bytes it finds little, and takes as long as all other checks.
+  if (!options.right.empty()) expect_stored(refined.mesh, options);
 }
 
-// Where the case says so: the same mesh, moved.
+// A translated outline gives the translated mesh.
 void expect_moves(const Pslg& outline, const test::PslgCase& options) {
   Pslg moved = outline;
   for (Ring& ring : moved.rings) {
@@ -122,7 +123,7 @@ void expect_moves(const Pslg& outline, const test::PslgCase& options) {
   const auto there = triangulate(moved), here = triangulate(outline);
   if (!there) fail("triangulation elsewhere: " + there.error().message);
   if (triangles_of(there->mesh) != triangles_of(here->mesh, *options.also_at))
-    fail("triangulation: elsewhere it is another");
+    fail("triangulation: another mesh after a translation");
 }
 
 void check_outline(const Pslg& outline, const test::PslgCase& options) {
@@ -174,7 +175,7 @@ test::Picture picture_of(fuzz::Bytes& bytes, int kind) {
   return out;
 }
 
-// Rings of small numbers, times a scale, somewhere: degenerate ones come often.
+// Rings with small coordinates, scaled and translated: degenerate ones are frequent.
 Pslg rings_of(fuzz::Bytes& bytes) {
   Pslg out;
   const int scale = bytes.below(4);
@@ -186,7 +187,7 @@ Pslg rings_of(fuzz::Bytes& bytes) {
     for (int n = 3 + bytes.below(12); n > 0; --n)
       ring.push_back({origin.x + bytes.small() * factor, origin.y + bytes.small() * factor});
     corners += ring.size();
-    // Right way round more often than not; else refused.
+    // Usually the right orientation; else the outline is refused.
     if (bytes.below(8) != 0 && out.rings.empty() && doubled_area(ring) < 0)
       std::reverse(ring.begin(), ring.end());
     out.rings.push_back(std::move(ring));
@@ -208,8 +209,8 @@ void check_bytes(fuzz::Bytes bytes) {
 }
 
 test::Picture cropped(test::Picture picture) {
-  const int width = std::min(picture.width, kMostPixelsAcross),
-            height = std::min(picture.height, kMostPixelsAcross);
+  const int width = std::min(picture.width, kMaxPixelsAcross),
+            height = std::min(picture.height, kMaxPixelsAcross);
   std::vector<float> values;
   for (int y = 0; y < height; ++y) {
     const auto row = picture.values.begin() + std::ptrdiff_t{y} * picture.width;
@@ -239,10 +240,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto read =
       test::parse_pslg_case({reinterpret_cast<const char*>(data), size}, "input.json");
   if (!read) return 0;
-  // Of the few that are large on purpose, and take their time in their test, a part.
+  // Of the few large cases only a part; their test runs them whole.
   if (read->picture) {
     check_picture(cropped(*read->picture), *read);
-  } else if (corners_of(read->outline) <= kMostCorners) {
+  } else if (corners_of(read->outline) <= kMaxCorners) {
     check_outline(read->outline, *read);
   }
   return 0;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A stream of packets to a drive: hosts that say hello and command, and somebody between them who
-// repeats, delays, reorders, changes and invents. In: operations of a few bytes each, see run().
-// What must hold, whatever the stream: nothing changed or invented is taken, nothing twice, nothing
-// older than what was taken; torques follow the newest command and are zero after silence, until
-// a command that knows of it asks for none; what the drive says is authentic, in order, and of its
-// session.
+// A stream of packets to a drive: hosts send hellos and commands, an attacker between them repeats,
+// delays, reorders, changes and forges packets. In: operations of a few bytes each, see run(). For
+// every stream: changed and forged packets are refused, and so are repeated ones and ones older
+// than the last accepted; torques follow the newest command, and are zero after a time without
+// packets until a command that knows of it asks for zero torques; packets of the drive are
+// authentic, in order, and of its session.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -21,7 +21,7 @@ using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
 using Datagram = std::vector<std::uint8_t>;
 
-constexpr int kMostOperations = 200, kMostPeriods = 100;
+constexpr int kMaxOperations = 200, kMaxPeriods = 100;
 constexpr double kPeriod_s = 1e-3;  // the host's
 
 LinkKey shared_key() {
@@ -35,7 +35,7 @@ const SimulatedDevice& model() {
   static const SimulatedDevice made = [] {
     if (!start_link()) std::abort();
     DeviceDescription description = default_device_description();
-    description.minimum_substeps = 1;  // the dynamics are not what is looked at
+    description.minimum_substeps = 1;  // the dynamics are not under test
     HandTrajectory hand;
     hand.keyframes.resize(1);
     hand.keyframes[0].T_device_tool.p_m.z() = 0.15;
@@ -44,7 +44,7 @@ const SimulatedDevice& model() {
   return made;
 }
 
-/// What a host knows of its session.
+/// The host's side of a session.
 struct Session {
   LinkKey key;
   std::uint64_t number = 0, sequence = 0, last_state = 0;
@@ -57,7 +57,7 @@ class Stream {
       : drive_({shared_key(), clock, kPeriod_s, 0.01, 1, {}}, model()), clock_(clock) {}
 
   void run(fuzz::Bytes bytes) {
-    for (int n = 0; n < kMostOperations && !bytes.empty(); ++n) {
+    for (int n = 0; n < kMaxOperations && !bytes.empty(); ++n) {
       switch (bytes.below(8)) {
         case 0:
           hello(bytes);
@@ -73,19 +73,20 @@ class Stream {
           change(bytes);
           break;
         case 5:
-          invent(bytes);
+          forge(bytes);
           break;
         case 6:
           wait(1 + bytes.below(4));
           break;
         default:
-          now_ns_ += std::int64_t{bytes.below(16)} * 100'000'000;  // held up
+          now_ns_ += std::int64_t{bytes.below(16)} * 100'000'000;  // a delay of the network
       }
     }
   }
 
  private:
-  // A packet that a host made. Is it taken, and what does the drive answer?
+  // Gives a packet to the drive; `genuine`: made by a host. Stores the answer of an accepted
+  // packet.
   LinkRefusal give(const Datagram& datagram, bool genuine) {
     Drive::Answer answer;
     bool from_host = false;
@@ -100,7 +101,7 @@ class Stream {
         fail("a refused packet changes something");
       return refusal;
     }
-    if (!genuine) fail("a packet is taken that no host made");
+    if (!genuine) fail("a packet is accepted that no host made");
     answer_ = answer;
     return refusal;
   }
@@ -117,11 +118,11 @@ class Stream {
     if (give(datagram, true) != LinkRefusal::kNone) return;
     WelcomePacket welcome;
     if (decode(answer_.view(), shared_key(), packet.host_nonce, welcome) != LinkRefusal::kNone)
-      fail("a hello is taken and not welcomed");
+      fail("a hello is accepted without a welcome");
     const std::uint64_t number = session_number(welcome.drive_nonce);
     const bool known = std::any_of(sessions_.begin(), sessions_.end(),
                                    [&](const Session& s) { return s.number == number; });
-    if (known) return;  // the same hello again
+    if (known) return;  // a repeated hello
     sessions_.push_back(
         {session_key(shared_key(), packet.host_nonce, welcome.drive_nonce), number, 0, 0, false});
   }
@@ -146,49 +147,49 @@ class Stream {
     if (datagram.empty()) fail("a command is not encoded");
     session.sequence = packet.sequence;
     sent_.push_back(datagram);
-    if (how % 8 == 5) return;  // on its way: see repeat()
-    if (give(datagram, true) == LinkRefusal::kNone) taken_now(packet, which);
+    if (how % 8 == 5) return;  // delayed: see repeat()
+    if (give(datagram, true) == LinkRefusal::kNone) accepted_now(packet, which);
   }
 
-  // The drive has taken this command.
-  void taken_now(const CommandPacket& packet, std::size_t which) {
-    if (sessions_[which].over) fail("a session that is over begins again");
-    if (in_session_ && which == current_ && packet.sequence <= taken_)
-      fail("a command is taken twice, or after a newer one");
-    if (!in_session_ || which != current_) told_from_ = 0;
-    const bool asks_for_none = std::all_of(packet.tau_motor_Nm.begin(), packet.tau_motor_Nm.end(),
+  // The drive has accepted this command.
+  void accepted_now(const CommandPacket& packet, std::size_t which) {
+    if (sessions_[which].over) fail("an ended session begins again");
+    if (in_session_ && which == current_ && packet.sequence <= accepted_)
+      fail("a command is accepted twice, or after a newer one");
+    if (!in_session_ || which != current_) watchdog_state_ = 0;
+    const bool asks_for_zero = std::all_of(packet.tau_motor_Nm.begin(), packet.tau_motor_Nm.end(),
                                            [](double tau) { return tau == 0; });
-    if (packet.state_seen >= told_from_ && asks_for_none) told_from_ = 0;
+    if (packet.state_seen >= watchdog_state_ && asks_for_zero) watchdog_state_ = 0;
     if (in_session_ && which != current_) {
       const std::int64_t longest_ns = clock_ == LinkClock::kReal ? 10'000'000 : 1'000'000'000;
-      if (now_ns_ - newest_ns_ <= longest_ns) fail("a session begins while another is alive");
+      if (now_ns_ - newest_ns_ <= longest_ns) fail("a session begins while another is active");
       sessions_[current_].over = true;
     }
-    taken_ = packet.sequence;
+    accepted_ = packet.sequence;
     current_ = which;
     in_session_ = packet.mode != CommandMode::kStop;
     sessions_[which].over = !in_session_;
-    if (drive_.in_session() != in_session_) fail("a session more or less");
+    if (drive_.in_session() != in_session_) fail("the drive and the hosts disagree on the session");
     newest_ = packet;
     newest_ns_ = now_ns_;
     if (clock_ == LinkClock::kLockStep && in_session_) expect_state(answer_);
     expect_torques();
   }
 
-  // A packet from before, or one that was on its way until now.
+  // A packet that was sent before, or a delayed one.
   void repeat(fuzz::Bytes& bytes) {
     if (sent_.empty()) return;
     const Datagram datagram = sent_[static_cast<std::size_t>(bytes.next()) % sent_.size()];
     if (give(datagram, true) != LinkRefusal::kNone) return;
-    if (claimed_kind(datagram) == PacketKind::kHello) return;  // the welcome is for nobody
+    if (claimed_kind(datagram) == PacketKind::kHello) return;  // no host waits for the welcome
     for (std::size_t i = 0; i < sessions_.size(); ++i) {
       CommandPacket packet;
       std::uint64_t last = 0;
       const Session& session = sessions_[i];
       if (decode(datagram, session.key, session.number, last, packet) == LinkRefusal::kNone)
-        return taken_now(packet, i);
+        return accepted_now(packet, i);
     }
-    fail("a command is taken that nobody can read");
+    fail("a command is accepted that belongs to no session");
   }
 
   void change(fuzz::Bytes& bytes) {
@@ -210,7 +211,7 @@ class Stream {
     give(changed, false);
   }
 
-  void invent(fuzz::Bytes& bytes) {
+  void forge(fuzz::Bytes& bytes) {
     Datagram made(static_cast<std::size_t>(bytes.next()));
     for (std::uint8_t& byte : made)
       byte = bytes.next();
@@ -218,7 +219,7 @@ class Stream {
   }
 
   void wait(int periods) {
-    periods = std::min(periods, kMostPeriods - waited_);
+    periods = std::min(periods, kMaxPeriods - waited_);
     waited_ += periods;
     for (int i = 0; i < periods && clock_ == LinkClock::kReal; ++i) {
       now_ns_ += static_cast<std::int64_t>(kPeriod_s * 1e9);
@@ -240,11 +241,11 @@ class Stream {
     if (decode(answer.view(), session.key, session.number, session.last_state, state) !=
         LinkRefusal::kNone)
       fail("a state that its host refuses");
-    if (state.mode == DriveMode::kWatchdog && told_from_ == 0) {
+    if (state.mode == DriveMode::kWatchdog && watchdog_state_ == 0) {
       if (now_ns_ - newest_ns_ <= 10'000'000) fail("a watchdog that was not kept waiting");
-      told_from_ = state.sequence;
+      watchdog_state_ = state.sequence;
     }
-    if (state.command_taken != taken_) fail("another command was taken than the drive says");
+    if (state.command_taken != accepted_) fail("another command was taken than the drive says");
     for (const double angle : state.encoder_rad) {
       if (!std::isfinite(angle)) fail("an angle that is none");
     }
@@ -255,13 +256,14 @@ class Stream {
     const auto& applied = drive_.model().truth().tau_motor_Nm;
     const bool silent = clock_ == LinkClock::kReal && now_ns_ - newest_ns_ > 10'000'000;
     const bool wanted =
-        in_session_ && !silent && told_from_ == 0 && newest_.mode == CommandMode::kTorque;
-    if ((drive_.mode() == DriveMode::kTorque) != wanted) fail("torques without a command, or none");
-    // They reach the motors with the next step of time.
+        in_session_ && !silent && watchdog_state_ == 0 && newest_.mode == CommandMode::kTorque;
+    if ((drive_.mode() == DriveMode::kTorque) != wanted)
+      fail("torques without a command, or a command without torques");
+    // Torques reach the motors with the next time step.
     if (waited_ == 0 || (clock_ == LinkClock::kReal && now_ns_ == newest_ns_)) return;
     for (std::size_t i = 0; i < kMotors && clock_ == LinkClock::kReal; ++i) {
       if (applied[static_cast<int>(i)] != (wanted ? newest_.tau_motor_Nm[i] : 0))
-        fail("another torque than was commanded");
+        fail("a torque other than the commanded one");
     }
   }
 
@@ -270,10 +272,10 @@ class Stream {
   std::vector<Session> sessions_;
   std::vector<Datagram> sent_;
   std::size_t current_ = 0;
-  std::uint64_t taken_ = 0;
+  std::uint64_t accepted_ = 0;
   CommandPacket newest_;
-  /// The first state that has said of a watchdog what no command has heeded; 0: none.
-  std::uint64_t told_from_ = 0;
+  /// Sequence of the first state after a watchdog that no command has acknowledged; 0: none.
+  std::uint64_t watchdog_state_ = 0;
   std::int64_t now_ns_ = 0, newest_ns_ = 0;
   int waited_ = 0;
   LinkClock clock_;

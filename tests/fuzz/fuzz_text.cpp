@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Text that a session takes from outside, given to every reader of it: a recording to be replayed,
-// a description of the device, a scene, faults to order, the link's key. What is taken holds what
-// its header promises; a recording that is written again comes back the same.
+// Text inputs of a session, given to every reader: a recording to be replayed, a device
+// description, a scene, a plan of injected faults, the link's key. Accepted values are in their
+// documented ranges; a recording that is written and read again is unchanged.
 #include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
-#include "formats/session/device_description.h"
 #include "formats/base/file_io.h"
+#include "formats/session/device_description.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
-#include "runtime/simulation/fault_plan.h"
 #include "runtime/link/link_key.h"
 #include "runtime/session/session.h"
+#include "runtime/simulation/fault_plan.h"
 #include "tests/fuzz/harness.h"
 
 namespace {
@@ -43,10 +43,10 @@ void check_recording(std::string_view text) {
   const auto once = written(*rows);
   const auto again =
       parse_recording({reinterpret_cast<const char*>(once.data()), once.size()}, "again.csv");
-  if (!again || written(*again) != once) fail("recording: comes back otherwise");
+  if (!again || written(*again) != once) fail("recording: writing and reading changes it");
   const Result<double> rate_Hz = recorded_rate_Hz(*rows, "input.csv");
   if (!rate_Hz) return fuzz::expect_refusal(rate_Hz.error());
-  if (!(*rate_Hz > 0 && std::isfinite(*rate_Hz))) fail("recording: a rate that is none");
+  if (!(*rate_Hz > 0 && std::isfinite(*rate_Hz))) fail("recording: an invalid rate");
 }
 
 void check_description(std::string_view text) {
@@ -55,7 +55,7 @@ void check_description(std::string_view text) {
   const DeviceDescription& d = *description;
   for (const double number : {d.motor_peak_time_s, d.joint_viscous_friction_Nms_per_rad,
                               d.gravity_m_per_s2, d.maximum_substep_s, d.plate_mass_kg}) {
-    if (!(number >= 0 && std::isfinite(number))) fail("description: takes what is no size");
+    if (!(number >= 0 && std::isfinite(number))) fail("description: an invalid value is accepted");
   }
 }
 
@@ -70,7 +70,7 @@ void check_plan(std::string_view text) {
                        fault.delay_s <= 10 && std::abs(fault.jump_rad) <= 100 &&
                        fault.from_s >= 0 && fault.from_s <= fault.to_s && fault.channel >= 0 &&
                        fault.channel < 16;
-    if (!known) fail("plan: takes a fault that is none");
+    if (!known) fail("plan: an invalid fault is accepted");
   }
   const FaultyLink link(*plan, LinkWay::kStates, 1);
 }

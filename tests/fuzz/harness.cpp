@@ -57,12 +57,12 @@ void expect_refusal(const Error& error) {
 void read_all(const Result<std::unique_ptr<pipeline::SliceStack>>& stack) {
   if (!stack) return expect_refusal(stack.error());
   const pipeline::SliceStack& s = **stack;
-  if (s.size() < 1 || s.width() < 1 || s.height() < 1) fail("a stack of nothing");
+  if (s.size() < 1 || s.width() < 1 || s.height() < 1) fail("an empty stack");
   for (int i = 0; i < std::min(s.size(), 64); ++i) {
     const pipeline::SlicePlane& p = s.plane(i);
     if (!p.T_lps_plane.matrix().allFinite() || !(p.spacing_u_mm > 0) || !(p.spacing_v_mm > 0) ||
         !std::isfinite(p.z_mm))
-      fail("no plane");
+      fail("an invalid plane");
     if (std::abs(p.T_lps_plane.linear().determinant() - 1) > 1e-6)
       fail("a plane that is not orthonormal");
     const auto image = s.read(i);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the fuzz harnesses share: each defines LLVMFuzzerTestOneInput(), for libFuzzer or
-// replay.cpp.
+// Shared by the fuzz harnesses. Each defines LLVMFuzzerTestOneInput() for libFuzzer or replay.cpp.
 #pragma once
 
 #include <bit>
@@ -16,10 +15,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
 namespace trocar::fuzz {
 
-/// Says what went wrong and aborts: a finding.
+/// Reports a finding: prints it and aborts.
 [[noreturn]] void fail(const std::string& what);
 
-/// Takes an input apart, byte by byte; at its end come zeros.
+/// Reads an input byte by byte; after its end it gives zeros.
 class Bytes {
  public:
   Bytes(const std::uint8_t* data, std::size_t size) : at_(data), end_(data + size) {}
@@ -35,7 +34,7 @@ class Bytes {
       out |= static_cast<std::uint32_t>(next()) << (8 * i);
     return static_cast<std::int32_t>(out);
   }
-  /// Any double there is.
+  /// Any bit pattern of a double.
   double real() {
     std::uint64_t out = 0;
     for (int i = 0; i < 8; ++i)
@@ -47,14 +46,14 @@ class Bytes {
   const std::uint8_t *at_, *end_;
 };
 
-/// The input as a file of this process (in memory where there is /dev/shm), overwritten each time.
+/// Writes the input to a file of this process (in /dev/shm if possible), overwriting the last one.
 std::filesystem::path as_file(const std::uint8_t* data, std::size_t size, const char* ending);
 
-/// Aborts unless the error is a refusal of one line that says something.
+/// Aborts unless the error is a refusal with a message of one line and at least 10 characters.
 void expect_refusal(const Error& error);
 
-/// Opens nothing more than it was given, reads every slice (up to 64), and aborts on what a reader
-/// must never give: a plane or size that is no plane or size, values that are not finite.
+/// Reads every slice (up to 64) and aborts on results that a reader must never give: invalid sizes
+/// or planes, values that are not finite.
 void read_all(const Result<std::unique_ptr<pipeline::SliceStack>>& stack);
 
 }  // namespace trocar::fuzz

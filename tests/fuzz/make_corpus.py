@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""make_corpus.py BIN CORPUS: the seeds in tests/corpus, small files of every kind that is read,
-written by DCMTK, GDCM, nibabel and Pillow (and trocar-mesh for .glb). Only needed to add kinds:
-the corpus is kept in the repository, with findings (found_*) beside the seeds."""
+"""make_corpus.py BIN CORPUS: writes the seeds of tests/corpus, small files of every kind that is read, with
+DCMTK, GDCM, nibabel and Pillow (and trocar-mesh for .glb). Only needed to add kinds: the corpus is in the
+repository, with earlier findings (found_*) beside the seeds."""
 import pathlib
 import struct
 import subprocess
@@ -55,7 +55,7 @@ def write_nifti(folder):
 
 
 def write_interlaced(image, file):
-    """A palette's image of 4 bits in the seven passes of Adam7, which Pillow cannot write."""
+    """A palette image of 4 bits, interlaced by Adam7, which Pillow cannot write."""
     indices, palette = np.asarray(image), bytes(image.getpalette()[:48])
     rows = b""
     for x0, y0, dx, dy in ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)):
@@ -97,15 +97,15 @@ def write_assets(folder, mesh):
         for name, options in (("coarse", ["--min-angle", "0", "--tolerance", "1"]), ("fine", ["--tolerance", "0.1"]), ("empty", ["--threshold", "5000"])):
             options = options if "--threshold" in options else options + ["--threshold", "0"]
             subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", *options], check=True)
-        # Those in the repository are from before assets had a slice index (and older_index.glb is from when it had another checksum):
-        # all kinds are read. This one has it, and a slice without material.
+        # The assets in the repository are older: without a slice index, and older_index.glb with an earlier checksum. All are still
+        # read. This one has an index, and a slice without material.
         volume[1] = -1000
         nibabel.save(nibabel.Nifti1Image(volume.T.astype("i2"), np.eye(4)), scan)
         subprocess.run([mesh, scan, "-o", folder / "indexed.glb", "--quiet", "--min-angle", "0", "--tolerance", "1", "--threshold", "0"], check=True)
 
 
 def write_packets(folder):
-    """What fuzz_packet.cpp holds for true, made by another program."""
+    """The valid packets of fuzz_packet.cpp, made independently."""
     key = bytes((7 * i + 1) % 256 for i in range(32))
     host, drive = bytes([1, 2, 3] + 13 * [0]), bytes([4, 5, 6] + 13 * [0])
     session, of_session = int.from_bytes(drive[:8], "little"), device_link.session_key(key, host, drive)
@@ -122,7 +122,7 @@ def write_packets(folder):
 
 def write_streams(folder):
     """Operations of fuzz_stream.cpp: hello 0, command 1 (host, how, torque), repeat 3 (which), change 4 (which, where, how, bit),
-    invent 5 (size, bytes), wait 6 (periods), held up 7 (tenths of a second). First byte: 0 real clock, 1 lock-step."""
+    forge 5 (size, bytes), wait 6 (periods), delay 7 (tenths of a second). First byte: 0 real clock, 1 lock-step."""
     hello, torque, stop, hold, late = [0, 1, 2, 0], [1, 0, 0, 50], [1, 0, 15], [1, 0, 14], [1, 0, 5, 90]
     wait, again, newest = [6, 3], [3, 1], [3, 2]
     streams = {
@@ -145,7 +145,7 @@ def write_streams(folder):
 
 
 def write_raw_outlines(folder):
-    """Bytes that fuzz_pslg.cpp takes for rings or pixels: angle, area, tolerance, kind 0 rings, 1 mask, 2 chains, 3 grey."""
+    """Bytes that fuzz_pslg.cpp decodes as rings or pixels: angle, area, tolerance, kind 0 rings, 1 mask, 2 chains, 3 grey."""
     rng = np.random.default_rng(5)
     blob = (np.hypot(*np.mgrid[-8:8, -8:8]) < 6.5).astype("u1")
     noise = rng.integers(0, 2, (16, 16), "u1")
@@ -161,7 +161,7 @@ def write_raw_outlines(folder):
 
 
 def write_raw_cuts(folder):
-    """Bytes that fuzz_cut.cpp takes for a square sheet (cells, cell, scale) and tools (place, corners - 3, corners)."""
+    """Bytes that fuzz_cut.cpp decodes as a square sheet (cells, cell, scale) and tools (place, corners - 3, corners)."""
     hexagon = [3, 100, 0, 50, 87, 206, 87, 156, 0, 206, 169, 50, 169]
     for cells in (0, 3, 7):
         for scale in (0, 9, 39):
@@ -170,7 +170,7 @@ def write_raw_cuts(folder):
 
 
 def write_raw_devices(folder):
-    """Bytes that fuzz_device.cpp takes for a kind and its doubles, little endian."""
+    """Bytes that fuzz_device.cpp decodes as a kind and its doubles, little endian."""
     nan, inf, tiny = float("nan"), float("inf"), 5e-324
     middle, quaternion = [0.0, 0.0, 0.15], [0.0, 0.0, 0.0, 1.0]
     wrench, limits = [1.0, 2.0, 10.0, 0.1, 0.2, 0.3], [6.0] * 8
@@ -198,7 +198,7 @@ def write_raw_devices(folder):
         cases[f"description_{which}"] = ([5, which], [0.1])
     for name, (kind, numbers) in cases.items():
         (folder / f"bytes_{name}.bin").write_bytes(bytes(kind) + struct.pack(f"<{len(numbers)}d", *numbers))
-    # The loop: limits (how many; which, to what), then ticks (encoder, 16 to 18 for what else is spoilt, or none, angle, gap, stiffness, offset).
+    # The loop: limits (how many; which, to what), then ticks (encoder, 16 to 18 for other inputs, or none, angle, gap, stiffness, offset).
     ticks = {"quiet": [(31, *quiet)] * 3, "jump": [(31, *quiet), (4, 1.0, *quiet[1:])], "nan": [(2, nan, *quiet[1:])],
              "stiff": [(31, 0.0, 1e-3, 1e300, 0.0)] * 4, "gap": [(31, 0.0, inf, 5000.0, 0.0)]}
     for name, each in ticks.items():

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A harness without libFuzzer: replays a corpus, then mutants of it.
+// Runs a harness without libFuzzer: replays a corpus, then mutants of it.
 //   fuzz_X_replay FOLDER_OR_FILE... [--mutants N] [--seed S]
 // The same seed gives the same mutants everywhere. An input that crashes, aborts or runs longer
-// than 10 s is left as ./crash-PID.bin, and the process dies of the signal.
+// than 10 s is written to ./crash-PID.bin, and the process ends by the signal.
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <sys/time.h>
@@ -28,17 +28,17 @@ using Bytes = std::vector<std::uint8_t>;
 constexpr unsigned kMaxSeconds = 10;
 constexpr std::size_t kMaxBytes = 1 << 20;
 
-Bytes input;  // what is being tried, for the handler
+Bytes input;  // the current input, for the signal handler
 char crash_name[64];
 
-void leave_input(int signal) {
+void write_input(int signal) {
   const int descriptor = ::open(crash_name, O_WRONLY | O_CREAT | O_TRUNC, 0600);
   if (descriptor >= 0 && ::write(descriptor, input.data(), input.size()) > 0) ::close(descriptor);
   std::signal(signal, SIG_DFL);
   ::raise(signal);
 }
 
-// Bits are taken from the engine directly: the standard's distributions differ between libraries.
+// Uses the engine directly: distributions differ between standard libraries.
 struct Random {
   std::mt19937_64 engine;
   std::size_t below(std::size_t n) { return n == 0 ? 0 : static_cast<std::size_t>(engine() % n); }
@@ -81,7 +81,7 @@ void mutate_once(Bytes& b, const std::vector<Bytes>& seeds, Random& random) {
                                                    0x7fffffffffffffff,
                                                    0x8000000000000000,
                                                    0xffffffffffffffff};
-  // Headers decide more than pixels do.
+  // Mostly in the header, which has more influence than pixels.
   const std::size_t at = random.below(4) != 0 ? random.below(std::min<std::size_t>(b.size(), 1024))
                                               : random.below(b.size());
   const std::size_t length = 1 + random.below(random.below(2) == 0 ? 8 : 128);
@@ -107,7 +107,7 @@ void mutate_once(Bytes& b, const std::vector<Bytes>& seeds, Random& random) {
     case 5:
       b.erase(begin, end);
       break;
-    case 6: {  // a piece twice
+    case 6: {  // a piece repeated
       const Bytes piece(begin, end);
       b.insert(end, piece.begin(), piece.end());
       break;
@@ -115,13 +115,13 @@ void mutate_once(Bytes& b, const std::vector<Bytes>& seeds, Random& random) {
     case 7:
       std::fill(begin, end, static_cast<std::uint8_t>(random.below(2) * 255));
       break;
-    case 8: {  // a piece of another seed in the same place
+    case 8: {  // a piece of another seed at the same place
       const Bytes& other = seeds[random.below(seeds.size())];
       for (std::size_t i = at; i < std::min({b.size(), other.size(), at + length}); ++i)
         b[i] = other[i];
       break;
     }
-    default: {  // one piece of it over another
+    default: {  // one piece copied over another
       const std::size_t from = random.below(b.size());
       for (std::size_t i = 0; i < length && from + i < b.size() && at + i < b.size(); ++i)
         b[at + i] = b[from + i];
@@ -165,7 +165,7 @@ int main(int argc, char** argv) {
   }
   std::snprintf(crash_name, sizeof crash_name, "crash-%d.bin", static_cast<int>(::getpid()));
   for (const int signal : {SIGALRM, SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL})
-    std::signal(signal, leave_input);
+    std::signal(signal, write_input);
 
   for (const Bytes& whole : seeds) {
     input = whole;

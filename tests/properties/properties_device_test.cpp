@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device looks the same from each of its legs: a pose turned by a quarter about the device's
-// axis, the plate's own axes with it, is the same for legs that stand one place on: to the bit leg
-// by leg, and but for rounding where all legs are summed up.
+// The device has a four-fold symmetry: a pose rotated by a quarter turn about the device's axis
+// gives each leg what the previous leg had. Values of one leg are equal to the bit; sums over all
+// legs are equal up to rounding.
 #include "runtime/mechanism/singularity.h"
 #include "runtime/mechanism/torque_allocation.h"
 #include "tests/properties/property_fixture.h"
@@ -19,25 +19,25 @@ const DeviceDescription& device() {
   return made;
 }
 
-Eigen::Vector3d turned(const Eigen::Vector3d& v) {
+Eigen::Vector3d rotated(const Eigen::Vector3d& v) {
   return {-v.y(), v.x(), v.z()};
 }
-// z (p, q) z^-1, where the turn of the axis is exact.
-Pose turned(const Pose& T) {
+// z (p, q) z^-1; exact, since z is a quarter turn.
+Pose rotated(const Pose& T) {
   Pose out;
-  out.p_m = turned(T.p_m);
+  out.p_m = rotated(T.p_m);
   out.q.w() = T.q.w();
-  out.q.vec() = turned(Eigen::Vector3d(T.q.vec()));
+  out.q.vec() = rotated(Eigen::Vector3d(T.q.vec()));
   return out;
 }
-Wrench turned(const Wrench& wrench) {
+Wrench rotated(const Wrench& wrench) {
   Wrench out;
-  out << turned(Eigen::Vector3d(wrench.head<3>())), turned(Eigen::Vector3d(wrench.tail<3>()));
+  out << rotated(Eigen::Vector3d(wrench.head<3>())), rotated(Eigen::Vector3d(wrench.tail<3>()));
   return out;
 }
-/// Of each leg what the leg before it had.
+/// The values of each leg moved to the next leg.
 template <typename PerLeg>
-PerLeg legs_on(const PerLeg& all) {
+PerLeg next_leg(const PerLeg& all) {
   PerLeg out = all;
   const auto each = static_cast<int>(all.size()) / kLegs;
   for (int i = 0; i < static_cast<int>(all.size()); ++i)
@@ -45,7 +45,7 @@ PerLeg legs_on(const PerLeg& all) {
   return out;
 }
 
-// Most in the workspace, some anywhere that legs reach or do not.
+// Half of them in the workspace, half anywhere, reachable or not.
 Pose any_pose() {
   Random random(test::any_seed());
   testing_support::Workspace wide;
@@ -54,8 +54,8 @@ Pose any_pose() {
                                      : random_workspace_pose(random, wide);
 }
 
-RC_GTEST_PROP(Kinematics, LooksTheSameFromEachLeg, ()) {
-  const Pose here = any_pose(), there = turned(here);
+RC_GTEST_PROP(Kinematics, IsSymmetricUnderAQuarterTurn, ()) {
+  const Pose here = any_pose(), there = rotated(here);
   const InverseResult a = inverse_kinematics(device(), here),
                       b = inverse_kinematics(device(), there);
   RC_TAG(std::string(to_string(a.status.failure)));
@@ -69,20 +69,20 @@ RC_GTEST_PROP(Kinematics, LooksTheSameFromEachLeg, ()) {
     }
   }
   if (!a.status) return;
-  // A sum over legs is taken in another order.
+  // Sums over legs have another order.
   const auto encoders = encoder_angles(a.joints);
   const ForwardResult forward = forward_kinematics(device(), encoders),
-                      forward_there = forward_kinematics(device(), legs_on(encoders));
+                      forward_there = forward_kinematics(device(), next_leg(encoders));
   RC_ASSERT(static_cast<bool>(forward.status));
   RC_ASSERT(static_cast<bool>(forward_there.status));
-  const Pose expected = turned(forward.T_device_plate);
+  const Pose expected = rotated(forward.T_device_plate);
   RC_ASSERT((forward_there.T_device_plate.p_m - expected.p_m).norm() < 1e-14);
   RC_ASSERT(forward_there.T_device_plate.q.angularDistance(expected.q) < 1e-13);
 }
 
-RC_GTEST_PROP(Jacobian, LooksTheSameFromEachLeg, ()) {
+RC_GTEST_PROP(Jacobian, IsSymmetricUnderAQuarterTurn, ()) {
   Random random(test::any_seed());
-  const Pose here = random_workspace_pose(random), there = turned(here);
+  const Pose here = random_workspace_pose(random), there = rotated(here);
   const InverseResult a = inverse_kinematics(device(), here),
                       b = inverse_kinematics(device(), there);
   const JacobianResult G = jacobian(device(), here, a.joints),
@@ -92,7 +92,7 @@ RC_GTEST_PROP(Jacobian, LooksTheSameFromEachLeg, ()) {
   for (int motor = 0; motor < kMotors; ++motor) {
     const Wrench row = G.G.row(motor).transpose();
     const Wrench row_there = G_there.G.row((motor + 2) % kMotors).transpose();
-    RC_ASSERT(turned(row) == row_there);
+    RC_ASSERT(rotated(row) == row_there);
   }
   const Singularity s = measure_singularity(device(), here, a.joints, G.G),
                     s_there = measure_singularity(device(), there, b.joints, G_there.G);
@@ -100,7 +100,7 @@ RC_GTEST_PROP(Jacobian, LooksTheSameFromEachLeg, ()) {
   RC_ASSERT(std::abs(s.nearest_branch_m - s_there.nearest_branch_m) < 1e-12);
 }
 
-RC_GTEST_PROP(Allocation, LooksTheSameFromEachLeg, ()) {
+RC_GTEST_PROP(Allocation, IsSymmetricUnderAQuarterTurn, ()) {
   Random random(test::any_seed());
   const Pose here = random_workspace_pose(random);
   const InverseResult a = inverse_kinematics(device(), here);
@@ -109,18 +109,18 @@ RC_GTEST_PROP(Allocation, LooksTheSameFromEachLeg, ()) {
   MotorVector limit, limit_there;
   for (int motor = 0; motor < kMotors; ++motor) {
     const Wrench row = G.row(motor).transpose();
-    G_there.row((motor + 2) % kMotors) = turned(row).transpose();
+    G_there.row((motor + 2) % kMotors) = rotated(row).transpose();
     limit[motor] = random.between(2, 6);
     limit_there[(motor + 2) % kMotors] = limit[motor];
   }
   Wrench wanted;
   wanted << random.between(1, 150) * random.direction(), random.between(0, 2) * random.direction();
   const AllocationResult one = allocate_torques(G, wanted, limit),
-                         other = allocate_torques(G_there, turned(wanted), limit_there);
+                         other = allocate_torques(G_there, rotated(wanted), limit_there);
   RC_TAG(static_cast<int>(one.kind));
   RC_ASSERT(one.kind == other.kind);
   RC_ASSERT(std::abs(one.scale - other.scale) < 1e-12);
-  RC_ASSERT((legs_on(one.tau_motor_Nm) - other.tau_motor_Nm).norm() < 1e-9);
+  RC_ASSERT((next_leg(one.tau_motor_Nm) - other.tau_motor_Nm).norm() < 1e-9);
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the exact predicates owe each other, over the whole lattice: symmetries, motions, and the
-// consistency that the proofs of meshing rest on; and that they are the textbook's.
+// The exact predicates over the whole lattice: equality with the textbook's determinants,
+// symmetries, invariance under motions, and the consistency that the proofs of meshing rely on.
 #include <boost/multiprecision/cpp_int.hpp>
 
 #include "formats/geometry/lattice.h"
@@ -14,7 +14,7 @@ using P = LatticePoint;
 int sign(std::int64_t x) {
   return (x > 0) - (x < 0);
 }
-// The motions of the lattice about the origin keep its bounds; translations stay small enough.
+// A rotation about the origin, and a translation that keeps the points on the lattice.
 test::Motion motion_within_bounds(std::initializer_list<P> points) {
   std::int32_t low_x = 0, high_x = 0, low_y = 0, high_y = 0;
   test::Motion out{test::any_in(0, 4), {}};
@@ -30,7 +30,7 @@ test::Motion motion_within_bounds(std::initializer_list<P> points) {
 
 using Big = boost::multiprecision::int512_t;
 
-// The textbook's determinants, in integers of any length.
+// The textbook's determinants in wide integers.
 Big wide_orient(P a, P b, P c) {
   return (Big(b.x) - a.x) * (Big(c.y) - a.y) - (Big(b.y) - a.y) * (Big(c.x) - a.x);
 }
@@ -44,19 +44,19 @@ int wide_circle(P a, P b, P c, P d) {
   return Big(minor(a, b, c) - minor(a, b, d) + minor(a, c, d) - minor(b, c, d)).sign();
 }
 
-RC_GTEST_PROP(Orient2d, IsTheTextbooksDeterminant, (P a, P b, P c)) {
+RC_GTEST_PROP(Orient2d, EqualsTheTextbookDeterminant, (P a, P b, P c)) {
   RC_ASSERT(Big(orient2d(a, b, c)) == wide_orient(a, b, c));
   RC_ASSERT(orient2d({0, 0}, {1, 0}, {0, 1}) == 1);  // counter-clockwise is positive
 }
 
-RC_GTEST_PROP(InCircle, IsTheTextbooksDeterminant, (P a, P b, P c, P d)) {
+RC_GTEST_PROP(InCircle, EqualsTheTextbookDeterminant, (P a, P b, P c, P d)) {
   RC_ASSERT(in_circle(a, b, c, d) == wide_circle(a, b, c, d));
   RC_ASSERT(in_circle({0, 0}, {2, 0}, {0, 2}, {1, 1}) == 1);  // inside is positive
 }
 
-// Where doubles and 64 bits are wrong: four points of one circle, however large, and one of them
-// off it by a step or not at all.
-RC_GTEST_PROP(InCircle, IsExactBesideACircle, ()) {
+// Cases where double and 64-bit arithmetic fail: four points on one circle of any size, one of them
+// possibly moved by a step.
+RC_GTEST_PROP(InCircle, IsExactNearACircle, ()) {
   constexpr std::int32_t kFar = kMaxCoordinate / 2;
   const P v{test::any_in(-kFar + 2, kFar - 1), test::any_in(-kFar + 2, kFar - 1)};
   RC_PRE(v.x != 0 && v.y != 0 && std::abs(v.x) != std::abs(v.y));
@@ -71,23 +71,23 @@ RC_GTEST_PROP(InCircle, IsExactBesideACircle, ()) {
   RC_ASSERT(in_circle(a, b, c, d) == wide_circle(a, b, c, d));
 }
 
-RC_GTEST_PROP(Orient2d, TurnsWithItsArguments, (P a, P b, P c)) {
+RC_GTEST_PROP(Orient2d, ChangesItsSignWithASwap, (P a, P b, P c)) {
   RC_ASSERT(orient2d(a, b, c) == orient2d(b, c, a));
   RC_ASSERT(orient2d(a, b, c) == -orient2d(b, a, c));
   RC_ASSERT(orient2d(a, a, c) == 0);
 }
 
-RC_GTEST_PROP(Orient2d, DoesNotDependOnThePlace, (P a, P b, P c)) {
+RC_GTEST_PROP(Orient2d, IsInvariantUnderMotions, (P a, P b, P c)) {
   const test::Motion m = motion_within_bounds({a, b, c});
   RC_ASSERT(orient2d(m(a), m(b), m(c)) == orient2d(a, b, c));
 }
 
-// The area of a triangle is that of the three around any point.
-RC_GTEST_PROP(Orient2d, AddsUp, (P a, P b, P c, P d)) {
+// The area of a triangle is the sum of the three with any point.
+RC_GTEST_PROP(Orient2d, IsAdditive, (P a, P b, P c, P d)) {
   RC_ASSERT(orient2d(a, b, c) == orient2d(a, b, d) + orient2d(b, c, d) + orient2d(c, a, d));
 }
 
-RC_GTEST_PROP(InCircle, ChangesItsSignWithEachSwap, (P a, P b, P c, P d)) {
+RC_GTEST_PROP(InCircle, ChangesItsSignWithASwap, (P a, P b, P c, P d)) {
   const int all = in_circle(a, b, c, d);
   RC_ASSERT(in_circle(b, c, a, d) == all);
   RC_ASSERT(in_circle(b, a, c, d) == -all);
@@ -96,14 +96,14 @@ RC_GTEST_PROP(InCircle, ChangesItsSignWithEachSwap, (P a, P b, P c, P d)) {
   RC_ASSERT(in_circle(a, b, c, a) == 0);
 }
 
-RC_GTEST_PROP(InCircle, DoesNotDependOnThePlace, (P a, P b, P c, P d)) {
+RC_GTEST_PROP(InCircle, IsInvariantUnderMotions, (P a, P b, P c, P d)) {
   const test::Motion m = motion_within_bounds({a, b, c, d});
   RC_ASSERT(in_circle(m(a), m(b), m(c), m(d)) == in_circle(a, b, c, d));
 }
 
-// Of the two diagonals of a convex quadrilateral one is Delaunay, or both are: flips end.
-RC_GTEST_PROP(InCircle, OneDiagonalIsDelaunay, (P a, P b, P c, P d)) {
-  // In some order, most that are given are.
+// At least one diagonal of a convex quadrilateral is Delaunay, so flipping terminates.
+RC_GTEST_PROP(InCircle, AtLeastOneDiagonalIsDelaunay, (P a, P b, P c, P d)) {
+  // Most sets of four points are convex in some order.
   std::array<P, 4> p = {a, b, c, d};
   std::sort(p.begin(), p.end());
   const auto is_convex = [&p] {
@@ -116,11 +116,11 @@ RC_GTEST_PROP(InCircle, OneDiagonalIsDelaunay, (P a, P b, P c, P d)) {
   RC_ASSERT(in_circle(p[0], p[1], p[2], p[3]) == -in_circle(p[1], p[2], p[3], p[0]));
 }
 
-RC_GTEST_PROP(DiametralDot, IsThalesCircle, (P a, P b, P p)) {
+RC_GTEST_PROP(DiametralDot, IsThePowerOfThalesCircle, (P a, P b, P p)) {
   RC_PRE(a != b);
   const std::int64_t dot = diametral_dot(a, b, p);
   RC_ASSERT(dot == diametral_dot(b, a, p));
-  // By Pythagoras, exactly.
+  // By the law of cosines, exactly.
   const Int128 legs = Int128{distance2(a, p)} + distance2(b, p);
   RC_ASSERT(legs - distance2(a, b) == 2 * Int128{dot});
   const test::Motion m = motion_within_bounds({a, b, p});
@@ -135,18 +135,18 @@ RC_GTEST_PROP(SegmentsCross, IsSymmetric, (P a, P b, P c, P d)) {
   RC_ASSERT(segments_cross(c, d, a, b) == cross);
   const test::Motion m = motion_within_bounds({a, b, c, d});
   RC_ASSERT(segments_cross(m(a), m(b), m(c), m(d)) == cross);
-  // Strictly on both sides of each other is a crossing, all on one side is none.
+  // Strictly on both sides of each other: crossing. All on one side: none.
   const int s1 = sign(orient2d(a, b, c)), s2 = sign(orient2d(a, b, d)),
             s3 = sign(orient2d(c, d, a)), s4 = sign(orient2d(c, d, b));
   if (s1 * s2 < 0 && s3 * s4 < 0) RC_ASSERT(cross);
   if (s1 * s2 > 0 || s3 * s4 > 0) RC_ASSERT(!cross);
 }
 
-RC_GTEST_PROP(SegmentsCross, EndsInCommonAreNone, (P a, P b, P c)) {
+RC_GTEST_PROP(SegmentsCross, ASharedEndIsNoCrossing, (P a, P b, P c)) {
   RC_PRE(orient2d(a, b, c) != 0);
   RC_ASSERT(!segments_cross(a, b, b, c));
   RC_ASSERT(!segments_cross(a, b, a, c));
-  // But a segment and itself, or one that goes on along it.
+  // A segment and itself cross.
   RC_ASSERT(segments_cross(a, b, b, a));
 }
 
@@ -161,7 +161,7 @@ RC_GTEST_PROP(DoubledArea, IsTheSameFromEveryVertex, (std::vector<P> points)) {
   RC_ASSERT(doubled_area(ring) == -area);
 }
 
-// Snapping is to the nearest, and what is on the lattice stays.
+// Snapping goes to the nearest lattice point; lattice points are unchanged.
 RC_GTEST_PROP(Lattice, SnapsToTheNearest, ()) {
   const Lattice lattice{test::any_in(kMinLatticeBits, kMaxLatticeBits + 1)};
   const auto c = test::any_in<std::int32_t>(-kMaxCoordinate, kMaxCoordinate + 1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Properties of the outline's and the mesh's stages on random outlines and pictures: bounds of
-// simplification, motions of the lattice, and the order in which things were given.
+// Properties of contours, simplification, triangulation and refinement on random outlines and
+// pictures: bounds, equivariance under motions of the lattice, independence of the input order.
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -9,9 +9,9 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
 #include "formats/geometry/canonical_rotation.h"
 #include "pipeline/mesh/refinement.h"
-#include "pipeline/contour/simplification.h"
 #include "pipeline/mesh/triangulation.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/properties/property_fixture.h"
@@ -52,8 +52,8 @@ Shape shape_of(const Pslg& pslg) {
   return out;
 }
 
-// Of four hundred outlines each kind is some, and what is degenerate is there by measure too.
-TEST(AnyOutline, IsDegenerateInEveryWayOftenEnough) {
+// Of 400 random outlines at least a tenth is degenerate in each way.
+TEST(AnyOutline, EachDegeneracyIsFrequent) {
   int needles = 0, near = 0, tied = 0, drawn = 0;
   const auto outlines = rc::gen::resize(rc::kNominalSize, rc::gen::exec(any_outline));
   for (std::uint64_t seed = 0; seed < 400; ++seed, ++drawn) {
@@ -86,7 +86,7 @@ double distance_to(double x, double y, const Ring& ring) {
   return best;
 }
 
-// The largest distance of a ring's points from another, sampled a few times an edge: from below.
+// A lower bound of the Hausdorff distance from one ring to another, by 8 samples per edge.
 double sampled_hausdorff(const Ring& from, const Ring& to) {
   double worst = 0;
   for (std::size_t i = 0; i < from.size(); ++i) {
@@ -99,7 +99,7 @@ double sampled_hausdorff(const Ring& from, const Ring& to) {
   return worst;
 }
 
-// How often the other rings wind around each: what is inside what.
+// Winding numbers of all rings around each ring: their nesting.
 std::vector<std::vector<int>> nesting(const Pslg& pslg) {
   std::vector<std::vector<int>> out;
   for (const Ring& q : pslg.rings) {
@@ -112,7 +112,7 @@ std::vector<std::vector<int>> nesting(const Pslg& pslg) {
   return out;
 }
 
-RC_GTEST_PROP(Simplification, KeepsBoundsCrossingsAndNesting, ()) {
+RC_GTEST_PROP(Simplification, KeepsToleranceValidityAndNesting, ()) {
   const Pslg full = any_outline();
   const double tolerance_mm = any_tolerance_mm();
   const Pslg simple = simplify(full, kLattice, {tolerance_mm});
@@ -129,18 +129,18 @@ RC_GTEST_PROP(Simplification, KeepsBoundsCrossingsAndNesting, ()) {
   RC_ASSERT(nesting(simple) == nesting(full));
 }
 
-// Only what lies on the line between its neighbours goes, and all of that at once. (With a
-// tolerance a second time may take more: it is counted from the ring that is given.)
-RC_GTEST_PROP(Simplification, WithoutToleranceOnceIsEnough, ()) {
+// Without tolerance exactly the vertices on the line between their neighbours are removed, so
+// simplification is idempotent. (With a tolerance it is not: the tolerance refers to the input.)
+RC_GTEST_PROP(Simplification, WithoutToleranceIsIdempotent, ()) {
   const Pslg full = any_outline();
   const Pslg once = simplify(full, kLattice, {0});
   for (std::size_t r = 0; r < full.rings.size(); ++r)
     RC_ASSERT(doubled_area(once.rings[r]) == doubled_area(full.rings[r]));
   RC_ASSERT(canonical(simplify(once, kLattice, {0}).rings) == canonical(once.rings));
-  RC_CLASSIFY(canonical(once.rings) != canonical(full.rings), "something went");
+  RC_CLASSIFY(canonical(once.rings) != canonical(full.rings), "vertices were removed");
 }
 
-RC_GTEST_PROP(Simplification, MovesWithItsOutline, ()) {
+RC_GTEST_PROP(Simplification, IsEquivariantUnderMotions, ()) {
   const Pslg full = any_outline();
   const double tolerance_mm = any_tolerance_mm();
   const Motion m = *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
@@ -148,8 +148,8 @@ RC_GTEST_PROP(Simplification, MovesWithItsOutline, ()) {
             canonical(m(simplify(full, kLattice, {tolerance_mm})).rings));
 }
 
-// Rings in another order, each from another vertex.
-Pslg given_otherwise(Pslg pslg) {
+// The rings in a random order, each starting at a random vertex.
+Pslg permuted(Pslg pslg) {
   for (Ring& ring : pslg.rings) {
     const auto by = test::any_in<std::size_t>(0, ring.size());
     std::rotate(ring.begin(), ring.begin() + static_cast<std::ptrdiff_t>(by), ring.end());
@@ -160,10 +160,10 @@ Pslg given_otherwise(Pslg pslg) {
   return pslg;
 }
 
-RC_GTEST_PROP(Simplification, DoesNotDependOnTheOrder, ()) {
+RC_GTEST_PROP(Simplification, DoesNotDependOnTheInputOrder, ()) {
   const Pslg full = any_outline();
   const double tolerance_mm = any_tolerance_mm();
-  RC_ASSERT(canonical(simplify(given_otherwise(full), kLattice, {tolerance_mm}).rings) ==
+  RC_ASSERT(canonical(simplify(permuted(full), kLattice, {tolerance_mm}).rings) ==
             canonical(simplify(full, kLattice, {tolerance_mm}).rings));
 }
 
@@ -177,20 +177,22 @@ RefinementOptions any_refinement() {
   return out;
 }
 
-// Where ties must be broken or points be rounded, no rule can be the same after a turn that brings
-// the outline onto itself: a square's diagonals change places. Those are moved only.
+// If a rotation may map the outline to itself, no rule for ties or rounding is equivariant: the two
+// diagonals of a square change places. Such outlines are translated only.
 Motion any_motion_of(const Pslg& outline, bool has_choices) {
   CentroidOffset sum;
   for (const Ring& ring : outline.rings) {
     for (const LatticePoint p : ring)
       sum.add(p);
   }
-  const bool is_even = sum.x() == 0 && sum.y() == 0;
-  RC_TAG(std::string(is_even ? "even" : has_choices ? "with choices" : "without choices"));
-  return has_choices && is_even ? test::any_translation() : test::any_motion();
+  const bool is_symmetric = sum.x() == 0 && sum.y() == 0;
+  RC_TAG(std::string(is_symmetric  ? "symmetric"
+                     : has_choices ? "with choices"
+                                   : "without choices"));
+  return has_choices && is_symmetric ? test::any_translation() : test::any_motion();
 }
 
-RC_GTEST_PROP(Triangulation, MovesWithItsOutline, ()) {
+RC_GTEST_PROP(Triangulation, IsEquivariantUnderMotions, ()) {
   const Pslg outline = any_outline();
   const auto here = triangulate(outline);
   RC_ASSERT(static_cast<bool>(here));
@@ -198,13 +200,13 @@ RC_GTEST_PROP(Triangulation, MovesWithItsOutline, ()) {
   RC_ASSERT(canonical(triangulate(m(outline))->mesh) == canonical(m(here->mesh)));
 }
 
-RC_GTEST_PROP(Triangulation, DoesNotDependOnTheOrder, ()) {
+RC_GTEST_PROP(Triangulation, DoesNotDependOnTheInputOrder, ()) {
   const Pslg outline = any_outline();
-  RC_ASSERT(canonical(triangulate(given_otherwise(outline))->mesh) ==
+  RC_ASSERT(canonical(triangulate(permuted(outline))->mesh) ==
             canonical(triangulate(outline)->mesh));
 }
 
-RC_GTEST_PROP(Refinement, MovesWithItsOutline, ()) {
+RC_GTEST_PROP(Refinement, IsEquivariantUnderMotions, ()) {
   const Pslg outline = any_outline();
   const auto here = triangulate(outline);
   const RefinementOptions options = any_refinement();
@@ -213,15 +215,15 @@ RC_GTEST_PROP(Refinement, MovesWithItsOutline, ()) {
             canonical(m(refine(*here, kLattice, options).mesh)));
 }
 
-RC_GTEST_PROP(Refinement, DoesNotDependOnTheOrder, ()) {
+RC_GTEST_PROP(Refinement, DoesNotDependOnTheInputOrder, ()) {
   const Pslg outline = any_outline();
   const RefinementOptions options = any_refinement();
-  RC_ASSERT(canonical(refine(*triangulate(given_otherwise(outline)), kLattice, options).mesh) ==
+  RC_ASSERT(canonical(refine(*triangulate(permuted(outline)), kLattice, options).mesh) ==
             canonical(refine(*triangulate(outline), kLattice, options).mesh));
 }
 
-// Every proof of the lattice (formats/geometry/mesh_validity.h), and the size that Euler gives.
-RC_GTEST_PROP(Triangulation, KeepsTheInvariantsOfTheLattice, ()) {
+// The checks of formats/geometry/mesh_validity.h, and the number of triangles by Euler.
+RC_GTEST_PROP(Triangulation, GivesAValidMesh, ()) {
   const Pslg outline = any_outline();
   const auto cdt = triangulate(outline);
   RC_ASSERT(static_cast<bool>(cdt));
@@ -242,14 +244,14 @@ RC_GTEST_PROP(Triangulation, KeepsTheInvariantsOfTheLattice, ()) {
               corners + 2 * holes - 2 * outer);
 }
 
-RC_GTEST_PROP(Refinement, KeepsTheInvariantsOfTheLattice, ()) {
+RC_GTEST_PROP(Refinement, GivesAValidMesh, ()) {
   const Pslg outline = any_outline();
   const RefinementOptions options = any_refinement();
   const Refined refined = refine(*triangulate(outline), kLattice, options);
   const auto valid = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
   RC_ASSERT(static_cast<bool>(valid));
   RC_ASSERT(is_constrained_delaunay(refined.mesh));
-  // The outline's vertices stay, and its boundary recedes by less than three steps.
+  // The outline's vertices are kept, and the boundary recedes by less than three steps.
   const std::set<LatticePoint> points(refined.mesh.vertices.begin(), refined.mesh.vertices.end());
   for (const Ring& ring : outline.rings) {
     for (const LatticePoint p : ring)
@@ -269,9 +271,9 @@ RC_GTEST_PROP(Refinement, KeepsTheInvariantsOfTheLattice, ()) {
   }
 }
 
-// ---- contours: what is inside; a picture moved by whole pixels, or turned ----
+// ---- contours: pixels inside; pictures moved by whole pixels or rotated ----
 
-// Any noise, as grey values or as a mask.
+// Noise, as grey values or as a mask.
 Field any_field(int size) {
   Field field =
       noise_field(size, test::any_in(0, 6), test::any_seed(), *rc::gen::arbitrary<bool>());
@@ -283,7 +285,7 @@ Field any_field(int size) {
   return field;
 }
 
-RC_GTEST_PROP(Contours, HaveTheirPixelsInside, ()) {
+RC_GTEST_PROP(Contours, HaveThePixelsOfMaterialInside, ()) {
   const Field field = any_field(test::any_in(2, 32));
   const ContourKind kind = *rc::gen::element(ContourKind::kSubpixel, ContourKind::kPixel);
   const PixelGrid grid{0.5, 0.25, test::any_in(-50, 50), test::any_in(-50, 50), kLattice};
@@ -301,10 +303,10 @@ RC_GTEST_PROP(Contours, HaveTheirPixelsInside, ()) {
   if (area) RC_ASSERT(doubled_area(outline) == *area);
 }
 
-// In a cell with two material corners across from each other, whether they are joined is whether
-// the bilinear interpolant has material in its saddle.
-RC_GTEST_PROP(Contours, JoinAcrossASaddleAsTheInterpolantDoes, ()) {
-  // a . / . b, with so much void around that all else is known.
+// In a cell with two diagonally opposite material corners these are joined if and only if the
+// bilinear interpolant has material at its saddle.
+RC_GTEST_PROP(Contours, JoinAcrossASaddleLikeTheInterpolant, ()) {
+  // a . / . b, surrounded by void.
   const auto inside = [] { return static_cast<float>(test::any_in(1, 100)); };
   const auto outside = [] { return static_cast<float>(-test::any_in(1, 100)); };
   const double a = inside(), b = inside(), c = outside(), d = outside();
@@ -324,7 +326,7 @@ RC_GTEST_PROP(Contours, JoinAcrossASaddleAsTheInterpolantDoes, ()) {
   RC_ASSERT(outline.rings.size() == (saddle > 0 ? 1U : 2U));
 }
 
-RC_GTEST_PROP(Contours, MoveWithTheirPicture, ()) {
+RC_GTEST_PROP(Contours, AreEquivariantUnderTranslations, ()) {
   const int size = test::any_in(8, 32);
   const Field field = noise_field(size, test::any_in(1, 6), test::any_seed());
   const ContourKind kind = *rc::gen::element(ContourKind::kSubpixel, ContourKind::kPixel);
@@ -336,7 +338,7 @@ RC_GTEST_PROP(Contours, MoveWithTheirPicture, ()) {
 }
 
 // (x, y) -> (height - 1 - y, x)
-Field turned(const Field& field) {
+Field rotated(const Field& field) {
   const int width = field.image.height, height = field.image.width;
   Field out{{width, height, field.image.values}, field.iso, field.is_mask};
   for (int y = 0; y < field.image.height; ++y) {
@@ -347,8 +349,8 @@ Field turned(const Field& field) {
   return out;
 }
 
-// Pixels that are no squares, in pictures that are none.
-RC_GTEST_PROP(Contours, TurnWithTheirPicture, ()) {
+// With pixels and pictures that are not square.
+RC_GTEST_PROP(Contours, AreEquivariantUnderAQuarterTurn, ()) {
   const int size = test::any_in(8, 32);
   Field field = any_field(size);
   field.image.height = test::any_in(1, size + 1);
@@ -356,7 +358,7 @@ RC_GTEST_PROP(Contours, TurnWithTheirPicture, ()) {
   const ContourKind kind = *rc::gen::element(ContourKind::kSubpixel, ContourKind::kPixel);
   const double u_mm = *rc::gen::element(0.0625, 0.25, 0.5), v_mm = *rc::gen::element(0.25, 0.5);
   const Motion quarter{1, {(field.image.height - 1) * kLattice.snap_mm(v_mm), 0}};
-  RC_ASSERT(canonical(contours(turned(field), {v_mm, u_mm, 0, 0, kLattice}, kind).rings) ==
+  RC_ASSERT(canonical(contours(rotated(field), {v_mm, u_mm, 0, 0, kLattice}, kind).rings) ==
             canonical(quarter(contours(field, {u_mm, v_mm, 0, 0, kLattice}, kind)).rings));
 }
 

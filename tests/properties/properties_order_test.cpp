@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The order in which a scan's files are given, and what they are called, does not matter where the
-// files themselves say where they belong.
+// DICOM files carry their position: the order in which they are given and their names do not change
+// the stack.
 #include <unistd.h>
 
 #include <filesystem>
@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Seven slices of noise as DICOM, each file once.
+/// A folder with seven DICOM slices of noise.
 class Folder {
  public:
   Folder() : path_(fs::temp_directory_path() / ("trocar_order_" + std::to_string(::getpid()))) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Properties of the sheet on random meshes with holes, needles and features of the lattice's size:
-// the spring network, its energy, and the cut under the lattice's motions.
+// the spring network, its energy, the cut, the quality pass, the region of a force, overlap and
+// placing.
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -9,17 +10,17 @@
 #include "pipeline/mesh/triangulation.h"
 #include "runtime/contact/overlap.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/cut/cut.h"
 #include "runtime/deformation/network.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/region.h"
 #include "runtime/deformation/response.h"
-#include "runtime/cut/cut.h"
 #include "runtime/refine/local_refinement.h"
 #include "tests/reference/deformation/network_checks.h"
 #include "tests/reference/deformation/region_part.h"
-#include "tests/support/delaunay_fixture.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"
+#include "tests/support/delaunay_fixture.h"
 #include "tests/support/random_geometry.h"
 
 namespace trocar::runtime {
@@ -32,9 +33,9 @@ using test::Motion;
 constexpr Lattice kLattice{8};
 constexpr Membrane kMembrane{20, 1e6};
 
-/// Constrained Delaunay, with up to four holes; a fourth of them of the lattice's own size, where
-/// most crossings lie half way between its points. A fourth are outlines of any kind: needles,
-/// slits, circles and the hard cases of meshing among them.
+/// A constrained Delaunay mesh with up to four holes. A quarter of them are only a few lattice
+/// steps large, where most crossings must be rounded. A quarter are meshes of random outlines:
+/// needles, slits, circles, hard cases of meshing.
 SliceMesh any_sheet() {
   Random random(test::any_seed());
   const int kind = random.between(0, 3);
@@ -61,7 +62,7 @@ SliceMesh any_sheet() {
   }
 }
 
-// In m, of tenths of a millimetre; some exactly alike.
+// In m, up to some tenths of a millimetre; some exactly equal.
 std::vector<double> any_displacements(std::size_t size) {
   Random random(test::any_seed());
   std::vector<double> out;
@@ -70,15 +71,15 @@ std::vector<double> any_displacements(std::size_t size) {
   return out;
 }
 
-/// Triangles in another order, each (if `from_other_corners`) from another corner, vertices with
-/// other numbers.
-struct GivenOtherwise {
+/// Triangles in a random order, each (if `from_other_corners`) starting at a random corner, and
+/// vertices renumbered.
+struct Permuted {
   SliceMesh mesh;
-  std::vector<std::uint32_t> number;  ///< of each vertex, by its old one
+  std::vector<std::uint32_t> number;  ///< new number of each vertex
 };
-GivenOtherwise given_otherwise(const SliceMesh& mesh, bool from_other_corners = true) {
+Permuted permuted(const SliceMesh& mesh, bool from_other_corners = true) {
   std::mt19937_64 random(test::any_seed());
-  GivenOtherwise out{mesh, std::vector<std::uint32_t>(mesh.vertices.size())};
+  Permuted out{mesh, std::vector<std::uint32_t>(mesh.vertices.size())};
   std::vector<std::uint32_t>& number = out.number;
   for (std::uint32_t i = 0; i < number.size(); ++i)
     number[i] = i;
@@ -99,7 +100,7 @@ GivenOtherwise given_otherwise(const SliceMesh& mesh, bool from_other_corners = 
 
 // ---- the network ----
 
-RC_GTEST_PROP(Network, IsSymmetricAndOfADelaunayMeshPositive, ()) {
+RC_GTEST_PROP(Network, IsSymmetricAndPositiveOnADelaunayMesh, ()) {
   const SliceMesh sheet = any_sheet();
   const Network network = make_network(sheet, kLattice, kMembrane);
   std::map<std::pair<std::uint32_t, std::uint32_t>, double> spring;
@@ -120,7 +121,7 @@ RC_GTEST_PROP(Network, IsSymmetricAndOfADelaunayMeshPositive, ()) {
   RC_ASSERT(spring.size() == 2 * std::size_t{network.signs.interior + network.signs.boundary});
 }
 
-RC_GTEST_PROP(Network, WeighsWhatItsSheetWeighs, ()) {
+RC_GTEST_PROP(Network, HasTheBedStiffnessOfItsArea, ()) {
   const SliceMesh sheet = any_sheet();
   const Network network = make_network(sheet, kLattice, kMembrane);
   double bed = 0;
@@ -130,13 +131,13 @@ RC_GTEST_PROP(Network, WeighsWhatItsSheetWeighs, ()) {
   const double right =
       kMembrane.bed_N_per_m3 * 0.5 * static_cast<double>(doubled_area(sheet)) * step_m * step_m;
   RC_ASSERT(std::abs(bed / right - 1) < 1e-12);
-  // Moved as a whole it stretches nothing: exactly.
+  // A uniform displacement stretches no spring, exactly.
   const std::vector<double> w(network.size(), 1e-3);
   for (std::size_t i = 0; i < network.size(); ++i)
     RC_ASSERT(reaction_N(network, w, i) == network.bed_N_per_m[i] * 1e-3);
 }
 
-RC_GTEST_PROP(Network, EnergyIsPositiveAndLessWithoutATriangle, ()) {
+RC_GTEST_PROP(Network, EnergyIsPositiveAndFallsWhenTrianglesAreRemoved, ()) {
   const SliceMesh sheet = any_sheet();
   const std::vector<double> w = any_displacements(sheet.vertices.size());
   const double whole = energy_J(make_network(sheet, kLattice, kMembrane), w);
@@ -149,7 +150,7 @@ RC_GTEST_PROP(Network, EnergyIsPositiveAndLessWithoutATriangle, ()) {
   RC_ASSERT(of_part <= whole * (1 + 1e-12));
 }
 
-RC_GTEST_PROP(Network, MovesWithItsSheet, ()) {
+RC_GTEST_PROP(Network, IsInvariantUnderMotions, ()) {
   const SliceMesh sheet = any_sheet();
   const Motion m = test::any_motion();
   const Network here = make_network(sheet, kLattice, kMembrane),
@@ -160,16 +161,16 @@ RC_GTEST_PROP(Network, MovesWithItsSheet, ()) {
   RC_ASSERT(here.bed_N_per_m == there.bed_N_per_m);
 }
 
-RC_GTEST_PROP(Network, DoesNotDependOnTheOrder, ()) {
+RC_GTEST_PROP(Network, DoesNotDependOnTheInputOrder, ()) {
   const SliceMesh sheet = any_sheet();
-  const GivenOtherwise other = given_otherwise(sheet);
+  const Permuted other = permuted(sheet);
   const Network here = make_network(sheet, kLattice, kMembrane),
                 there = make_network(other.mesh, kLattice, kMembrane);
   RC_ASSERT(here.size() == there.size());
   RC_ASSERT(here.neighbour.size() == there.neighbour.size());
   for (std::uint32_t i = 0; i < here.size(); ++i) {
     const std::uint32_t j = other.number[i];
-    // A sum over the triangles around a node: rounded as they come.
+    // A sum over the triangles around a node, rounded in their order.
     RC_ASSERT(std::abs(there.bed_N_per_m[j] / here.bed_N_per_m[i] - 1) < 1e-14);
     RC_ASSERT(there.first[j + 1] - there.first[j] == here.first[i + 1] - here.first[i]);
     for (std::uint32_t k = here.first[i]; k < here.first[i + 1]; ++k) {
@@ -184,7 +185,7 @@ RC_GTEST_PROP(Network, DoesNotDependOnTheOrder, ()) {
   }
 }
 
-// With full damping a sweep is Gauss and Seidel's: each node goes to the least energy there is.
+// With full damping a sweep is one of Gauss-Seidel: each node goes to its least energy.
 RC_GTEST_PROP(Propagation, NeverRaisesTheEnergy, ()) {
   const SliceMesh sheet = any_sheet();
   const Network network = make_network(sheet, kLattice, kMembrane);
@@ -214,7 +215,7 @@ Ring any_tool_on(const SliceMesh& sheet) {
   const LatticePoint at = sheet.vertices[static_cast<std::size_t>(
       random.between(0, static_cast<int>(sheet.vertices.size()) - 1))];
   if (random.between(0, 2) == 0) {
-    // Along the sheet's own rows and columns: points on one circle everywhere.
+    // Along rows and columns of the sheet: many cocircular points.
     const int step = random.between(1, 200), x = at.x - step * random.between(0, 3),
               y = at.y - step * random.between(0, 3), w = step * random.between(1, 5),
               h = step * random.between(1, 5);
@@ -225,7 +226,7 @@ Ring any_tool_on(const SliceMesh& sheet) {
   return any_tool(random, at, random.between(2, std::clamp(high->x - low->x, 3, 1500)));
 }
 
-RC_GTEST_PROP(Cut, MovesWithSheetAndTool, ()) {
+RC_GTEST_PROP(Cut, IsEquivariantUnderTranslations, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
   const auto here = cut(sheet, tool);
@@ -238,9 +239,9 @@ RC_GTEST_PROP(Cut, MovesWithSheetAndTool, ()) {
   RC_ASSERT(canonical(there->hole) == canonical(m(Pslg{here->hole}).rings));
 }
 
-// To the bit: the same hole, the same area and the same triangles, crossings and all.
-// `up_to_ties`: but where Delaunay leaves a choice.
-void expect_alike(const SliceMesh& sheet, const Ring& tool, const CutResult& here,
+// Hole, area and triangles are equal to the bit, with all crossings. `up_to_ties`: triangles may
+// differ where Delaunay has ties.
+void expect_equal(const SliceMesh& sheet, const Ring& tool, const CutResult& here,
                   const std::vector<Ring>& hole, const SliceMesh& mesh, const CutResult& there,
                   bool up_to_ties) {
   const bool crossing = rounding_bound(boundary_rings(sheet).rings, tool) > 0;
@@ -255,7 +256,7 @@ void expect_alike(const SliceMesh& sheet, const Ring& tool, const CutResult& her
   }
 }
 
-RC_GTEST_PROP(Cut, TurnsWithSheetAndTool, ()) {
+RC_GTEST_PROP(Cut, IsEquivariantUnderRotations, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
   const auto here = cut(sheet, tool);
@@ -263,10 +264,10 @@ RC_GTEST_PROP(Cut, TurnsWithSheetAndTool, ()) {
   const Motion m = test::any_motion();
   const auto there = cut(m(sheet), m(tool));
   RC_ASSERT(static_cast<bool>(there));
-  expect_alike(sheet, tool, *here, m(Pslg{here->hole}).rings, m(here->mesh), *there, false);
+  expect_equal(sheet, tool, *here, m(Pslg{here->hole}).rings, m(here->mesh), *there, false);
 }
 
-RC_GTEST_PROP(Cut, DoesNotDependOnTheFirstCorner, ()) {
+RC_GTEST_PROP(Cut, DoesNotDependOnTheFirstCornerOfTheTool, ()) {
   const SliceMesh sheet = any_sheet();
   Ring tool = any_tool_on(sheet);
   const auto here = cut(sheet, tool);
@@ -274,25 +275,25 @@ RC_GTEST_PROP(Cut, DoesNotDependOnTheFirstCorner, ()) {
   std::rotate(tool.begin(), tool.begin() + 1, tool.end());
   const auto there = cut(sheet, tool);
   RC_ASSERT(static_cast<bool>(there));
-  expect_alike(sheet, tool, *here, here->hole, here->mesh, *there, true);
+  expect_equal(sheet, tool, *here, here->hole, here->mesh, *there, true);
 }
 
-RC_GTEST_PROP(Cut, RemovesTheSameInWhateverOrderTheSheetIs, ()) {
+RC_GTEST_PROP(Cut, DoesNotDependOnTheOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const auto here = cut(sheet, tool), there = cut(given_otherwise(sheet).mesh, tool);
+  const auto here = cut(sheet, tool), there = cut(permuted(sheet).mesh, tool);
   const bool both = here && there;
   RC_ASSERT(both);
-  expect_alike(sheet, tool, *here, here->hole, here->mesh, *there, true);
+  expect_equal(sheet, tool, *here, here->hole, here->mesh, *there, true);
 }
 
-// ---- the region that a force is computed on, and the force ----
+// ---- the quality pass, the region that a force is computed on, and the force ----
 
-Motion any_translation_or_turn() {
+Motion any_translation_or_motion() {
   return *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
 }
 
-// As after a puncture: the hole, and then better triangles around it.
+// As after a puncture: the hole is cut, then the quality pass improves the triangles around it.
 SliceMesh improved(const SliceMesh& sheet, const Ring& tool) {
   SheetMesh mesh = *make_sheet_mesh(sheet, 200, 400);
   const std::size_t slots = mesh.triangles.size();
@@ -309,28 +310,28 @@ SliceMesh improved(const SliceMesh& sheet, const Ring& tool) {
   return to_slice_mesh(mesh);
 }
 
-RC_GTEST_PROP(QualityPass, MovesWithSheetAndTool, ()) {
+RC_GTEST_PROP(QualityPass, IsEquivariantUnderMotions, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const Motion m = any_translation_or_turn();
+  const Motion m = any_translation_or_motion();
   const SliceMesh here = improved(sheet, tool), there = improved(m(sheet), m(tool));
-  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned"));
+  RC_TAG(std::string(m.quarters == 0 ? "translated" : "rotated"));
   RC_ASSERT(canonical(there) == canonical(m(here)));
 }
 
-// Of triangles alike in size the queue takes the one of the lowest slot first: in whatever order
-// the sheet is, the pass does as well, but not always the same.
-RC_GTEST_PROP(QualityPass, LosesNothingInWhateverOrderTheSheetIs, ()) {
+// Of triangles of equal size the queue takes the one with the lowest slot first: another order of
+// the sheet may give another mesh, but an equally good one.
+RC_GTEST_PROP(QualityPass, IsAsGoodInEveryOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const SliceMesh here = improved(sheet, tool), there = improved(given_otherwise(sheet).mesh, tool);
+  const SliceMesh here = improved(sheet, tool), there = improved(permuted(sheet).mesh, tool);
   RC_ASSERT(doubled_area(there) == doubled_area(here));
   RC_ASSERT(is_constrained_delaunay(there));
   RC_TAG(std::string(test::decided_edges(there) == test::decided_edges(here) ? "the same"
-                                                                             : "as well"));
+                                                                             : "another mesh"));
 }
 
-/// Of a point that is not on the lattice: rounded, as far away as it is.
+/// The motion of a point that is not on the lattice; rounded.
 Eigen::Vector2d moved(const Motion& m, Eigen::Vector2d p) {
   for (int i = 0; i < m.quarters; ++i)
     p = Eigen::Vector2d(-p.y(), p.x());
@@ -348,41 +349,41 @@ Result<Region> region(const SliceMesh& sheet, const Ring& tool, double radius_m)
                         workspace);
 }
 
-// Likewise: what is borne is exact, and the force the same but for rounding where the triangles
-// are; else within what grading leaves open (region.h).
-RC_GTEST_PROP(Region, HasTheSameForceInWhateverOrderTheSheetIs, ()) {
+// For another order of the sheet: the borne area is equal exactly; the force is equal up to
+// rounding if the triangles are the same, else within the error of grading (region.h).
+RC_GTEST_PROP(Region, HasTheSameForceInEveryOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
   const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
   const auto here = region(sheet, tool, radius_m),
-             there = region(given_otherwise(sheet).mesh, tool, radius_m);
+             there = region(permuted(sheet).mesh, tool, radius_m);
   const bool both = here && there;
   RC_ASSERT(both);
   RC_ASSERT(there->mesh.borne.area_steps2 == here->mesh.borne.area_steps2);
   const bool same = canonical(there->mesh.mesh) == canonical(here->mesh.mesh);
-  RC_TAG(std::string(same ? "the same triangles" : "others"));
+  RC_TAG(std::string(same ? "the same triangles" : "other triangles"));
   const double is = there->response.stiffness_N_per_m, right = here->response.stiffness_N_per_m;
   RC_ASSERT(std::abs(is - right) <= (same ? 1e-9 : 0.05) * right);
 }
 
-RC_GTEST_PROP(Region, MovesWithSheetAndTool, ()) {
+RC_GTEST_PROP(Region, IsEquivariantUnderMotions, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const Motion m = any_translation_or_turn();
+  const Motion m = any_translation_or_motion();
   const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
   const auto here = region(sheet, tool, radius_m), there = region(m(sheet), m(tool), radius_m);
   const bool both = here && there;
   RC_ASSERT(both);
-  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned"));
+  RC_TAG(std::string(m.quarters == 0 ? "translated" : "rotated"));
   RC_ASSERT(canonical(there->mesh.mesh) == canonical(m(here->mesh.mesh)));
   RC_ASSERT(there->mesh.kind == here->mesh.kind);
   RC_ASSERT(there->solution.w == here->solution.w);
   RC_ASSERT(there->response.stiffness_N_per_m == here->response.stiffness_N_per_m);
-  if (here->response.stiffness_N_per_m == 0) return;  // nothing acts anywhere
+  if (here->response.stiffness_N_per_m == 0) return;  // no force, no point of action
   RC_ASSERT((there->response.centre_steps - moved(m, here->response.centre_steps)).norm() < 1e-6);
 }
 
-// ---- contact: what of the tool stands on material ----
+// ---- contact: share of the tool outline over material ----
 
 Sheet sheet_of(const SliceMesh& mesh) {
   Sheet out;
@@ -391,11 +392,11 @@ Sheet sheet_of(const SliceMesh& mesh) {
   return out;
 }
 
-/// A convex tool on the sheet, and a hole of it beside or over it.
+/// A convex tool on the sheet, and a hole of the same shape near it.
 struct ToolAndHole {
   Tool tool;
   LatticeOutline outline, hole;
-  int holes = 0;  ///< 0: the hole does not count
+  int holes = 0;  ///< 0: without the hole
 };
 ToolAndHole any_tool_and_hole(const SliceMesh& mesh) {
   Random random(test::any_seed());
@@ -418,22 +419,21 @@ Overlap overlap_of(const SliceMesh& mesh, const ToolAndHole& with) {
   return overlap(sheet_of(mesh), with.tool, with.outline, std::span(&with.hole, with.holes));
 }
 
-// To the bit by the order of triangles; by the corner that each begins with but for rounding.
-RC_GTEST_PROP(Overlap, DoesNotDependOnTheOrder, ()) {
+// Equal to the bit for another order of triangles; up to rounding for other first corners.
+RC_GTEST_PROP(Overlap, DoesNotDependOnTheInputOrder, ()) {
   const SliceMesh mesh = any_sheet();
   const ToolAndHole with = any_tool_and_hole(mesh);
-  const Overlap here = overlap_of(mesh, with),
-                there = overlap_of(given_otherwise(mesh, false).mesh, with),
-                from_others = overlap_of(given_otherwise(mesh).mesh, with);
+  const Overlap here = overlap_of(mesh, with), there = overlap_of(permuted(mesh, false).mesh, with),
+                from_others = overlap_of(permuted(mesh).mesh, with);
   RC_ASSERT(there.fraction == here.fraction);
   RC_ASSERT(there.centroid_steps == here.centroid_steps);
   RC_ASSERT(std::abs(from_others.fraction - here.fraction) < 1e-12);
   RC_ASSERT((from_others.centroid_steps - here.centroid_steps).norm() < 1e-6);
 }
 
-RC_GTEST_PROP(Overlap, MovesWithSheetAndTool, ()) {
+RC_GTEST_PROP(Overlap, IsEquivariantUnderMotions, ()) {
   const SliceMesh mesh = any_sheet();
-  const Motion m = any_translation_or_turn();
+  const Motion m = any_translation_or_motion();
   const ToolAndHole with = any_tool_and_hole(mesh);
   ToolAndHole moved_with = with;
   for (LatticeOutline* what : {&moved_with.outline, &moved_with.hole}) {
@@ -441,22 +441,23 @@ RC_GTEST_PROP(Overlap, MovesWithSheetAndTool, ()) {
       what->points[i] = m(what->points[i]);
   }
   const Overlap here = overlap_of(mesh, with), there = overlap_of(m(mesh), moved_with);
-  RC_TAG(std::string(m.quarters == 0 ? "moved" : "turned") + (here.fraction == 0   ? ", beside"
-                                                              : here.fraction == 1 ? ", inside"
-                                                                                   : ", in part"));
+  RC_TAG(std::string(m.quarters == 0 ? "translated" : "rotated") + (here.fraction == 0 ? ", beside"
+                                                                    : here.fraction == 1
+                                                                        ? ", inside"
+                                                                        : ", in part"));
   RC_ASSERT(here.fraction == there.fraction);
   RC_ASSERT((there.centroid_steps - moved(m, here.centroid_steps)).norm() < 1e-6);
 }
 
-// ---- placing: the tool's outline and the slice in one another's frame ----
+// ---- placing: the tool's outline in the frame of the slice, slices in the scene ----
 
 double any_share(double low, double high) {
   return low + (high - low) * test::any_in(0, 1'000'001) * 1e-6;
 }
 
-// The slice moved by lattice steps, or plate and slice's frame turned: the outline goes along. Its
-// corners are rounded; that one lies half way between two steps to the last digit does not happen.
-RC_GTEST_PROP(Outline, MovesWithPlateAndSlice, ()) {
+// If the slice is translated by lattice steps, or the plate is rotated about the placed anchor, the
+// outline moves accordingly. Its corners are rounded; exact ties of rounding do not occur.
+RC_GTEST_PROP(Outline, IsEquivariantUnderMotionsOfPlateAndSlice, ()) {
   SceneTool shape;
   shape.sides = test::any_in(3, 13);
   shape.radius_m = any_share(0.0005, 0.01);
@@ -466,8 +467,8 @@ RC_GTEST_PROP(Outline, MovesWithPlateAndSlice, ()) {
   PlanarTransform transform;
   transform.lattice = kLattice;
   transform.at_m = {any_share(-0.02, 0.02), any_share(-0.02, 0.02)};
-  const double turn_rad = any_share(0, 6.28);
-  transform.cosine = std::cos(turn_rad), transform.sine = std::sin(turn_rad);
+  const double rotation_rad = any_share(0, 6.28);
+  transform.cosine = std::cos(rotation_rad), transform.sine = std::sin(rotation_rad);
   const Pose plate{{any_share(-0.02, 0.02), any_share(-0.02, 0.02), any_share(0.1, 0.2)},
                    from_rotation_vector({any_share(-0.2, 0.2), any_share(-0.2, 0.2), 0.5})};
   const double z_m = any_share(0.1, 0.2);
@@ -478,18 +479,18 @@ RC_GTEST_PROP(Outline, MovesWithPlateAndSlice, ()) {
                  {test::any_in(-100'000, 100'000), test::any_in(-100'000, 100'000)}};
   PlanarTransform moved_slice = transform;
   moved_slice.anchor_mm = kLattice.step_mm() * Eigen::Vector2d(m.by.x, m.by.y);
-  // The plate turned about where the slice is placed, as the anchor is.
+  // The plate rotated about the point where the slice is placed.
   const Pose about{{transform.at_m.x(), transform.at_m.y(), 0},
                    Eigen::Quaterniond(Eigen::AngleAxisd(m.quarters * std::numbers::pi / 2,
                                                         Eigen::Vector3d::UnitZ()))};
-  const Pose turned = about * inverse(Pose{about.p_m, Eigen::Quaterniond::Identity()}) * plate;
-  const LatticeOutline there = outline_on_lattice(tool, turned, moved_slice, z_m);
+  const Pose rotated = about * inverse(Pose{about.p_m, Eigen::Quaterniond::Identity()}) * plate;
+  const LatticeOutline there = outline_on_lattice(tool, rotated, moved_slice, z_m);
   RC_ASSERT(to_ring(there) == m(to_ring(here)));
 }
 
-// An asset whose slice is moved by lattice steps is placed by its centroid where it was, whatever
-// the order of its triangles; the scene's slices in whatever order come the topmost first.
-RC_GTEST_PROP(Placing, MovesWithTheSlice, ()) {
+// A slice translated by lattice steps is placed at the same position by its centroid, for any order
+// of its triangles. The scene's slices are sorted, the topmost first.
+RC_GTEST_PROP(Placing, DoesNotDependOnTranslationAndOrderOfTheSlice, ()) {
   const SliceMesh mesh = any_sheet();
   const Motion m{0, {test::any_in(-1'000'000, 1'000'000), test::any_in(-1'000'000, 1'000'000)}};
   Scene scene = test::descent_scene({0.12, 0.19}, 0.2, 0.1, 0.015);
@@ -497,7 +498,7 @@ RC_GTEST_PROP(Placing, MovesWithTheSlice, ()) {
   scene.placement.rotation_deg = any_share(0, 360);
   Scene other = scene;
   std::swap(other.slices[0], other.slices[test::any_in(0, 2)]);
-  const GivenOtherwise given = given_otherwise(mesh);
+  const Permuted given = permuted(mesh);
   const auto here = place_slices(scene, test::asset_of(mesh, 2), "here"),
              there = place_slices(other, test::asset_of(m(given.mesh), 2), "there");
   const bool both = here && there;

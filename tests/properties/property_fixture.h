@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// rapidcheck with GoogleTest, the same cases every time (RC_PARAMS in the environment says
-// otherwise: "seed=7 max_success=10000"), and any of the motions that the lattice has.
+// rapidcheck with GoogleTest and a fixed seed (RC_PARAMS in the environment changes it, for example
+// "seed=7 max_success=10000"), and random motions of the lattice.
 #pragma once
 
 #include <rapidcheck.h>
@@ -23,8 +23,8 @@ struct FixedSeed {
 };
 inline const FixedSeed kFixedSeed;
 
-/// In [low, high), alike from the first case to the last: rapidcheck's own range begins at its
-/// lower end and reaches the upper one only with the last cases.
+/// Uniform in [low, high) from the first case on: rapidcheck's own range grows from its lower end
+/// and covers the upper one only in the last cases.
 template <typename T>
 rc::Gen<T> in_range(T low, T high) {
   return rc::gen::resize(rc::kNominalSize, rc::gen::inRange<T>(low, high));
@@ -34,12 +34,12 @@ T any_in(T low, T high) {
   return *in_range<T>(low, high);
 }
 
-/// Shrinking a seed would only be another case; all 64 bits, whatever the size.
+/// All 64 bits at every size. Not shrunk: another seed is another case, not a simpler one.
 inline std::uint64_t any_seed() {
   return *rc::gen::noShrink(rc::gen::resize(rc::kNominalSize, rc::gen::arbitrary<std::uint64_t>()));
 }
 
-/// Far enough that floating-point numbers of absolute places would round otherwise.
+/// Large enough that floating-point arithmetic on absolute positions would round differently.
 inline Motion any_translation() {
   return {0, {any_in(-200'000'000, 200'000'000), any_in(-200'000'000, 200'000'000)}};
 }
@@ -54,7 +54,7 @@ inline Motion any_motion() {
 namespace rc {
 template <>
 struct Arbitrary<trocar::LatticePoint> {
-  /// Small ones often, so that what is degenerate comes often; the lattice's ends sometimes.
+  /// Often small, so that degenerate cases are frequent; sometimes at the ends of the lattice.
   static Gen<trocar::LatticePoint> arbitrary() {
     const auto coordinate = gen::weightedOneOf<std::int32_t>(
         {{4, trocar::test::in_range<std::int32_t>(-4, 5)},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Any outline for properties: of each kind about as many as of any other, whatever rapidcheck's
-// size, so that what is degenerate comes by design and not by chance.
+// Random outlines for properties. All kinds are equally frequent at every rapidcheck size, so that
+// degenerate cases are frequent by design.
 #pragma once
 
 #include <algorithm>
@@ -11,8 +11,8 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
-#include "tests/properties/property_fixture.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/properties/property_fixture.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/synthetic_fields.h"
 
@@ -21,13 +21,13 @@ namespace trocar::test {
 using runtime::Random;
 
 enum class OutlineKind : std::uint8_t {
-  kContours,        ///< of noise between its pixels: islands, holes, necks
-  kChains,          ///< through its pixels: pinches
+  kContours,        ///< sub-pixel contours of noise: islands, holes, necks
+  kChains,          ///< pixel chains of noise: pinches
   kStars,           ///< with holes
-  kSpecks,          ///< in a star's bays, where a simplified side may jump over them
-  kNeedles,         ///< of down to a thousandth of a degree, in one corner
-  kNearCoincident,  ///< vertices a step from one another, slits a step wide
-  kCocircular,      ///< all corners of a ring exactly on one circle, and all centres one point
+  kSpecks,          ///< in a star's bays, where a simplified edge may pass over them
+  kNeedles,         ///< angles down to a thousandth of a degree in one corner
+  kNearCoincident,  ///< vertices one step apart, slits one step wide
+  kCocircular,      ///< corners of rings exactly on concentric circles
   kCorpus,          ///< a hard case of tests/corpus/pslg
 };
 inline constexpr int kOutlineKinds = 8;
@@ -46,7 +46,7 @@ inline Pslg any_star(Random& random, int radius) {
   }
 }
 
-/// Keeps the ring only if the outline stays one.
+/// Adds the ring if the outline stays valid.
 inline void add_if_valid(Pslg& pslg, const Ring& ring) {
   pslg.rings.push_back(ring);
   if (!check_pslg(pslg)) pslg.rings.pop_back();
@@ -59,7 +59,7 @@ inline Pslg any_specks(Random& random, int radius) {
   return out;
 }
 
-/// Up to four with their tips in one corner.
+/// Up to four needles with their tips in one corner.
 inline Pslg any_needles(Random& random) {
   Pslg out;
   const int length = random.between(200, 60'000);
@@ -98,7 +98,7 @@ inline Ring any_ring_on_a_circle(Random& random, int radius2, int scale) {
       if (x * x + y * y == radius2) all.push_back({scale * x, scale * y});
     }
   }
-  // A quarter is found; ascending angles there.
+  // One quarter of the circle, by ascending angle.
   std::sort(all.begin(), all.end(), [](auto a, auto b) { return a.x > b.x; });
   Ring out;
   for (;;) {
@@ -126,8 +126,8 @@ inline Pslg any_cocircular(Random& random) {
   }
 }
 
-/// The hard cases given as rings, of moderate size: what refines to a hundred thousand triangles,
-/// or lies at the lattice's ends, is for hard_cases_meshing_test.
+/// The hard cases that are rings of moderate size. Larger ones, and those at the ends of the
+/// lattice, are in hard_cases_meshing_test only.
 inline const std::vector<Pslg>& corpus_outlines() {
   static const std::vector<Pslg> kOutlines = [] {
     std::vector<Pslg> out;

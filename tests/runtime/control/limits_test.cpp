@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The limits: inside they find nothing, outside they name their fault; what may be written is
-// always within bounds.
+// Each limit: kNone within it, its fault beyond it; torques that may be written are within bounds.
 #include "runtime/control/limits.h"
 
 #include <gtest/gtest.h>
@@ -45,7 +44,7 @@ TEST(Limits, WorkspaceIsABoxAndATilt) {
   EXPECT_EQ(check_workspace(limits, broken), Fault::kWorkspace);
 }
 
-TEST(Limits, SpeedIsSeenAtEveryRateAndACountIsNone) {
+TEST(Limits, SpeedIsDetectedAtEveryRateAndOneCountIsNotASpeed) {
   const SafetyLimits limits;
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
     for (const double turns : {0.0, 1.0}) {
@@ -91,10 +90,11 @@ TEST(Limits, SpeedIsSeenAtEveryRateAndACountIsNone) {
   broken.p_m.x() = NAN;
   EXPECT_EQ(check_speed(limits, broken, 1e-3, state), Fault::kSpeed);
   check_speed(limits, Pose{}, 1e-3, state);
-  EXPECT_EQ(check_speed(limits, Pose{}, 1e-3, state), Fault::kNone) << "and it is over with it";
+  EXPECT_EQ(check_speed(limits, Pose{}, 1e-3, state), Fault::kNone)
+      << "no longer, with a finite pose";
 }
 
-TEST(Limits, SingularityIsAConditionNumberAndADistance) {
+TEST(Limits, SingularityIsALimitOnConditionAndBranchDistance) {
   const SafetyLimits limits;
   std::mt19937_64 random(29);
   int found[2] = {0, 0};
@@ -118,8 +118,8 @@ TEST(Limits, SingularityIsAConditionNumberAndADistance) {
   }
 }
 
-// The poses that the design states, all of them usable; and beyond them poses that only the
-// distance finds, since the condition number is still good there.
+// All poses of the stated workspace are usable. Beyond it some poses are found by the branch
+// distance alone, since their condition number is still good.
 TEST(Limits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
   const SafetyLimits limits;
   const DeviceDescription device = default_device_description();
@@ -140,7 +140,7 @@ TEST(Limits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
     least_m = std::min(least_m, found.nearest_branch_m);
   }
   std::printf("nearest branch over the stated workspace: %.3f mm\n", least_m * 1e3);
-  EXPECT_LT(least_m, 1e-3) << "it is near, so the limit is not idle";
+  EXPECT_LT(least_m, 1e-3) << "close enough that the limit has a purpose";
   int by_distance_alone = 0;
   for (int i = 0; i < 100'000; ++i) {
     Singularity found;
@@ -152,7 +152,7 @@ TEST(Limits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
   EXPECT_GT(by_distance_alone, 50);
 }
 
-TEST(Limits, HeatIsOverdrawnAfterTheTimeThatABudgetLasts) {
+TEST(Limits, ThermalLimitIsExceededAfterThePeakTime) {
   const DeviceDescription device = default_device_description();
   const MotorModel motor = make_motor_model(device);
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
@@ -162,9 +162,10 @@ TEST(Limits, HeatIsOverdrawnAfterTheTimeThatABudgetLasts) {
       tau[i] = i % 2 == 0 ? device.motor_continuous_torque_Nm : -device.motor_continuous_torque_Nm;
       for (int k = 0; k < 20 * rate_Hz; ++k)
         ASSERT_EQ(check_heat(motor, tau, 1 / rate_Hz, state), Fault::kNone);
-      EXPECT_NEAR(budget_spent(motor, state.load), 0, 1e-9) << "the continuous torque, for ever";
+      EXPECT_NEAR(budget_spent(motor, state.load), 0, 1e-9)
+          << "the continuous torque, for any time";
       state = {};
-      tau[i] *= 2;  // the peak torque, whatever limit_torques would say
+      tau[i] *= 2;  // the peak torque, which limit_torques would not allow for so long
       int ticks = 0;
       while (check_heat(motor, tau, 1 / rate_Hz, state) == Fault::kNone)
         ASSERT_LT(++ticks, 20000);
@@ -174,20 +175,21 @@ TEST(Limits, HeatIsOverdrawnAfterTheTimeThatABudgetLasts) {
   }
 }
 
-TEST(Limits, OverloadIsTooLittleForTooLongFromMotorsThatGiveWay) {
+TEST(Limits, OverloadIsTooLittleForTooLongFromDeratedMotors) {
   const SafetyLimits limits;
   const MotorModel motor = make_motor_model(default_device_description());
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
     const double dt_s = 1 / rate_Hz;
     LimitState cold;
     for (int k = 0; k < 3 * rate_Hz; ++k)
-      ASSERT_EQ(check_overload(limits, motor, 0.1, dt_s, cold), Fault::kNone) << "it never could";
+      ASSERT_EQ(check_overload(limits, motor, 0.1, dt_s, cold), Fault::kNone)
+          << "not derated: this wrench was never possible";
     LimitState hot;
     hot.load.excess_A2s[5] =
         0.9 * (motor.peak_A.cwiseAbs2() - motor.continuous_A.cwiseAbs2())[5] * motor.peak_time_s;
     for (int k = 0; k < 3 * rate_Hz; ++k)
       ASSERT_EQ(check_overload(limits, motor, 0.5, dt_s, hot), Fault::kNone);
-    for (int k = 0; k < 3 * rate_Hz; ++k)  // now and then a tick that gives enough
+    for (int k = 0; k < 3 * rate_Hz; ++k)  // a tick that renders enough starts the time again
       ASSERT_EQ(check_overload(limits, motor, k % 400 == 0 ? 1 : 0.1, dt_s, hot), Fault::kNone);
     ASSERT_EQ(check_overload(limits, motor, 1, dt_s, hot), Fault::kNone);
     int ticks = 0;
@@ -198,8 +200,8 @@ TEST(Limits, OverloadIsTooLittleForTooLongFromMotorsThatGiveWay) {
   }
 }
 
-// Law 1, at rest and with nothing wanted: each limit that is nan, or negative where nothing can be.
-TEST(Limits, ALimitThatIsNanPermitsNothing) {
+// Item 1, at rest and with zero torques wanted: limits of nan, and negative limits.
+TEST(Limits, ALimitOfNanOrANegativeLimitAlwaysTrips) {
   const MotorModel motor = make_motor_model(default_device_description());
   const auto found = [&](const SafetyLimits& limits) {
     LimitState state;
@@ -260,7 +262,8 @@ TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
         limit_rise(last, before, limits.torque_rise_max_Nm_per_s * 1e-3, by_rate);
     const double share = slower.norm() > 0 ? wanted.norm() / slower.norm() : 1;
     ASSERT_LE(share, 1 + 1e-12);
-    ASSERT_LT((wanted - share * slower).cwiseAbs().maxCoeff(), 1e-12) << "never motor by motor";
+    ASSERT_LT((wanted - share * slower).cwiseAbs().maxCoeff(), 1e-12)
+        << "one factor for all motors";
     scaled += share < 1 - 1e-12;
     last = wanted;
   }
@@ -276,13 +279,14 @@ TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
   }
 }
 
-TEST(Limits, AWallThatRingsAgainstTheRateLimitIsAFaultAndAReleaseIsNoPause) {
+TEST(Limits, AWallThatOscillatesAtTheRateLimitIsAFault) {
   const SafetyLimits limits;
   LimitState state;
   MotorVector last = MotorVector::Zero();
   Fault fault = Fault::kNone;
   int tick = 0;
-  for (; tick < 1000 && fault == Fault::kNone; ++tick) {  // full up, then nothing, in turn
+  for (; tick < 1000 && fault == Fault::kNone;
+       ++tick) {  // alternately the largest torque and none: the release does not reset the time
     MotorVector wanted = MotorVector::Constant(tick % 2 == 0 ? 5.9 : 0);
     fault = limit_torques(limits, MotorVector::Constant(6), last, 1e-3, wanted, state);
     last = wanted;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic loop against a device that does what it is told to, pushed into one sheet: for tests
-// of single ticks.
+// The haptic loop with a scripted device, pushed into one sheet: for tests of single ticks.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -15,7 +14,7 @@
 
 namespace trocar::runtime::testing_support {
 
-/// Says what it is told to and keeps what it hears.
+/// Returns scripted states and statuses, and stores the last command.
 class ScriptedDevice final : public Device {
  public:
   DeviceStatus read(DeviceState& state) noexcept override {
@@ -40,7 +39,7 @@ inline double largest(const DeviceCommand& command) {
   return result;
 }
 
-/// A sheet at 0.12 m, a device pushed 4 mm into it (20 N), one good tick done before each test.
+/// A sheet at 0.12 m and a device pushed 4 mm into it (20 N). The loop is running before each test.
 class LoopFixture : public testing::Test {
  protected:
   void SetUp() override {
@@ -51,7 +50,7 @@ class LoopFixture : public testing::Test {
     model_.contact.tool = make_tool(scene.tool);
     model_.rate_Hz = 1000;
     model_.limits.torque_rise_max_Nm_per_s = 1e6;
-    let_it_jump(true);
+    allow_jumps(true);
     go_to(0.125);
     tick();
     EXPECT_EQ(state_.safety.state, SafetyState::kReady);
@@ -63,10 +62,10 @@ class LoopFixture : public testing::Test {
     ASSERT_NEAR(result_.row.wrench_wanted[2], 20, 1e-9);
     ASSERT_GT(largest(device_.written), 0.1);
     good_ = device_.written;
-    let_it_jump(false);
+    allow_jumps(false);
   }
-  /// A test's device goes where it is told to from one tick to the next.
-  void let_it_jump(bool may) {
+  /// Whether the device may jump to another pose from one tick to the next.
+  void allow_jumps(bool may) {
     model_.limits.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
     model_.limits.speed_max_m_per_s = may ? 1e3 : 2;
     state_.limits.has_pose = false;
@@ -87,13 +86,13 @@ class LoopFixture : public testing::Test {
     inputs.recover = recover_;
     haptic_tick(model_, inputs, device_, state_, result_);
   }
-  /// The next tick must have this fault, and laws 1 to 3 must hold from it on.
+  /// The next tick must have this fault; it latches, and torques ramp down to zero.
   void expect_fault(Fault fault, double gap_s = 1e-3) {
     tick(gap_s);
     ASSERT_EQ(state_.safety.fault, fault) << to_word(state_.safety.fault);
     EXPECT_EQ(result_.row.fault, fault);
     EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
-    device_.on_read = device_.on_write = DeviceStatus::kOk;  // all is well again: it latches
+    device_.on_read = device_.on_write = DeviceStatus::kOk;  // the fault is latched
     go_to(0.116);
     double last = largest(device_.written);
     EXPECT_LE(last, largest(good_));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the motors' heat, friction and weight make of the loop's torques.
+// Torques of the loop with warm motors, and with compensation of friction and weight.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,9 +13,9 @@ namespace {
 using testing_support::largest;
 using LoopMotors = testing_support::LoopFixture;
 
-// The wall softens along its own direction, down to what motors may give for ever, and is back once
-// they have cooled; nobody is stopped.
-TEST_F(LoopMotors, HotMotorsGiveWaySmoothlyAndComeBack) {
+// The force falls along its own direction to what the continuous torque gives, without a fault, and
+// returns once the motors have cooled.
+TEST_F(LoopMotors, WarmMotorsAreDeratedSmoothlyAndRecover) {
   DeviceDescription& device = model_.device;
   device.motor_continuous_torque_Nm = 0.7 * largest(good_);
   device.motor_peak_time_s = 0.2;
@@ -38,7 +38,7 @@ TEST_F(LoopMotors, HotMotorsGiveWaySmoothlyAndComeBack) {
   EXPECT_LT(largest_step_N, 0.5);
   EXPECT_GT(heat, 0.95);
   EXPECT_LE(heat, 1 + 1e-9);
-  let_it_jump(true);
+  allow_jumps(true);
   go_to(0.125);
   for (int i = 0; i < 2000; ++i)
     tick();
@@ -47,7 +47,7 @@ TEST_F(LoopMotors, HotMotorsGiveWaySmoothlyAndComeBack) {
   EXPECT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
 }
 
-TEST_F(LoopMotors, MotorOverloadWhenHotMotorsGiveTooLittleForTooLong) {
+TEST_F(LoopMotors, MotorOverloadWhenDeratedMotorsRenderTooLittleForTooLong) {
   model_.device.motor_continuous_torque_Nm = 0.3 * largest(good_);
   model_.device.motor_peak_torque_Nm = 1.5 * largest(good_);
   model_.device.motor_peak_time_s = 0.02;
@@ -66,13 +66,13 @@ TEST_F(LoopMotors, MotorOverloadWhenHotMotorsGiveTooLittleForTooLong) {
   tick();
   recover_ = false;
   EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
-  let_it_jump(true);
+  allow_jumps(true);
   go_to(0.121);
   tick();
   ASSERT_GT(result_.row.motor_heat_max, 0.6);
   for (int i = 0; result_.row.motor_heat_max > 0.5; ++i) {
     ASSERT_LT(i, 5000);
-    ASSERT_EQ(state_.safety.quiet_ticks, 0U) << "hot: the quiet time has not begun";
+    ASSERT_EQ(state_.safety.quiet_ticks, 0U) << "still warm: the quiet time has not begun";
     tick();
   }
   for (int i = 0; i < 300; ++i)
@@ -80,14 +80,15 @@ TEST_F(LoopMotors, MotorOverloadWhenHotMotorsGiveTooLittleForTooLong) {
   EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
 }
 
-TEST_F(LoopMotors, MotorOverloadWhenABudgetIsOverdrawn) {
+TEST_F(LoopMotors, MotorOverloadWhenAThermalLimitIsExceeded) {
   model_.device.motor_continuous_torque_Nm = 0.01;
-  model_.device.motor_peak_time_s = 1e-9;  // shorter than a tick: nothing can give way in time
+  model_.device.motor_peak_time_s = 1e-9;  // shorter than a tick: derating comes too late
   expect_fault(Fault::kMotorOverload);
 }
 
-// Added to what is rendered, told apart from it, slowly from nothing on, and never beyond a limit.
-TEST_F(LoopMotors, WeightAndFrictionAreCompensatedIfAskedFor) {
+// Compensation is added to the rendered torques, kept apart from them in the recording, rises
+// slowly from zero, and never exceeds a limit.
+TEST_F(LoopMotors, CompensationRisesSlowlyAndKeepsTheLimits) {
   model_.compensation.gravity = true;
   model_.device.gravity_m_per_s2 = 9.81;
   double last_N = 0;
@@ -111,7 +112,7 @@ TEST_F(LoopMotors, WeightAndFrictionAreCompensatedIfAskedFor) {
   }
 }
 
-TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneIsTooMuchForHotMotors) {
+TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneExceedsTheAvailableTorque) {
   model_.compensation.gravity = true;
   model_.device.gravity_m_per_s2 = 9.81;
   model_.device.plate_mass_kg = 10;
@@ -119,7 +120,7 @@ TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneIsTooMuchForHotMotors) {
   model_.limits.overload_time_max_s = 1e9;
   tick();
   ASSERT_EQ(state_.safety.fault, Fault::kNone);
-  model_.device.motor_continuous_torque_Nm = 0.5 * state_.beside_Nm.cwiseAbs().maxCoeff();
+  model_.device.motor_continuous_torque_Nm = 0.5 * state_.compensation_Nm.cwiseAbs().maxCoeff();
   model_.device.motor_peak_time_s = 0.02;
   int ticks = 0;
   for (; state_.safety.fault == Fault::kNone; ++ticks) {
@@ -130,7 +131,7 @@ TEST_F(LoopMotors, MotorOverloadWhenTheWeightAloneIsTooMuchForHotMotors) {
   EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
 }
 
-TEST_F(LoopMotors, CompensationMovesWithTheMotors) {
+TEST_F(LoopMotors, FrictionCompensationFollowsTheMotorRates) {
   model_.compensation.friction = true;
   model_.device.joint_coulomb_friction_Nm = 0.1;
   model_.limits.timing.ramp_up_s = 0;
@@ -142,8 +143,8 @@ TEST_F(LoopMotors, CompensationMovesWithTheMotors) {
   }
   const MotorVector rate = state_.G * state_.limits.twist_device;
   for (int i = 0; i < kMotors; ++i) {
-    ASSERT_GT(std::abs(rate[i]), 0.1) << "fast enough for all of it";
-    EXPECT_NEAR(state_.beside_Nm[i],
+    ASSERT_GT(std::abs(rate[i]), 0.1) << "above the rate at which compensation is complete";
+    EXPECT_NEAR(state_.compensation_Nm[i],
                 0.8 * (std::copysign(0.1, rate[i]) +
                        model_.device.joint_viscous_friction_Nms_per_rad * rate[i]),
                 1e-12);

@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The haptic loop against a scripted device: every fault by name, the safety laws, and how
-// sessions end.
+// Single ticks of the haptic loop against a scripted device: every fault by name, the ramp,
+// recovery, and the bounds of the torques.
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <cmath>
+#include <memory>
 #include <random>
-#include <thread>
 
 #include "runtime/control/haptic_loop.h"
-#include "runtime/session/session.h"
 #include "tests/runtime/control/loop_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -19,7 +16,6 @@ namespace trocar::runtime {
 namespace {
 
 using testing_support::largest;
-using testing_support::ScriptedDevice;
 using Loop = testing_support::LoopFixture;
 
 TEST_F(Loop, AGoodTickHasNoFault) {
@@ -45,7 +41,7 @@ TEST_F(Loop, WriteFailed) {
   expect_fault(Fault::kWriteFailed);
 }
 
-TEST_F(Loop, ALinkSilentForTenMillisecondsIsAFault) {
+TEST_F(Loop, TenMillisecondsWithoutDataAreAFault) {
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
     model_.rate_Hz = rate_Hz;
     device_.on_read = DeviceStatus::kNoData;
@@ -66,7 +62,7 @@ TEST_F(Loop, ALinkSilentForTenMillisecondsIsAFault) {
   expect_fault(Fault::kNoData);
 }
 
-TEST_F(Loop, BeforeTheFirstDataThereIsNoTorque) {
+TEST_F(Loop, TorquesAreZeroBeforeTheFirstData) {
   state_ = LoopState{};
   device_.on_read = DeviceStatus::kNoData;
   for (int i = 0; i < 9; ++i) {
@@ -97,12 +93,12 @@ TEST_F(Loop, EncoderJump) {
   expect_fault(Fault::kEncoderJump);
 }
 
-TEST_F(Loop, EncoderRateIsJudgedOverTheTimeWithoutData) {
+TEST_F(Loop, EncoderRateIsTakenOverTheTimeSinceTheLastData) {
   device_.on_read = DeviceStatus::kNoData;
   tick();
   tick();
   device_.on_read = DeviceStatus::kOk;
-  go_to(0.107);  // further than one tick may go, not further than three; 13 mm: gives way
+  go_to(0.107);  // above the limit of one tick, below that of three; 13 mm deep: punctured
   tick();
   EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_word(state_.safety.fault);
 }
@@ -152,7 +148,7 @@ TEST_F(Loop, ThreeDeadlinesMissedInARow) {
   expect_fault(Fault::kDeadlineMissed);
 }
 
-TEST_F(Loop, WhatTheCallerFound) {
+TEST_F(Loop, AFaultOfTheCaller) {
   outside_ = Fault::kEmergencyStop;
   tick();
   outside_ = Fault::kNone;
@@ -162,7 +158,7 @@ TEST_F(Loop, WhatTheCallerFound) {
 
 TEST_F(Loop, Workspace) {
   model_.limits.workspace_max_m[0] = 0.01;
-  let_it_jump(true);
+  allow_jumps(true);
   go_to(0.116, 0.0099);
   tick();
   ASSERT_EQ(state_.safety.fault, Fault::kNone);
@@ -208,12 +204,12 @@ TEST_F(Loop, TorqueRate) {
   expect_fault(Fault::kTorqueRate);
 }
 
-TEST_F(Loop, NearAnEndOfReach) {
+TEST_F(Loop, SingularityNearABranch) {
   model_.limits.branch_distance_min_m = 0.2;  // no pose of this device is that far from one
   expect_fault(Fault::kSingularity);
 }
 
-TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
+TEST_F(Loop, RecoveryNeedsARequestAndATimeInFreeSpace) {
   device_.next.encoder_rad[4] += 0.061;
   expect_fault(Fault::kEncoderJump);  // the tool stands in the sheet
   for (int i = 0; i < 1000; ++i)
@@ -229,11 +225,11 @@ TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
     ASSERT_EQ(largest(device_.written), 0);
     ASSERT_EQ(result_.row.fault, Fault::kEncoderJump);
   }
-  let_it_jump(true);
+  allow_jumps(true);
   go_to(0.121);
   for (int i = 0; i < 200; ++i)
     tick();
-  device_.on_read = DeviceStatus::kLinkLost;  // the time starts anew
+  device_.on_read = DeviceStatus::kLinkLost;  // the time starts again
   tick();
   device_.on_read = DeviceStatus::kOk;
   for (int i = 0; i < 249; ++i) {
@@ -256,12 +252,12 @@ TEST_F(Loop, OnlyARequestLeavesTheFaultAndOnlyInFreeSpaceForcesComeBack) {
   EXPECT_NEAR(last_N, 20, 1e-9);
 }
 
-TEST_F(Loop, MotionDuringAStopIsNoFrictionAfterIt) {
+TEST_F(Loop, MotionDuringAStopCausesNoFrictionAfterIt) {
   auto sheet = std::make_unique<Sheet>(*sheets_[0]);
   sheet->tissue.shaft.dry_friction_N = 2;
   sheet->tissue.shaft.viscous_friction_N_s_per_m = 30;
   current_ = {sheet.get()};
-  let_it_jump(true);
+  allow_jumps(true);
   go_to(0.112);
   tick();
   ASSERT_TRUE(result_.contact.gave_way);
@@ -278,13 +274,14 @@ TEST_F(Loop, MotionDuringAStopIsNoFrictionAfterIt) {
   for (int i = 0; state_.safety.state != SafetyState::kRunning && i < 1000; ++i)
     tick();
   ASSERT_EQ(state_.safety.state, SafetyState::kRunning);
-  EXPECT_EQ(result_.contact.wrench_device.z(), 0) << "3.8 mm, most of them before this tick";
+  EXPECT_EQ(result_.contact.wrench_device.z(), 0)
+      << "the motion of 3.8 mm was almost all before this tick";
   go_to(0.1078);
   tick();
-  EXPECT_GT(result_.contact.wrench_device.z(), 1) << "in its hole as before";
+  EXPECT_GT(result_.contact.wrench_device.z(), 1) << "friction in the hole, as before the stop";
 }
 
-TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
+TEST_F(Loop, RestoreIsCalledWhileRecoveringAndTheDeviceIsLost) {
   for (const DeviceStatus lost : {DeviceStatus::kLinkLost, DeviceStatus::kMotorFault}) {
     device_.restored = 0;
     device_.on_read = lost;
@@ -298,11 +295,11 @@ TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
     for (int i = 0; i < 9; ++i)
       tick();
     EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
-    EXPECT_EQ(device_.restored, 10) << "as long as it is away";
-    let_it_jump(true);
+    EXPECT_EQ(device_.restored, 10) << "in every tick in which it is lost";
+    allow_jumps(true);
     go_to(0.121);
-    for (const DeviceStatus there : {DeviceStatus::kEmergencyStop, DeviceStatus::kOk}) {
-      device_.on_read = there;
+    for (const DeviceStatus back : {DeviceStatus::kEmergencyStop, DeviceStatus::kOk}) {
+      device_.on_read = back;
       for (int i = 0; i < 400; ++i)
         tick();
     }
@@ -311,7 +308,7 @@ TEST_F(Loop, OnlyAfterARequestIsALostDeviceAskedToRestoreItself) {
   }
 }
 
-TEST_F(Loop, ARequestInAnyOtherStateDoesNothing) {
+TEST_F(Loop, ARequestForRecoveryHasNoEffectInOtherStates) {
   recover_ = true;
   for (int i = 0; i < 3; ++i)
     tick();
@@ -332,7 +329,7 @@ TEST_F(Loop, RemeshBacklog) {
     pose.p_m = {0.015, 0.015, 0.1};
     hole = outline_on_lattice(model_.contact.tool, pose, current_[0]->transform, 0.12);
   }
-  let_it_jump(true);
+  allow_jumps(true);
   go_to(0.112);
   expect_fault(Fault::kRemeshBacklog);
 }
@@ -362,7 +359,7 @@ TEST_F(Loop, TheFirstFaultIsKept) {
   EXPECT_EQ(state_.safety.fault_t_s, 0.003);
 }
 
-TEST_F(Loop, TheEndOfTheDataIsNoTick) {
+TEST_F(Loop, TheEndOfTheDataDoesNotCountAsATick) {
   device_.on_read = DeviceStatus::kEndOfData;
   const std::uint64_t ticks = state_.tick;
   tick();
@@ -371,7 +368,7 @@ TEST_F(Loop, TheEndOfTheDataIsNoTick) {
   EXPECT_EQ(state_.safety.fault, Fault::kNone);
 }
 
-TEST_F(Loop, TorquesNeverExceedThePeakAndTheDirectionStays) {
+TEST_F(Loop, TorquesStayBelowThePeakAndTheWrenchKeepsItsDirection) {
   model_.device.motor_peak_torque_Nm = model_.device.motor_continuous_torque_Nm = 0.3;
   state_.tau_motor_Nm.setZero();
   tick();
@@ -385,7 +382,7 @@ TEST_F(Loop, TorquesNeverExceedThePeakAndTheDirectionStays) {
   }
 }
 
-TEST(LimitRise, InsideNothingChangesOutsideItActsAlwaysWithinBounds) {
+TEST(LimitRise, ShortensOnlyStepsBeyondTheLimitAndAlwaysToTheLimit) {
   std::mt19937_64 random(5);
   const auto any = [&] {
     MotorVector tau;
@@ -409,7 +406,7 @@ TEST(LimitRise, InsideNothingChangesOutsideItActsAlwaysWithinBounds) {
     } else {
       EXPECT_TRUE(shortened);
       EXPECT_NEAR((got - last).cwiseAbs().maxCoeff(), rise, 1e-12);
-      // On the straight way from the one to the other: no motor is cut off by itself.
+      // On the line between the two: all motors are shortened by one factor.
       const double share = rise / step;
       EXPECT_LT((got - ((1 - share) * last + share * wanted)).norm(), 1e-12);
       ++acted;
@@ -428,160 +425,11 @@ TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {
     EXPECT_NEAR(largest(device_.written) - last, 0.1, 1e-9);
     last = largest(device_.written);
   }
-  let_it_jump(true);
-  go_to(0.112);  // gives way
+  allow_jumps(true);
+  go_to(0.112);  // punctured
   tick();
   EXPECT_EQ(largest(device_.written), 0);
   EXPECT_TRUE(result_.contact.gave_way);
-}
-
-// --- session -------------------------------------------------------------------------------
-
-TEST(Session, AStopEndsItWithTorquesAtZero) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-    auto device = make_simulated_device(scene, default_device_description());
-    ASSERT_TRUE(device);
-    std::atomic<bool> stop{false};
-    std::uint64_t ticks = 0;
-    SessionOptions options;
-    options.clock = clock;
-    options.duration_s = 60;
-    options.stop = &stop;
-    options.limits.gap_max_s = 0;
-    const auto report = run_session(
-        scene, default_device_description(), remesher, *device,
-        [&](double dt_s) {
-          device->step(dt_s);
-          if (++ticks == 50) stop = true;
-        },
-        options);
-    ASSERT_TRUE(report);
-    EXPECT_EQ(report->end, SessionEnd::kInterrupted);
-    EXPECT_EQ(report->ticks, 50U);
-    device->step(1e-3);
-    EXPECT_EQ(device->truth().tau_motor_Nm.norm(), 0);
-  }
-}
-
-/// A simulated device; says when torques are on its motors.
-class WatchedDevice final : public Device {
- public:
-  explicit WatchedDevice(SimulatedDevice& device) : device_(device) {}
-  DeviceStatus read(DeviceState& state) noexcept override { return device_.read(state); }
-  DeviceStatus write(const DeviceCommand& command) noexcept override {
-    const DeviceStatus status = device_.write(command);
-    is_loaded = largest(command) > 0;
-    return status;
-  }
-  std::atomic<bool> is_loaded{false};
-
- private:
-  SimulatedDevice& device_;
-};
-
-TEST(Session, MotorsDoNotWaitForOtherThreadsAtItsEnd) {
-  const Scene scene = test::descent_scene({0.12}, 0.121, 0.1, 0.05);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto simulated = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(simulated);
-  WatchedDevice device(*simulated);
-  std::atomic<bool> stop{false}, loaded{false}, released{false};
-  SessionOptions options;
-  options.duration_s = 2;
-  options.stop = &stop;
-  options.limits.gap_max_s = 0;
-  // A display that is busy when the session ends, until torques are gone or it has had enough.
-  options.on_frame = [&](const RecordingRow&, const auto&) {
-    const auto start = std::chrono::steady_clock::now();
-    while (!released && std::chrono::steady_clock::now() - start < std::chrono::seconds(5)) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-      released = stop && !device.is_loaded;
-    }
-  };
-  options.frame_rate_Hz = 1000;
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device,
-      [&](double dt_s) {
-        simulated->step(dt_s);
-        if (!device.is_loaded || simulated->truth().tau_motor_Nm.norm() < 0.5) return;
-        loaded = true;
-        stop = true;
-      },
-      options);
-  ASSERT_TRUE(report);
-  ASSERT_TRUE(loaded) << "the tool was never pressed into the sheet";
-  EXPECT_EQ(report->end, SessionEnd::kInterrupted);
-  EXPECT_TRUE(released) << "torques stayed on while the display was waited for";
-}
-
-TEST(Session, AFaultEndsItAfterTheRamp) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  ScriptedDevice device;
-  device.on_read = DeviceStatus::kLinkLost;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device, [](double) {}, options);
-  ASSERT_TRUE(report);
-  EXPECT_EQ(report->end, SessionEnd::kFault);
-  EXPECT_EQ(report->fault, Fault::kLinkLost);
-  EXPECT_EQ(report->ticks, 4U);
-}
-
-TEST(Session, AnUnwritableRecordingIsSaidBeforeAnythingRuns) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  ScriptedDevice device;
-  SessionOptions options;
-  options.record = "/no/such/folder/r.csv";
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
-  ASSERT_FALSE(report);
-  EXPECT_EQ(report.error().code, ExitCode::kUnwritable);
-}
-
-TEST(Session, CountsTicks) {
-  EXPECT_EQ(tick_count(1, 1000), 1000U);
-  EXPECT_EQ(tick_count(3.6, 500), 1800U);
-  EXPECT_EQ(tick_count(0.1 + 0.2, 1000), 300U);
-  EXPECT_EQ(tick_count(0.0005, 1000), 1U);
-  EXPECT_EQ(tick_count(0.0015, 1000), 2U);
-}
-
-TEST(Session, TheRateOfARecordingIsThatOfItsTimes) {
-  std::vector<RecordingRow> rows(1000);
-  for (std::size_t k = 0; k < rows.size(); ++k)
-    rows[k].t_s = static_cast<double>(k) / 500;
-  ASSERT_TRUE(recorded_rate_Hz(rows, "r"));
-  EXPECT_EQ(*recorded_rate_Hz(rows, "r"), 500);
-  rows[500].t_s += 1e-4;
-  EXPECT_FALSE(recorded_rate_Hz(rows, "r"));
-  EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
-}
-
-TEST(Session, TheRateOfARecordingIsItsOwnToTheLastBit) {
-  for (const double rate_Hz : {209.3, 211.8, 212.3, 1000.0000001, 999.9999999, 333.33333333333331,
-                               100.0, 123.456789012345, 8000.0, 997.3}) {
-    for (const std::size_t size : {std::size_t{2}, std::size_t{3}, std::size_t{6280}}) {
-      std::vector<RecordingRow> rows(size);
-      for (std::size_t k = 0; k < size; ++k)
-        rows[k].t_s = static_cast<double>(k) / rate_Hz;
-      const Result<double> found = recorded_rate_Hz(rows, "r");
-      ASSERT_TRUE(found) << found.error().message;
-      EXPECT_EQ(size > 3 ? *found : rate_Hz, rate_Hz);
-      for (std::size_t k = 0; k < size; ++k)
-        ASSERT_EQ(static_cast<double>(k) / *found, rows[k].t_s) << rate_Hz << ", row " << k;
-    }
-  }
-  std::vector<RecordingRow> rows(1000);  // times with four digits are none of a rate's
-  for (std::size_t k = 0; k < rows.size(); ++k)
-    rows[k].t_s = std::round(1e4 * static_cast<double>(k) / 209.3) / 1e4;
-  const Result<double> none = recorded_rate_Hz(rows, "r");
-  ASSERT_FALSE(none);
-  EXPECT_EQ(none.error().code, ExitCode::kRefused);
 }
 
 }  // namespace

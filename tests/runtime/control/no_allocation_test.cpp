@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A session with punctures or faults makes no allocation on the haptic thread, a tick no system
-// call. The program has the counting
-// hooks linked in; the first test shows that they count.
+// Sessions with punctures and faults allocate nothing on the haptic thread, and a tick makes no
+// system call. The test links trocar_allocation_hooks; the first test shows that every allocation
+// function is counted.
 #include <gtest/gtest.h>
 #include <linux/filter.h>
 #include <linux/seccomp.h>
@@ -27,7 +27,7 @@
 namespace trocar::runtime {
 namespace {
 
-/// Keeps the compiler from leaving out an allocation that nobody uses.
+/// Keeps the compiler from removing an unused allocation.
 void* volatile kept;
 
 template <typename Act>
@@ -47,7 +47,7 @@ class NoAllocation : public testing::Test {
   }
 };
 
-TEST_F(NoAllocation, TheHooksCountEveryWay) {
+TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
   EXPECT_EQ(counted([] {}), 0U);
   EXPECT_EQ(counted([] {
               kept = std::malloc(10);
@@ -85,7 +85,7 @@ TEST_F(NoAllocation, TheHooksCountEveryWay) {
   EXPECT_EQ(counted([] { std::free(nullptr); }), 0U);
 }
 
-TEST_F(NoAllocation, OnlyTheScopesThreadAndTimeCount) {
+TEST_F(NoAllocation, OnlyTheScopesOwnThreadAndDurationAreCounted) {
   const std::uint64_t before = allocations_in_scopes();
   kept = std::malloc(10);
   std::free(kept);
@@ -112,7 +112,7 @@ TEST_F(NoAllocation, OnlyTheScopesThreadAndTimeCount) {
 class Clocks : public NoAllocation, public testing::WithParamInterface<Clock> {};
 INSTANTIATE_TEST_SUITE_P(NoAllocation, Clocks, testing::Values(Clock::kVirtual, Clock::kReal));
 
-TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
+TEST_P(Clocks, NoneInASessionWithPunctures) {
   Scene scene = test::descent_scene({0.13, 0.12}, 0.133, 0.1, 0.06);
   // Down through both, up and down again beside the holes: contact, partial contact, four cuts.
   const double down_s = scene.hand.trajectory.back().t_s;
@@ -139,8 +139,8 @@ TEST_P(Clocks, ASessionWithPuncturesMakesNone) {
   EXPECT_EQ(*report->allocations_in_loop, 0U);
 }
 
-TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
-  // Out of a low workspace and back, twice, with the coupling and the network law's looking ahead.
+TEST_F(NoAllocation, NoneInFaultsRecoveriesAndBlackBoxes) {
+  // Twice out of a low workspace and back, with the virtual coupling.
   Scene scene = test::descent_scene({0.13}, 0.133, 0.1, 0.06);
   scene.hand.trajectory = {{0, {0, 0, 0.133}, {}},   {0.2, {0, 0, 0.126}, {}},
                            {0.4, {0, 0, 0.145}, {}}, {0.6, {0, 0, 0.133}, {}},
@@ -173,7 +173,8 @@ TEST_F(NoAllocation, FaultsRecoveriesAndTheirBlackBoxesMakeNone) {
   }
 }
 
-/// In a child that the kernel ends at its first system call but exit.
+/// Runs `act` in a child process that the kernel ends at any system call except exit; returns the
+/// child's status.
 int status_under_seccomp(const std::function<void()>& act) {
   const pid_t child = ::fork();
   if (child == 0) {
@@ -197,9 +198,9 @@ int status_under_seccomp(const std::function<void()>& act) {
 }
 
 TEST_F(NoAllocation, ATickMakesNoSystemCall) {
-  const int kept_out = status_under_seccomp([] { ::getppid(); });
-  if (WIFEXITED(kept_out)) GTEST_SKIP() << "no seccomp here";
-  ASSERT_TRUE(WIFSIGNALED(kept_out) && WTERMSIG(kept_out) == SIGSYS) << "a call is seen";
+  const int ended = status_under_seccomp([] { ::getppid(); });
+  if (WIFEXITED(ended)) GTEST_SKIP() << "seccomp is not available";
+  ASSERT_TRUE(WIFSIGNALED(ended) && WTERMSIG(ended) == SIGSYS) << "the filter stops a system call";
   test::RigOptions options;
   options.tissue.threshold_N = 35;
   options.pressed_N = 40;
@@ -209,9 +210,9 @@ TEST_F(NoAllocation, ATickMakesNoSystemCall) {
     const int status = status_under_seccomp([&] {
       for (int i = 0; i < 800; ++i)
         rig.tick();  // contact, the controller, a puncture; or a fault and its ramp
-      const bool as_meant = faulty ? rig.state_.safety.fault == Fault::kWorkspace
+      const bool expected = faulty ? rig.state_.safety.fault == Fault::kWorkspace
                                    : rig.state_.contact.tracks[0].state == SheetState::kPunctured;
-      if (!as_meant) ::_exit(3);
+      if (!expected) ::_exit(3);
     });
     EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The passivity controller's laws, on a mass that is moved exactly under held forces, and in the
-// whole loop: a hand that damps nothing, pressed against walls that would ring without it.
+// The passivity controller, on a point mass that moves exactly under held forces, and in the loop:
+// a hand without damping pressed against walls that would oscillate without the controller.
 #include "runtime/control/passivity.h"
 
 #include <gtest/gtest.h>
@@ -25,12 +25,12 @@ struct MassOnWall {
   PassivityState state;
   double z_m = 0, v_m_per_s = 0, work_J = 0;  ///< work of the rendered force on the mass
   double rendered_N = 0;
-  bool broken = false;
+  bool punctured = false;
 
   void tick() {
     PassivityInput input;
     input.T_device_plate.p_m.z() = z_m;
-    const double depth_m = broken ? 0 : std::max(0.0, -z_m);
+    const double depth_m = punctured ? 0 : std::max(0.0, -z_m);
     input.wrench_device[2] = stiffness_N_per_m * depth_m;
     input.stored_J = 0.5 * stiffness_N_per_m * depth_m * depth_m;
     const Wrench wrench = keep_passive(options, mass_kg, dt_s, input, state);
@@ -44,7 +44,7 @@ struct MassOnWall {
   }
 };
 
-TEST(Passivity, TheBalanceIsTheWorkDoneWhateverTheMotion) {
+TEST(Passivity, TheBalanceIsTheAbsorbedWorkLessTheStoredEnergy) {
   std::mt19937_64 random(1);
   for (const bool on : {false, true}) {
     PassivityOptions options;
@@ -76,10 +76,10 @@ TEST(Passivity, TheBalanceIsTheWorkDoneWhateverTheMotion) {
   }
 }
 
-TEST(Passivity, ADamperActsOnThroughTicksWithoutANewPoseAndMeasuresAllOfTheirTime) {
+TEST(Passivity, ADamperHoldsItsForceWithoutANewPoseAndUsesTheWholeTime) {
   PassivityOptions options;
   PassivityInput input;
-  const auto damping = [&](int ticks) {  // of a step that took so many, pushed along
+  const auto damping = [&](int ticks) {  // of a step over `ticks` ticks, along the force
     PassivityState state;
     input.T_device_plate = Pose{};
     input.wrench_device << 0, 0, 10, 0, 0, 0;
@@ -93,7 +93,8 @@ TEST(Passivity, ADamperActsOnThroughTicksWithoutANewPoseAndMeasuresAllOfTheirTim
     EXPECT_GT(at_that_speed_N, 0);
     EXPECT_NEAR(10 - wrench[2], at_that_speed_N, 1e-9) << ticks;
     const PassivityState before = state;
-    EXPECT_EQ(keep_passive(options, 0.35, 0, input, state), wrench) << "nothing is known of a stop";
+    EXPECT_EQ(keep_passive(options, 0.35, 0, input, state), wrench)
+        << "no new pose: the force is held";
     EXPECT_EQ(state.damping_N_s_per_m, before.damping_N_s_per_m);
     EXPECT_EQ(state.balance_J, before.balance_J);
     return state.damping_N_s_per_m;
@@ -102,7 +103,7 @@ TEST(Passivity, ADamperActsOnThroughTicksWithoutANewPoseAndMeasuresAllOfTheirTim
     EXPECT_LE(damping(ticks), damping_max(options, 0.35, ticks * 1e-3)) << ticks;
 }
 
-TEST(Passivity, NothingIsChangedWhileTheEnvironmentOnlyTakes) {
+TEST(Passivity, TheWrenchIsUnchangedWhileTheEnvironmentOnlyAbsorbs) {
   for (const double dt_s : {2e-3, 1e-3, 1.25e-4}) {
     MassOnWall wall;
     wall.dt_s = dt_s;
@@ -114,14 +115,15 @@ TEST(Passivity, NothingIsChangedWhileTheEnvironmentOnlyTakes) {
       const double law_N = wall.stiffness_N_per_m * std::max(0.0, -wall.z_m);
       wall.tick();
       ASSERT_EQ(wall.rendered_N, law_N) << "to the last bit";
-      ASSERT_LE(wall.state.balance_J, 0) << "although the balance knows what is missing";
+      ASSERT_LE(wall.state.balance_J, 0) << "although the balance is negative";
     }
     EXPECT_LT(wall.state.balance_J, 0);
   }
 }
 
-TEST(Passivity, NothingIsChangedInAPassiveEnvironment) {
-  // A dissipating wall: spring and a damper well beyond K T / 2; and hidden storage within credit.
+TEST(Passivity, TheWrenchIsUnchangedInAPassiveEnvironment) {
+  // A dissipative wall: a spring, and a damper well above K T / 2; energy not reported is below
+  // credit.
   PassivityOptions options;
   PassivityState state;
   const double k = 5000, b = 20, dt_s = 1e-3;
@@ -136,14 +138,14 @@ TEST(Passivity, NothingIsChangedInAPassiveEnvironment) {
     const Wrench wanted = input.wrench_device;
     const Wrench got = keep_passive(options, 0.35, dt_s, input, state);
     note_delivered(got, state);
-    if (i > 200) {  // first the wall was met at 2 mm, out of nothing
+    if (i > 200) {  // the contact began abruptly, at 2 mm
       ASSERT_EQ(got, wanted) << i;
     }
   }
   EXPECT_LE(state.balance_J, options.credit_max_J);
 }
 
-TEST(Passivity, DampingIsBoundedAndAgainstTheMotion) {
+TEST(Passivity, DampingIsBoundedAndOpposesTheMotion) {
   std::mt19937_64 random(5);
   int acted = 0, bounded = 0;
   for (int run = 0; run < 300; ++run) {
@@ -174,7 +176,7 @@ TEST(Passivity, DampingIsBoundedAndAgainstTheMotion) {
   EXPECT_GT(bounded, 100);
 }
 
-TEST(Passivity, AMassThrownAtAWallDoesNotComeBackFaster) {
+TEST(Passivity, AMassThrownAtAWallDoesNotReturnFaster) {
   // Without the controller it does: K (step)^2 / 2 a tick.
   int faster_without = 0, runs = 0;
   for (const double dt_s : {2e-3, 1e-3, 5e-4, 1.25e-4}) {
@@ -194,7 +196,7 @@ TEST(Passivity, AMassThrownAtAWallDoesNotComeBackFaster) {
             wall.tick();
           back[on ? 1 : 0] = wall.v_m_per_s;
           if (on) {
-            // What of the damping found no room within its bound, and the last tick.
+            // Damping beyond its bound is missing, and the work of the last tick.
             const double energy_J = 0.5 * wall.mass_kg * v * v;
             const double last_tick_J = k * std::pow(v * dt_s, 2);
             EXPECT_LE(wall.work_J, 0.02 * energy_J + last_tick_J) << dt_s << " " << k << " " << v;
@@ -209,7 +211,7 @@ TEST(Passivity, AMassThrownAtAWallDoesNotComeBackFaster) {
   EXPECT_GT(faster_without, runs / 2);
 }
 
-TEST(Passivity, APlannedReleaseOwesNothing) {
+TEST(Passivity, APlannedReleaseCausesNoDamping) {
   MassOnWall wall;
   wall.hand_N = -30;
   int i = 0;
@@ -222,7 +224,7 @@ TEST(Passivity, APlannedReleaseOwesNothing) {
   EXPECT_EQ(keep_passive(wall.options, wall.mass_kg, wall.dt_s, release, wall.state).norm(), 0);
   EXPECT_EQ(wall.state.balance_J, 0);
   EXPECT_EQ(wall.state.damping_N_s_per_m, 0);
-  // With a shaft's friction left to feel: nothing of before is held against it.
+  // Friction on the shaft remains: the earlier balance causes no damping of it.
   release.planned_release = false;
   release.wrench_device[2] = 2;
   release.T_device_plate.p_m.z() -= 1e-4;
@@ -256,10 +258,10 @@ TEST_P(Walls, AnUndampedLightHandComesToRest) {
   options.passivity = false;
   test::Rig without(options);
   without.run_until(1.5);
-  EXPECT_GT(without.run_until(2), 1e-3) << "it is the controller that does it";
+  EXPECT_GT(without.run_until(2), 1e-3) << "without the controller it oscillates";
 }
 
-TEST(PassivityInTheLoop, AReleaseEmitsLessThanAMillijoule) {
+TEST(PassivityInTheLoop, AReleaseGivesLessThanAMillijoule) {
   for (const double rate_Hz : {500.0, 1000.0}) {
     for (const double damping : {0.0, 100.0}) {
       // By puncture: the motors do no work from there on.
@@ -268,18 +270,18 @@ TEST(PassivityInTheLoop, AReleaseEmitsLessThanAMillijoule) {
       options.hand_damping_N_s_per_m = damping;
       options.tissue.threshold_N = 35;
       options.pressed_N = 40;
-      test::Rig broken(options);
+      test::Rig punctured(options);
       double at_release_J = NAN;
       for (int i = 0; i < 0.8 * rate_Hz; ++i) {
-        if (broken.tick().contact.gave_way) {
-          EXPECT_EQ(broken.state_.tau_motor_Nm.norm(), 0) << "in that very tick";
-          at_release_J = broken.device_->truth().work.motors_J;
+        if (punctured.tick().contact.gave_way) {
+          EXPECT_EQ(punctured.state_.tau_motor_Nm.norm(), 0) << "in the same tick";
+          at_release_J = punctured.device_->truth().work.motors_J;
           EXPECT_LT(at_release_J, -0.1) << "what the hand has put into the sheet";
         }
       }
-      EXPECT_LE(broken.device_->truth().work.motors_J - at_release_J, 1e-3);
+      EXPECT_LE(punctured.device_->truth().work.motors_J - at_release_J, 1e-3);
 
-      // By lifting off: all in all the motors have given nothing.
+      // By lifting off: in total the motors have done no work on the hand.
       options.tissue.threshold_N = 1e6;
       options.pressed_N = 30;
       options.lifted_at_s = 1;

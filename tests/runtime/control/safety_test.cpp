@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safety machine: its table, spelled out a second time, and its laws along random events.
+// The safety state machine: its table against a second formulation, and its contract under random
+// events.
 #include "runtime/control/safety.h"
 
 #include <gtest/gtest.h>
@@ -60,13 +61,13 @@ TEST(Safety, EveryRampReachesZeroWithinFiveMilliseconds) {
   EXPECT_EQ(ramp_ticks(timing, 100), 1) << "at once";
   SafetyTiming none;
   none.ramp_s = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_EQ(ramp_ticks(none, 1000), 1) << "no number: at once";
+  EXPECT_EQ(ramp_ticks(none, 1000), 1) << "nan: at once";
   SafetyTiming slow;
   slow.ramp_s = 1;
   EXPECT_EQ(ramp_ticks(slow, 1000), 4);
 }
 
-TEST(Safety, ATimeThatIsNanPermitsNothing) {
+TEST(Safety, ATimeOfNanIsSafe) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kRate_Hz = 1000;
   const auto ready_after = [&](double quiet_s) {
     const SafetyTiming timing{0.004, quiet_s, 0.01};
@@ -92,7 +93,7 @@ TEST(Safety, ATimeThatIsNanPermitsNothing) {
   EXPECT_EQ(rise(std::numeric_limits<double>::infinity()), 0);
 }
 
-TEST(Safety, LawsAlongRandomEvents) {
+TEST(Safety, ContractUnderRandomEvents) {
   std::mt19937_64 random(11);
   const SafetyTiming timing{0.004, 0.02, 0.01};
   constexpr double kRate_Hz = 1000;
@@ -117,7 +118,7 @@ TEST(Safety, LawsAlongRandomEvents) {
       ASSERT_EQ(stopped, safety.fault != Fault::kNone);
       if (before == S::kFault) {
         ASSERT_EQ(safety.state, taken ? S::kRecovering : S::kFault);
-        ASSERT_EQ(safety.fault, fault_before) << "the first is kept";
+        ASSERT_EQ(safety.fault, fault_before) << "the first fault is kept";
       } else if (before != S::kRecovering && fault != Fault::kNone) {
         ASSERT_EQ(safety.state, S::kFault);
         ASSERT_EQ(safety.fault, fault);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ticks in which the device says nothing: a tool that moves on evenly meanwhile is felt as if all
-// had been heard. No rate is taken over one tick where more have passed.
+// Ticks without data from the device while the tool moves on steadily: forces in the ticks with
+// data are the same as if no data were missing. Velocities are taken over the time since the last
+// data.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -13,12 +14,12 @@ namespace {
 
 struct Felt {
   std::vector<double> force_N;  ///< wanted along z, tick by tick
-  std::vector<bool> heard;
-  std::size_t gave_way = 0;  ///< in this tick
-  double judged_N = 0;
+  std::vector<bool> has_data;
+  std::size_t punctured = 0;  ///< tick of the puncture
+  double puncture_N = 0;
 };
 
-class SilentTicks : public testing_support::LoopFixture {
+class TicksWithoutData : public testing_support::LoopFixture {
  protected:
   void SetUp() override {
     LoopFixture::SetUp();
@@ -39,19 +40,19 @@ class SilentTicks : public testing_support::LoopFixture {
       tick();
       EXPECT_EQ(state_.safety.fault, Fault::kNone) << i << " " << to_word(state_.safety.fault);
       felt.force_N.push_back(result_.row.wrench_wanted[2]);
-      felt.heard.push_back(!silent);
+      felt.has_data.push_back(!silent);
       if (!result_.contact.gave_way) continue;
-      felt.gave_way = felt.force_N.size() - 1;
-      felt.judged_N = result_.contact.judged_force_N;
+      felt.punctured = felt.force_N.size() - 1;
+      felt.puncture_N = result_.contact.judged_force_N;
     }
     return felt;
   }
   Tissue tissue_;
 };
 
-TEST_F(SilentTicks, ForcesAreThoseOfTheTicksThatAreHeard) {
+TEST_F(TicksWithoutData, ForcesEqualThoseOfARunWithAllData) {
   const Felt all = descend([](int) { return false; });
-  ASSERT_GT(all.gave_way, 100U);
+  ASSERT_GT(all.punctured, 100U);
   ASSERT_NEAR(all.force_N.back(), 1.5, 1e-6) << "the shaft's friction";
   const std::vector<std::function<bool(int)>> patterns = {
       [](int i) { return i > 30 && i % 2 == 0; },
@@ -61,13 +62,13 @@ TEST_F(SilentTicks, ForcesAreThoseOfTheTicksThatAreHeard) {
   };
   for (std::size_t p = 0; p < patterns.size(); ++p) {
     const Felt some = descend(patterns[p]);
-    EXPECT_GE(some.gave_way, all.gave_way) << p << ": before its force was reached";
-    EXPECT_LE(some.gave_way, all.gave_way + 8) << p;
-    EXPECT_LE(some.judged_N, all.judged_N + 8 * 5000 * 50e-6 + 1e-6) << p;
+    EXPECT_GE(some.punctured, all.punctured) << p << ": before the threshold was reached";
+    EXPECT_LE(some.punctured, all.punctured + 8) << p;
+    EXPECT_LE(some.puncture_N, all.puncture_N + 8 * 5000 * 50e-6 + 1e-6) << p;
     std::size_t same = 0;
     for (std::size_t i = 30; i < all.force_N.size(); ++i) {
-      if (i >= all.gave_way && i <= some.gave_way + 9) continue;
-      const double expected_N = some.heard[i] ? all.force_N[i] : some.force_N[i - 1];
+      if (i >= all.punctured && i <= some.punctured + 9) continue;
+      const double expected_N = some.has_data[i] ? all.force_N[i] : some.force_N[i - 1];
       ASSERT_NEAR(some.force_N[i], expected_N, 1e-6) << p << ", tick " << i;
       ++same;
     }
@@ -75,20 +76,20 @@ TEST_F(SilentTicks, ForcesAreThoseOfTheTicksThatAreHeard) {
   }
 }
 
-TEST_F(SilentTicks, ACouplingDoesNotTakeThemForABlow) {
+TEST_F(TicksWithoutData, ACouplingHasNoForceSpikeAfterThem) {
   model_.coupling.on = true;
   tissue_.damping_N_s_per_m = 0;
   const Felt all = descend([](int) { return false; });
   const Felt some = descend([](int i) { return i > 30 && i % 9 != 0; });
-  ASSERT_GT(all.gave_way, 200U);
-  EXPECT_GE(some.gave_way + 1, all.gave_way);
-  for (std::size_t i = 60; i < all.gave_way; ++i) {
-    const double expected_N = some.heard[i] ? all.force_N[i] : some.force_N[i - 1];
+  ASSERT_GT(all.punctured, 200U);
+  EXPECT_GE(some.punctured + 1, all.punctured);
+  for (std::size_t i = 60; i < all.punctured; ++i) {
+    const double expected_N = some.has_data[i] ? all.force_N[i] : some.force_N[i - 1];
     ASSERT_NEAR(some.force_N[i], expected_N, 1e-3) << "tick " << i;
   }
 }
 
-TEST_F(SilentTicks, SpeedIsKeptOverThem) {
+TEST_F(TicksWithoutData, SpeedIsHeldOverThem) {
   const auto twist_after = [&](int silent) {
     descend([&](int i) { return i >= 299 - silent && i < 299; });
     return state_.limits.twist_device;

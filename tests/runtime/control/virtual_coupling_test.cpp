@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The virtual coupling's laws: in the loop, against the springs in series that it must be.
+// The virtual coupling: in the loop, compared with springs in series.
 #include "runtime/control/virtual_coupling.h"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ TEST(VirtualCoupling, InFreeSpaceTheProxyIsTheTool) {
   }
 }
 
-TEST(VirtualCoupling, AtRestItIsASpringInSeries) {
+TEST(VirtualCoupling, AtRestTheForceIsThatOfSpringsInSeries) {
   for (const double sheet : {5000.0, 50000.0, 1e6}) {
     for (const double spring : {3000.0, 10000.0}) {
       test::RigOptions options = coupled(spring);
@@ -44,9 +44,9 @@ TEST(VirtualCoupling, AtRestItIsASpringInSeries) {
   }
 }
 
-// The hand goes down at a constant speed through a sheet that damps more than the coupling does:
-// what is felt is the springs in series and the damper's own force, each to its share of the speed.
-TEST(VirtualCoupling, ASheetsDamperAddsItsOwnForceOnly) {
+// The hand moves down at a constant speed into a sheet that damps more than the coupling: the force
+// is that of the springs in series and of the dampers at their share of the speed.
+TEST(VirtualCoupling, ADamperInTheSheetAddsItsOwnForceOnly) {
   constexpr double kSheet_N_per_m = 5000, kSpring_N_per_m = 10000, kSpeed_m_per_s = 0.01;
   const double share = kSpring_N_per_m / (kSpring_N_per_m + kSheet_N_per_m);
   for (const double damping : {0.0, 5.0, 40.0, 400.0}) {
@@ -57,17 +57,18 @@ TEST(VirtualCoupling, ASheetsDamperAddsItsOwnForceOnly) {
     for (int i = 1; i < 1000; ++i) {
       Pose tool;
       tool.p_m.z() = -kSpeed_m_per_s * 1e-3 * i;
-      ProxyEnvironment met;
+      ProxyEnvironment sheet;
       const double depth_m = -move_proxy(options, 1e-3, tool, state).p_m.z();
-      met.stiffness_N_per_m = kSheet_N_per_m;
-      met.damping_N_s_per_m = damping;
+      sheet.stiffness_N_per_m = kSheet_N_per_m;
+      sheet.damping_N_s_per_m = damping;
       if (i > 1)
-        met.rate_m_per_s = (depth_m - last_depth_m) / 1e-3;  // as in a contact's first tick
-      met.wrench_device[2] = std::max(0.0, kSheet_N_per_m * depth_m + damping * met.rate_m_per_s);
+        sheet.rate_m_per_s = (depth_m - last_depth_m) / 1e-3;  // as in a contact's first tick
+      sheet.wrench_device[2] =
+          std::max(0.0, kSheet_N_per_m * depth_m + damping * sheet.rate_m_per_s);
       last_depth_m = depth_m;
-      const double felt_N = felt_wrench(options, met, state)[2];
-      if (i == 1) continue;  // the coupling has not met it yet
-      ASSERT_NEAR(felt_N, met.wrench_device[2], 1e-6 * felt_N) << damping << ", " << i;
+      const double felt_N = felt_wrench(options, sheet, state)[2];
+      if (i == 1) continue;  // the coupling acts from the next tick on
+      ASSERT_NEAR(felt_N, sheet.wrench_device[2], 1e-6 * felt_N) << damping << ", " << i;
       if (i < 500) continue;
       // Once the proxy follows at its share of the speed: k x + b x' = K (z - x) + B (z' - x').
       const double rate = share * kSpeed_m_per_s;
@@ -79,9 +80,9 @@ TEST(VirtualCoupling, ASheetsDamperAddsItsOwnForceOnly) {
   }
 }
 
-// The same in the loop: a sheet gives way where the force of spring and damper reaches its
+// The same in the loop: a sheet is punctured when the force of its spring and damper reaches the
 // threshold, not before.
-TEST(VirtualCoupling, ASheetThatDampsGivesWayAtItsThreshold) {
+TEST(VirtualCoupling, ASheetWithDampingIsPuncturedAtItsThreshold) {
   for (const double damping : {0.0, 40.0, 200.0}) {
     test::RigOptions options = coupled(10000);
     options.tissue.threshold_N = 25;
@@ -89,20 +90,20 @@ TEST(VirtualCoupling, ASheetThatDampsGivesWayAtItsThreshold) {
     options.pressed_N = 30;
     test::Rig rig(options);
     double last_N = 0;
-    bool gave_way = false;
-    for (int i = 0; i < 1500 && !gave_way; ++i) {
+    bool punctured = false;
+    for (int i = 0; i < 1500 && !punctured; ++i) {
       const TickResult& result = rig.tick();
-      gave_way = result.contact.gave_way;
-      if (gave_way) break;
+      punctured = result.contact.gave_way;
+      if (punctured) break;
       last_N = result.row.wrench_wanted[2];
     }
-    ASSERT_TRUE(gave_way) << damping;
+    ASSERT_TRUE(punctured) << damping;
     EXPECT_NEAR(last_N, 25, 1) << damping;
     EXPECT_LT(rig.result_.contact.judged_force_N, 26) << damping;
   }
 }
 
-TEST(VirtualCoupling, APunctureLetsGoInItsOwnTick) {
+TEST(VirtualCoupling, APunctureReleasesTheCouplingInTheSameTick) {
   test::RigOptions options = coupled(10000);
   options.tissue.threshold_N = 25;
   options.pressed_N = 30;

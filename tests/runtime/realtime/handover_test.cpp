@@ -1,170 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands between the haptic thread and the others: the lock-free hand-overs under two
-// threads, the remesher, the histogram of durations, and the realtime thread.
+// The queue and buffers between the haptic thread and other threads, each used by two threads; the
+// histogram of durations; the realtime thread.
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
+#include <memory>
 #include <random>
 #include <thread>
+#include <vector>
 
 #include "runtime/realtime/histogram.h"
 #include "runtime/realtime/overwriting_ring.h"
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/realtime/spsc_queue.h"
 #include "runtime/realtime/triple_buffer.h"
-#include "runtime/session/workers.h"
-#include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
-
-TEST(Remesher, ServesAndPublishesFromItsThread) {
-  const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
-  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
-  const std::int64_t whole = doubled_area(to_slice_mesh(remesher.current(0)->mesh));
-  remesher.start();
-  std::int64_t removed = 0;
-  for (std::uint32_t i = 0; i < 20; ++i) {
-    CutRequest request;
-    request.sheet = static_cast<std::int32_t>(i % 2);
-    request.cut = i / 2 + 1;
-    Pose pose;
-    pose.p_m = {-0.015 + 0.003 * (request.cut - 1), 0.001 * (i % 7),
-                0.1};  // they overlap one another
-    const Sheet* before = remesher.current(request.sheet);
-    request.outline =
-        outline_on_lattice(make_tool(scene.tool), pose, before->transform, before->z_m);
-    ASSERT_TRUE(remesher.request(request));
-    // As the haptic thread does: look until the new one is there, use the old one meanwhile.
-    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
-    while (remesher.current(request.sheet)->cuts < request.cut) {
-      ASSERT_LT(std::chrono::steady_clock::now(), until);
-      ASSERT_GT(remesher.current(request.sheet)->mesh.triangles_in_use(), 0U);
-    }
-  }
-  remesher.stop();
-  for (const CutRecord& record : remesher.records()) {
-    ASSERT_FALSE(record.error) << record.error->message;
-    if (record.request.sheet == 0) removed += record.cut.doubled_area_removed;
-  }
-  EXPECT_EQ(remesher.records().size(), 20U);
-  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.last_version(0).mesh)), whole - removed);
-  EXPECT_EQ(doubled_area(to_slice_mesh(remesher.first_version(0).mesh)), whole);
-}
-
-class TwoReplicas : public testing::Test {
- protected:
-  TwoReplicas() {
-    scene_ = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
-    remesher_ = std::make_unique<Remesher>(*place_slices(scene_, test::square_asset(2), "a"));
-  }
-  void ask(std::int32_t sheet, std::uint32_t cut) {
-    Pose pose;
-    pose.p_m = {-0.015 + 0.002 * cut, 0, 0.1};
-    const Sheet& placed = remesher_->first_version(static_cast<std::size_t>(sheet));
-    ASSERT_TRUE(remesher_->request(
-        {sheet, cut,
-         outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
-  }
-  Scene scene_;
-  std::unique_ptr<Remesher> remesher_;
-};
-
-TEST_F(TwoReplicas, TheOlderIsNotWrittenBeforeTheReaderHasLetItGo) {
-  const Sheet* const first = remesher_->current(0);
-  const SheetMesh as_it_was = first->mesh;
-  ask(0, 1);
-  ask(0, 2);
-  remesher_->serve();
-  EXPECT_EQ(remesher_->records().size(), 1U) << "one version that is not published at the most";
-  EXPECT_EQ(remesher_->current(0), first);
-  EXPECT_TRUE(remesher_->publish_next());
-  EXPECT_FALSE(remesher_->publish_next());
-  for (int i = 0; i < 3; ++i)
-    remesher_->serve();
-  EXPECT_EQ(remesher_->records().size(), 1U) << "the reader has not looked yet";
-  EXPECT_EQ(first->mesh.triangles, as_it_was.triangles);
-  EXPECT_EQ(first->mesh.vertices, as_it_was.vertices);
-  const Sheet* const second = remesher_->current(0);
-  EXPECT_NE(second, first);
-  EXPECT_EQ(second->cuts, 1U);
-  remesher_->serve();
-  ASSERT_EQ(remesher_->records().size(), 2U);
-  EXPECT_TRUE(remesher_->publish_next());
-  EXPECT_EQ(remesher_->current(0), first) << "two replicas, not more";
-  EXPECT_EQ(first->cuts, 2U);
-  for (const Sheet* sheet : {first, second})
-    EXPECT_TRUE(check_sheet_mesh(sheet->mesh));
-  std::int64_t removed = 0;
-  for (const CutRecord& record : remesher_->records()) {
-    ASSERT_FALSE(record.error);
-    removed += record.cut.doubled_area_removed;
-    std::int64_t of_hole = 0;
-    for (const Ring& ring : remesher_->hole(record))
-      of_hole += doubled_area(ring);
-    EXPECT_EQ(of_hole, record.cut.doubled_area_removed);
-  }
-  EXPECT_EQ(doubled_area(to_slice_mesh(as_it_was)) - doubled_area(to_slice_mesh(first->mesh)),
-            removed);
-}
-
-TEST_F(TwoReplicas, SheetsDoNotWaitForOneAnotherAndStopServesWhatIsLeft) {
-  ask(0, 1);
-  ask(1, 1);
-  remesher_->serve();
-  EXPECT_EQ(remesher_->records().size(), 2U);
-  ask(1, 2);
-  ask(1, 3);
-  ask(0, 2);
-  remesher_->stop();
-  EXPECT_EQ(remesher_->records().size(), 5U);
-  EXPECT_EQ(remesher_->current(0)->cuts, 2U);
-  EXPECT_EQ(remesher_->current(1)->cuts, 3U);
-}
-
-TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetStaysAsItIs) {
-  const SheetMesh as_it_was = remesher_->current(0)->mesh;
-  CutRequest not_a_tool;
-  not_a_tool.sheet = 0;
-  not_a_tool.cut = 1;
-  ASSERT_TRUE(remesher_->request(not_a_tool));
-  ask(0, 2);
-  remesher_->serve();
-  EXPECT_FALSE(remesher_->publish_next());
-  ASSERT_EQ(remesher_->records().size(), 2U);
-  for (const CutRecord& record : remesher_->records())
-    EXPECT_TRUE(record.error);
-  EXPECT_EQ(remesher_->current(0)->cuts, 0U);
-  EXPECT_EQ(remesher_->current(0)->mesh.triangles, as_it_was.triangles);
-}
-
-TEST_F(TwoReplicas, TheQualityPassLeavesNoSharpAngleThatTheOutlineDoesNotAskFor) {
-  for (const double min_angle_deg : {0.0, 20.0}) {
-    Remesher remesher(*place_slices(scene_, test::square_asset(2), "a"), {min_angle_deg});
-    Pose pose;
-    pose.p_m = {0.0004, 0.0003, 0.1};
-    const Sheet& placed = remesher.first_version(0);
-    ASSERT_TRUE(remesher.request(
-        {0, 1, outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
-    remesher.stop();
-    const SliceMesh mesh = to_slice_mesh(remesher.last_version(0).mesh);
-    double smallest_deg = 90;
-    for (const Triangle& t : mesh.triangles) {
-      for (int i = 0; i < 3; ++i) {
-        const LatticePoint a = mesh.vertices[t[i]], b = mesh.vertices[t[(i + 1) % 3]],
-                           c = mesh.vertices[t[(i + 2) % 3]];
-        const double cross = static_cast<double>(orient2d(a, b, c));
-        const double dot = static_cast<double>(diametral_dot(b, c, a));
-        smallest_deg = std::min(smallest_deg, std::atan2(cross, dot) * 180 / 3.14159265358979);
-      }
-    }
-    EXPECT_EQ(smallest_deg >= 20, min_angle_deg > 0) << smallest_deg;
-    EXPECT_EQ(remesher.records()[0].quality_vertices > 0, min_angle_deg > 0);
-  }
-}
 
 TEST(SpscQueue, KeepsOrderAndCapacityBetweenTwoThreads) {
   SpscQueue<std::uint64_t, 8> small;
@@ -202,7 +59,7 @@ TEST(SpscQueue, KeepsOrderAndCapacityBetweenTwoThreads) {
   EXPECT_FALSE(queue->pop(value));
 }
 
-TEST(TripleBuffer, GivesWholeValuesNeverAnOlderOne) {
+TEST(TripleBuffer, ReaderSeesCompleteValuesInAscendingOrder) {
   struct Value {
     std::array<std::uint64_t, 16> copies{};
   };
@@ -232,7 +89,7 @@ TEST(TripleBuffer, GivesWholeValuesNeverAnOlderOne) {
   EXPECT_FALSE(buffer.read(value));
 }
 
-// A value is a number and what follows from it, so that a mixture of two shows.
+// All words of a value follow from its number, so that a mixture of two values is detected.
 struct Numbered {
   std::array<std::uint64_t, 40> words{};
   static Numbered of(std::uint64_t i) {
@@ -244,13 +101,13 @@ struct Numbered {
   bool operator==(const Numbered&) const = default;
 };
 
-TEST(OverwritingRing, GivesTheValuesAskedForOrSaysThatTheyAreGone) {
+TEST(OverwritingRing, CopyGivesTheRequestedValuesOrFails) {
   OverwritingRing<Numbered> ring(8);
   for (std::uint64_t i = 0; i < 13; ++i)
     ring.push(Numbered::of(i));
   EXPECT_EQ(ring.pushed(), 13U);
   std::vector<Numbered> out{Numbered::of(99)};
-  // Value 5 is the next to go: the writer may be at it.
+  // Value 5 is the next to be overwritten: the writer may be writing it now.
   EXPECT_FALSE(ring.copy(4, 8, out));
   EXPECT_FALSE(ring.copy(5, 13, out));
   EXPECT_EQ(out.size(), 1U);
@@ -261,7 +118,7 @@ TEST(OverwritingRing, GivesTheValuesAskedForOrSaysThatTheyAreGone) {
     EXPECT_EQ(out[static_cast<std::size_t>(i - 5)], Numbered::of(i));
 }
 
-TEST(OverwritingRing, NeverGivesAMixtureWhileItIsOverwritten) {
+TEST(OverwritingRing, CopyIsNeverAMixtureWhileTheWriterOverwrites) {
   constexpr std::uint64_t kPushes = 400'000;
   OverwritingRing<Numbered> ring(16);
   std::atomic<std::uint64_t> seen{0};
@@ -271,14 +128,14 @@ TEST(OverwritingRing, NeverGivesAMixtureWhileItIsOverwritten) {
       seen.store(i + 1, std::memory_order_release);
     }
   });
-  std::uint64_t given = 0, gone = 0;
+  std::uint64_t given = 0, overwritten = 0;
   std::vector<Numbered> out;
   while (seen.load(std::memory_order_acquire) < kPushes || given == 0) {
     const std::uint64_t end = seen.load(std::memory_order_acquire);
     const std::uint64_t first = end - std::min<std::uint64_t>(end, 12);
     out.clear();
     if (!ring.copy(first, end, out)) {
-      ++gone;
+      ++overwritten;
       continue;
     }
     ++given;
@@ -288,10 +145,10 @@ TEST(OverwritingRing, NeverGivesAMixtureWhileItIsOverwritten) {
   }
   writer.join();
   EXPECT_GT(given, 0U);
-  RecordProperty("gone", static_cast<int>(gone));
+  RecordProperty("overwritten", static_cast<int>(overwritten));
 }
 
-TEST(Histogram, QuantilesAreThoseOfTheSamplesWithinABucket) {
+TEST(Histogram, QuantilesEqualThoseOfTheSamplesUpToABucket) {
   Histogram empty;
   EXPECT_EQ(empty.quantile_us(0.5), 0);
   std::mt19937_64 random(6);
@@ -314,7 +171,7 @@ TEST(Histogram, QuantilesAreThoseOfTheSamplesWithinABucket) {
   EXPECT_EQ(histogram.samples(), 20'002U);
 }
 
-TEST(RealtimeThread, CallsAtTheRateUntilToldToEnd) {
+TEST(RealtimeThread, CallsAtTheRateUntilItReturnsFalseOrStopIsSet) {
   std::uint64_t calls = 0;
   double gaps_s = 0;
   RealtimeOptions options;
@@ -341,7 +198,7 @@ TEST(RealtimeThread, CallsAtTheRateUntilToldToEnd) {
   });
 }
 
-TEST(RealtimeThread, ALateCallIsCountedAndNotMadeUpFor) {
+TEST(RealtimeThread, ALateCallIsCountedAndNoCallsCatchUp) {
   RealtimeOptions options;
   options.rate_Hz = 1000;
   int calls = 0;
@@ -353,7 +210,7 @@ TEST(RealtimeThread, ALateCallIsCountedAndNotMadeUpFor) {
   const double took_s =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   EXPECT_GE(report.missed_deadlines, 1U);
-  EXPECT_GE(took_s, 0.028) << "the nine others still take their millisecond each";
+  EXPECT_GE(took_s, 0.028) << "the nine other calls keep their period of 1 ms";
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The black box by itself: the last rows, whole, whatever the haptic thread does meanwhile; and no
-// mixture where it came round.
+// The black box alone: files hold the last rows unchanged while the haptic thread goes on writing;
+// if it overwrites rows before they are copied, there is an error and no file.
 #include "runtime/session/black_box.h"
 #include "tests/support/temporary_folder.h"
 
@@ -19,8 +19,9 @@ class BlackBoxTest : public testing::Test {
  protected:
   static RecordingRow row(std::uint64_t i) {
     RecordingRow row;
+    // The row's number in its first and last columns.
     row.t_s = static_cast<double>(i);
-    row.cuts_published = static_cast<std::int64_t>(i);  // both ends of a row say who it is
+    row.cuts_published = static_cast<std::int64_t>(i);
     row.motor_heat_max = static_cast<double>(i);
     return row;
   }
@@ -52,7 +53,7 @@ TEST_F(BlackBoxTest, HoldsTheLastFourSecondsOrTheWholeSession) {
   ASSERT_TRUE(box->save(Fault::kSpeed, 12.33));
   ASSERT_TRUE(box->save(Fault::kSpeed, 12.33));  // the same name again
   for (; i < 1500; ++i)
-    box->push(row(i));  // goes on meanwhile
+    box->push(row(i));  // later rows are not in the files
   box->stop();
   ASSERT_EQ(box->files().size(), 3U);
   expect_rows(box->files()[0], 0, 50);
@@ -64,7 +65,7 @@ TEST_F(BlackBoxTest, HoldsTheLastFourSecondsOrTheWholeSession) {
   EXPECT_NE(name.find("Z_t12.3300s_speed.csv"), std::string::npos) << name;
 }
 
-TEST_F(BlackBoxTest, SaysSoIfItWasOvertaken) {
+TEST_F(BlackBoxTest, OverwrittenRowsAreAnErrorWithoutAFile) {
   for (const std::uint64_t more : {400U, 399U}) {
     auto box = std::move(*BlackBox::make(folder_, 100));
     for (std::uint64_t i = 0; i < 1000 + more; ++i) {
@@ -103,7 +104,7 @@ TEST_F(BlackBoxTest, ManyFaultsWhileRowsArrive) {
   }
 }
 
-TEST_F(BlackBoxTest, AFolderThatTakesNothingIsSaidBeforehand) {
+TEST_F(BlackBoxTest, AnUnwritableFolderIsAnErrorOfMake) {
   const auto none = BlackBox::make(folder_ / "no", 1000);
   ASSERT_FALSE(none);
   EXPECT_EQ(none.error().code, ExitCode::kUnwritable);
@@ -112,7 +113,7 @@ TEST_F(BlackBoxTest, AFolderThatTakesNothingIsSaidBeforehand) {
   fs::remove_all(folder_);
   ASSERT_TRUE(box->save(Fault::kSpeed, 0));
   box->stop();
-  ASSERT_TRUE(box->files()[0].error) << "and one that goes away, afterwards";
+  ASSERT_TRUE(box->files()[0].error) << "the folder was removed during the session";
 }
 
 }  // namespace

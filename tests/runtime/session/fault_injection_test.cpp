@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every fault that a device, a sheet or a hand can bring about, at random moments while the tool is
-// pressed into a sheet, in whole sessions: torques at zero in time, latched, named; the black box
-// complete; recovery; nothing lost from the recording; and the recording replays to the last bit.
-// TROCAR_FAULT_RUNS: how often each (5).
+// Every fault that a device, a sheet or a hand can cause, injected at random moments while the tool
+// is pressed into a sheet, in whole sessions: torques are zero in time, the fault is latched and
+// named, the black box is complete, the loop recovers, the recording is complete and replays to the
+// last bit. TROCAR_FAULT_RUNS: runs of each fault (5).
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -27,42 +27,43 @@ namespace fs = std::filesystem;
 
 constexpr double kRest_s = 0.005;
 
-/// What goes wrong, by the device's ticks.
-struct Trouble {
+/// What goes wrong.
+struct Injection {
   DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
-  std::function<void(DeviceState& state, const DeviceState& at_begin)> spoil;
+  std::function<void(DeviceState& state, const DeviceState& at_begin)> corrupt;
   int late_ms = 0;  ///< that reading takes
 };
 
-/// The simulated device, with a trouble from tick `begin` to `end`.
-class TroubledDevice final : public Device {
+/// The simulated device, faulty from tick `begin` to `end`.
+class FaultyDevice final : public Device {
  public:
-  TroubledDevice(SimulatedDevice& inner, Trouble trouble, std::uint64_t begin, std::uint64_t end)
-      : inner_(inner), trouble_(std::move(trouble)), begin_(begin), end_(end) {}
+  FaultyDevice(SimulatedDevice& inner, Injection injection, std::uint64_t begin, std::uint64_t end)
+      : inner_(inner), injection_(std::move(injection)), begin_(begin), end_(end) {}
   DeviceStatus read(DeviceState& state) noexcept override {
     ++tick_;
     DeviceState now;
     inner_.read(now);
     if (tick_ <= begin_) at_begin_ = now;
-    if (troubled() && trouble_.late_ms > 0) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(trouble_.late_ms));
+    if (is_faulty() && injection_.late_ms > 0) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(injection_.late_ms));
     }
-    if (troubled() && trouble_.on_read != DeviceStatus::kOk) return trouble_.on_read;
+    if (is_faulty() && injection_.on_read != DeviceStatus::kOk) return injection_.on_read;
     state = now;
-    if (troubled() && trouble_.spoil) trouble_.spoil(state, at_begin_);
+    if (is_faulty() && injection_.corrupt) injection_.corrupt(state, at_begin_);
     return DeviceStatus::kOk;
   }
   DeviceStatus write(const DeviceCommand& command) noexcept override {
     if (tick_ > begin_ + 50 && recover != nullptr) recover->store(true);
-    if (troubled() && trouble_.on_write != DeviceStatus::kOk) return trouble_.on_write;
+    if (is_faulty() && injection_.on_write != DeviceStatus::kOk) return injection_.on_write;
     return inner_.write(command);
   }
-  std::atomic<bool>* recover = nullptr;  ///< the operator's button: pressed again and again
+  /// The operator's button, pressed in every tick from 50 ticks after `begin` on.
+  std::atomic<bool>* recover = nullptr;
 
  private:
-  bool troubled() const { return tick_ > begin_ && tick_ <= end_; }
+  bool is_faulty() const { return tick_ > begin_ && tick_ <= end_; }
   SimulatedDevice& inner_;
-  Trouble trouble_;
+  Injection injection_;
   std::uint64_t begin_, end_, tick_ = 0;
   DeviceState at_begin_;
 };
@@ -70,11 +71,11 @@ class TroubledDevice final : public Device {
 struct Case {
   const char* name;
   Fault fault;
-  /// A trouble, or limits that the hand's motion will meet at a moment that `random` says.
-  std::function<Trouble(std::mt19937_64& random, SessionOptions& options)> make;
+  /// Makes the fault of the device, or sets limits that the motion of the hand will exceed.
+  std::function<Injection(std::mt19937_64& random, SessionOptions& options)> make;
   double lasts_s = 0.03;
   bool at_once = true;  ///< found in the tick in which it begins
-  bool loaded = true;   ///< found while the tool is in the sheet, not when it has just left it
+  bool loaded = true;   ///< found while the tool is in the sheet
 };
 
 double unit(std::mt19937_64& random) {
@@ -84,14 +85,14 @@ double unit(std::mt19937_64& random) {
 std::vector<Case> cases() {
   using Random = std::mt19937_64;
   using Options = SessionOptions;
-  const auto trouble = [](DeviceStatus on_read, DeviceStatus on_write) {
-    return [=](Random&, Options&) { return Trouble{on_read, on_write, {}, 0}; };
+  const auto status = [](DeviceStatus on_read, DeviceStatus on_write) {
+    return [=](Random&, Options&) { return Injection{on_read, on_write, {}, 0}; };
   };
   const auto any_encoder = [](auto change) {
     return [change](Random& random, Options&) {
       const auto i = static_cast<std::size_t>(random() % kEncoders);
-      Trouble made;
-      made.spoil = [change, i](DeviceState& state, const DeviceState& begin) {
+      Injection made;
+      made.corrupt = [change, i](DeviceState& state, const DeviceState& begin) {
         change(state.encoder_rad[i], begin.encoder_rad[i]);
       };
       return made;
@@ -100,29 +101,29 @@ std::vector<Case> cases() {
   const auto limits = [](auto change) {
     return [change](Random& random, Options& options) {
       change(options.limits, unit(random));
-      return Trouble{};
+      return Injection{};
     };
   };
   constexpr auto kOk = DeviceStatus::kOk;
   return {
-      {"link_lost", Fault::kLinkLost, trouble(DeviceStatus::kLinkLost, kOk)},
-      {"link_lost_in_writing", Fault::kLinkLost, trouble(kOk, DeviceStatus::kLinkLost)},
-      {"write_failed", Fault::kWriteFailed, trouble(kOk, DeviceStatus::kNoData)},
-      {"emergency_stop", Fault::kEmergencyStop, trouble(DeviceStatus::kEmergencyStop, kOk)},
-      {"motor_fault", Fault::kMotorFault, trouble(DeviceStatus::kMotorFault, kOk)},
-      {"silence", Fault::kNoData, trouble(DeviceStatus::kNoData, kOk), 0.03, false},
+      {"link_lost", Fault::kLinkLost, status(DeviceStatus::kLinkLost, kOk)},
+      {"link_lost_in_writing", Fault::kLinkLost, status(kOk, DeviceStatus::kLinkLost)},
+      {"write_failed", Fault::kWriteFailed, status(kOk, DeviceStatus::kNoData)},
+      {"emergency_stop", Fault::kEmergencyStop, status(DeviceStatus::kEmergencyStop, kOk)},
+      {"motor_fault", Fault::kMotorFault, status(DeviceStatus::kMotorFault, kOk)},
+      {"silence", Fault::kNoData, status(DeviceStatus::kNoData, kOk), 0.03, false},
       {"encoder_nan", Fault::kEncoderNotFinite,
        any_encoder([](double& angle, double) { angle = NAN; })},
       {"encoder_jump", Fault::kEncoderJump,
        any_encoder([](double& angle, double) { angle += 0.3; })},
       {"encoder_jump_for_one_tick", Fault::kEncoderJump,
        any_encoder([](double& angle, double) { angle -= 0.3; }), 0.0005},
-      // It stands still: found once the others have moved on.
+      // The encoder is stuck: found once the others have moved.
       {"encoder_stuck", Fault::kPoseResidual,
        [](Random& random, Options&) {
-         Trouble made;
+         Injection made;
          const std::size_t i = 4 * (random() % kLegs);  // theta1
-         made.spoil = [i](DeviceState& state, const DeviceState& begin) {
+         made.corrupt = [i](DeviceState& state, const DeviceState& begin) {
            state.encoder_rad[i] = begin.encoder_rad[i];
          };
          return made;
@@ -154,7 +155,7 @@ std::string text_of(const fs::path& file) {
   return all.str();
 }
 
-/// Down into the sheet, held there, moved on slowly, up, and after a pause down again.
+/// Down into the sheet, held there, slowly deeper, up, and after a pause down again.
 Scene pressing() {
   Scene scene = test::descent_scene({0.12}, 0.122, 0.11, 0.1);
   scene.hand.trajectory = {{0, {0, 0, 0.122}, {}},    {0.05, {0, 0, 0.122}, {}},
@@ -170,13 +171,14 @@ int runs_of_each() {
   return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 5;
 }
 
-/// A limit that was low for the test is high again when the tool is pressed the second time.
+/// A limit that was lowered for the test may be exceeded again in the second press.
 bool may_fault_again(const Case& test) {
   return !test.at_once && test.lasts_s == 0;
 }
 
-void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
-                 const SessionReport& report, double rate_Hz, std::uint64_t begin) {
+void expect_safe_stop_and_recovery(const Case& test, const std::vector<RecordingRow>& rows,
+                                   const SessionReport& report, double rate_Hz,
+                                   std::uint64_t begin) {
   ASSERT_GE(report.faults.size(), 1U);
   const FaultEvent& event = report.faults.front();
   ASSERT_EQ(event.fault, test.fault) << to_word(event.fault);
@@ -185,7 +187,7 @@ void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
     ASSERT_EQ(first, begin);
   }
 
-  // Under load before, at zero in time, monotonously, named, latched.
+  // Torques before the fault; then falling to zero in time, with the fault latched.
   double before_Nm = 0, last_Nm = 0;
   for (std::size_t k = test.loaded ? first - 1 : 0; k < first; ++k) {
     for (const double tau : rows[k].tau_Nm)
@@ -211,7 +213,7 @@ void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
     for (const double tau : rows[k].tau_Nm)
       ASSERT_EQ(tau, 0);
   }
-  ASSERT_LT(k, rows.size()) << "it never recovered";
+  ASSERT_LT(k, rows.size()) << "no recovery";
   ASSERT_EQ(rows[k].fault, Fault::kNone);
   ASSERT_NEAR(event.recovered_t_s, rows[k].t_s, 1e-9);
   if (may_fault_again(test)) return;
@@ -223,7 +225,7 @@ void expect_laws(const Case& test, const std::vector<RecordingRow>& rows,
   ASSERT_GT(rows.back().wrench_delivered[2], 15) << "forces are back";
 }
 
-/// Each black box holds the recording's own lines, to the end of its ramp.
+/// Each black box holds the lines of the recording up to the end of the ramp.
 void expect_black_boxes(const SessionReport& report, const std::string& recording, double rate_Hz) {
   ASSERT_EQ(report.black_boxes.size(), report.faults_count);
   ASSERT_EQ(report.black_boxes_lost, 0U);
@@ -265,7 +267,7 @@ void run(const Case& test, int index) {
   const double begin_s = 0.18 + 0.25 * unit(random);
   const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
   const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
-  Trouble trouble = test.make(random, options);
+  Injection injection = test.make(random, options);
   if (test.fault == Fault::kMotorOverload) {
     description.motor_continuous_torque_Nm = 0.1;
     description.motor_peak_torque_Nm = 0.6;
@@ -275,16 +277,16 @@ void run(const Case& test, int index) {
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   auto simulated = make_simulated_device(scene, description);
   ASSERT_TRUE(simulated);
-  TroubledDevice device(*simulated, trouble, begin, begin + lasts);
+  FaultyDevice device(*simulated, injection, begin, begin + lasts);
   if (by_hand) device.recover = &button;
   const auto report = run_session(
       scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options);
   ASSERT_TRUE(report) << report.error().message;
   const auto rows = read_recording(*options.record);
   ASSERT_TRUE(rows) << rows.error().message;
-  ASSERT_EQ(rows->size(), report->ticks) << "nothing is lost";
+  ASSERT_EQ(rows->size(), report->ticks) << "no row is lost";
   ASSERT_EQ(report->ticks, tick_count(scene.duration_s, options.rate_Hz));
-  expect_laws(test, *rows, *report, options.rate_Hz, begin);
+  expect_safe_stop_and_recovery(test, *rows, *report, options.rate_Hz, begin);
   if (testing::Test::HasFatalFailure()) return;
   expect_black_boxes(*report, text_of(*options.record), options.rate_Hz);
   if (testing::Test::HasFatalFailure()) return;
@@ -325,13 +327,13 @@ TEST(Faults, ALateTickInRealTime) {
   options.duration_s = 0.6;
   options.record = folder.path() / "r.csv";
   options.black_box = folder.path();
-  options.limits.missed_deadlines_max = 1'000'000;  // those are this machine's own
+  options.limits.missed_deadlines_max = 1'000'000;  // of this machine: not under test
   options.limits.gap_max_s = 0.25;
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   auto simulated = make_simulated_device(scene, default_device_description());
-  Trouble late;
+  Injection late;
   late.late_ms = 300;
-  TroubledDevice device(*simulated, late, 120, 121);
+  FaultyDevice device(*simulated, late, 120, 121);
   const auto report = run_session(
       scene, default_device_description(), remesher, device,
       [&](double dt_s) { simulated->step(dt_s); }, options);
@@ -343,7 +345,7 @@ TEST(Faults, ALateTickInRealTime) {
   ASSERT_TRUE(rows);
   EXPECT_EQ(rows->size(), report->ticks);
   expect_black_boxes(*report, text_of(*options.record), 500);
-  // The replay knows of it although its own time is another.
+  // The replay has the fault too, although its own ticks are on time.
   ReplayDevice replay(*rows);
   Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
   SessionOptions again;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `network` in a session: what it feels like in the middle of a sheet, beside a rim
-// and after a puncture; that it is the same twice and in a replay; and that a hundred punctures
-// cost the haptic thread no allocation and no lock.
+// The force law `network` in a session: forces in the middle of a sheet, near a rim and after a
+// puncture; the same in a second run and in a replay; no allocation and no lock on the haptic
+// thread in a hundred punctures.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,6 +14,7 @@
 #include "runtime/session/display.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
+#include "tests/reference/hooks/lock_counter.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -27,7 +28,7 @@ TEST(NetworkSession, EqualTissuesAreCalibratedOnce) {
   scene.force_law.kind = ForceLawKind::kNetwork;
   std::vector<Tissue> tissues(7);
   tissues[2].stiffness_N_per_m = tissues[5].stiffness_N_per_m = 3000;
-  tissues[3].threshold_N = tissues[6].damping_N_s_per_m = 1;  // of no account for a membrane
+  tissues[3].threshold_N = tissues[6].damping_N_s_per_m = 1;  // a membrane does not depend on them
   const auto responder = Responder::make(scene, tissues, Lattice{});
   ASSERT_TRUE(responder) << responder.error().message;
   EXPECT_EQ((*responder)->report().calibrations, 2U);
@@ -100,7 +101,7 @@ std::vector<double> felt_N_per_m(const std::vector<RecordingRow>& rows) {
   return out;
 }
 
-TEST(NetworkSession, FeelsTheTissuesStiffnessInTheMiddleAndLessBesideARim) {
+TEST(NetworkSession, HasTheTissuesStiffnessInTheMiddleAndLessNearARim) {
   const test::TemporaryFolder folder;
   const std::vector<double> felt = felt_N_per_m(
       run(presses({0, 0.012, 0.015, 0.017}, 0.004), virtual_time(), folder / "r").rows);
@@ -112,9 +113,9 @@ TEST(NetworkSession, FeelsTheTissuesStiffnessInTheMiddleAndLessBesideARim) {
   EXPECT_GT(felt[3], 0.4 * felt[0]);
 }
 
-TEST(NetworkSession, TheForceNeverJumpsInContact) {
+TEST(NetworkSession, TheForceIsSmoothWhileTheToolIsDraggedInContact) {
   const test::TemporaryFolder folder;
-  // Drawn along over 15 mm while pressed: the sheet answers anew again and again.
+  // Dragged over 15 mm while pressed: new responses come into use all the time.
   Scene scene = presses({0}, 0.004);
   scene.hand.trajectory.resize(3);
   const double t_s = scene.hand.trajectory.back().t_s;
@@ -135,9 +136,9 @@ TEST(NetworkSession, TheForceNeverJumpsInContact) {
   EXPECT_LT(largest_N, 0.25) << "of 20 N";
 }
 
-TEST(NetworkSession, IsTheSameTwiceAndInAReplay) {
+TEST(NetworkSession, ASecondRunAndAReplayGiveTheSameTorques) {
   const test::TemporaryFolder folder;
-  const Scene scene = presses({-0.006, 0.008, -0.004}, 0.0105);  // gives way; then beside the hole
+  const Scene scene = presses({-0.006, 0.008, -0.004}, 0.0105);  // punctured; then beside the hole
   const Finished once = run(scene, virtual_time(), folder / "a");
   const Finished twice = run(scene, virtual_time(), folder / "b");
   EXPECT_GE(once.report.punctures.size(), 2U);
@@ -161,7 +162,7 @@ TEST(NetworkSession, IsTheSameTwiceAndInAReplay) {
   EXPECT_EQ(replayed->replay_first_difference, -1);
 }
 
-TEST(NetworkSession, EverySolverRunsAndLocalOnesAreNearTheGlobalOne) {
+TEST(NetworkSession, LocalSolversAndPropagationAgreeWithTheGlobalSolver) {
   const test::TemporaryFolder folder;
   Scene scene = presses({0, 0.013}, 0.004);
   const auto felt = [&](NetworkSolver solver) {
@@ -179,13 +180,13 @@ TEST(NetworkSession, EverySolverRunsAndLocalOnesAreNearTheGlobalOne) {
   for (std::size_t k = 0; k < 2; ++k) {
     EXPECT_NEAR(local[k], global[k], 0.01 * global[k]);
     EXPECT_NEAR(bounded[k], global[k], 0.01 * global[k]);
-    // On the sheet's own, coarser triangles.
+    // On the triangles of the sheet's mesh, which are coarser.
     EXPECT_NEAR(deep[k], global[k], 0.15 * global[k]);
     EXPECT_GT(shallow[k], deep[k]) << "held one ring of vertices around the tool";
   }
 }
 
-TEST(NetworkSession, TheDisplayGetsTheSheetAtFrameRate) {
+TEST(NetworkSession, FramesComeAtTheFrameRateWithTheSheetsShape) {
   const test::TemporaryFolder folder;
   const Scene scene = presses({0}, 0.004);
   SessionOptions options = virtual_time();
@@ -195,10 +196,13 @@ TEST(NetworkSession, TheDisplayGetsTheSheetAtFrameRate) {
     ++frames;
     if (shape == nullptr) return;
     const double depth_m = shape_depth_m(row, *shape);
-    const std::vector<double> z_m = displaced_heights_m(*shape, depth_m);
-    ASSERT_EQ(z_m.size(), shape->vertices_m.size());
+    ASSERT_EQ(shape->w.size(), shape->vertices_m.size());
+    std::vector<double> z_m;
+    for (const double w : shape->w)
+      z_m.push_back(shape->z_m - depth_m * w);
     const double lowest_m = *std::min_element(z_m.begin(), z_m.end());
-    EXPECT_NEAR(lowest_m, 0.12 - depth_m, 1e-12) << "the tool's rim is as deep as the tool";
+    EXPECT_NEAR(lowest_m, 0.12 - depth_m, 1e-12)
+        << "the sheet is as deep as the tool at its outline";
     EXPECT_LE(*std::max_element(z_m.begin(), z_m.end()), 0.12 + 1e-12);
     deepest_m = std::max(deepest_m, depth_m);
   };
@@ -211,16 +215,15 @@ class HundredPunctures : public testing::TestWithParam<Clock> {};
 INSTANTIATE_TEST_SUITE_P(NetworkSession, HundredPunctures,
                          testing::Values(Clock::kVirtual, Clock::kReal));
 
-TEST_P(HundredPunctures, CostNoAllocationAndNoLock) {
+TEST_P(HundredPunctures, NeedNoAllocationAndNoLock) {
   if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
-  ASSERT_TRUE(locks_are_counted());
   {
     std::mutex mutex;
     const std::uint64_t before = locks_in_scopes();
     const NoAllocationScope scope;
     mutex.lock();
     mutex.unlock();
-    ASSERT_EQ(locks_in_scopes() - before, 1U) << "the hook sees a lock";
+    ASSERT_EQ(locks_in_scopes() - before, 1U) << "locks are counted";
   }
   Scene scene = test::descent_scene({0.12}, 0.125, 0.125, 1);
   scene.force_law.kind = ForceLawKind::kNetwork;

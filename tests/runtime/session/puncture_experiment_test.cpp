@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's two experiments, run on a made-up sheet in virtual time and judged from the
-// recording alone: force zero until contact, linear to 35 N, zero from the puncture on.
+// The paper's two experiments on a synthetic sheet in virtual time, checked from the recording
+// alone: force zero until contact, linear to 35 N, zero from the puncture on.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 constexpr double kStiffness_N_per_m = 5000, kThreshold_N = 35;
-constexpr double kBreak_m = kThreshold_N / kStiffness_N_per_m;
+constexpr double kPuncture_m = kThreshold_N / kStiffness_N_per_m;
 
 std::string bytes_of(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -72,10 +72,10 @@ Scene three_slices() {
   return scene;
 }
 
-/// Every law of the force that a recording can show, for sheets that the tool meets fully.
+/// Checks every row against the force law, for sheets that the whole tool outline is over.
 void expect_paper_force(const std::vector<RecordingRow>& rows, std::vector<double> heights_m,
                         const std::vector<int>& slices) {
-  std::size_t next = 0;  // the sheet to be met
+  std::size_t next = 0;  // the next sheet
   double peak_N = 0;
   for (std::size_t k = 0; k < rows.size(); ++k) {
     const RecordingRow& row = rows[k];
@@ -100,12 +100,12 @@ void expect_paper_force(const std::vector<RecordingRow>& rows, std::vector<doubl
       peak_N = std::max(peak_N, force_N);
       continue;
     }
-    // It gives way in the tick in which the threshold would be exceeded, and not before.
+    // Punctured in the tick in which the threshold would be exceeded, not before.
     ASSERT_EQ(row.phase, ContactPhase::kPunctured) << "row " << k;
     ASSERT_EQ(force_N, 0);
-    ASSERT_GT(dx_m, kBreak_m);
-    ASSERT_LE(dx_m, kBreak_m + travel_m);
-    ASSERT_GT(rows[k - 1].penetration_m, kBreak_m - travel_m);
+    ASSERT_GT(dx_m, kPuncture_m);
+    ASSERT_LE(dx_m, kPuncture_m + travel_m);
+    ASSERT_GT(rows[k - 1].penetration_m, kPuncture_m - travel_m);
     ASSERT_GT(peak_N, kThreshold_N - kStiffness_N_per_m * travel_m);
     peak_N = 0;
     ++next;
@@ -166,7 +166,7 @@ TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
   EXPECT_EQ(report->replay_first_difference, -1);
   EXPECT_TRUE(bytes_of(folder / "a.csv") == bytes_of(folder / "b.csv"));
 
-  // And it would be seen if one bit were another.
+  // One different bit is detected.
   std::vector<RecordingRow> other = run.rows;
   other[1234].tau_Nm[3] = std::nextafter(other[1234].tau_Nm[3], 10.0);
   ReplayDevice again(other);
@@ -179,7 +179,7 @@ TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
   EXPECT_EQ(differs->replay_first_difference, 1234);
 }
 
-TEST_P(Rates, PuncturedSheetsAreValidAndLackTheHoleExactly) {
+TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
   const test::TemporaryFolder folder;
   const Finished run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
   ASSERT_EQ(run.remesher->records().size(), 3U);
@@ -202,7 +202,7 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackTheHoleExactly) {
   EXPECT_EQ(run.rows.back().cuts_published, 3);
 }
 
-TEST(Session, SummaryHasEveryFieldOfTheContract) {
+TEST(Session, SummaryHasEveryDocumentedField) {
   const test::TemporaryFolder folder;
   const Scene scene = one_slice();
   const Finished run = run_virtual(scene, 1000, folder / "r.csv");
@@ -235,8 +235,8 @@ TEST(Session, SummaryHasEveryFieldOfTheContract) {
   EXPECT_EQ(sheets["lattice_bits"], 8);
 }
 
-TEST(Session, TheRealClockFeelsTheSameForces) {
-  // Timing is the machine's; what is felt at which place is not.
+TEST(Session, ForcesAreTheSameOnTheRealClock) {
+  // Timing depends on the machine; the force at a position does not.
   const test::TemporaryFolder folder;
   Scene scene = test::descent_scene({0.12}, 0.123, 0.105, 0.05);
   const DeviceDescription description = default_device_description();
@@ -261,7 +261,7 @@ TEST(Session, TheRealClockFeelsTheSameForces) {
   ASSERT_EQ(remesher.records().size(), 1U);
   EXPECT_FALSE(remesher.records()[0].error);
 
-  // Hand-overs at whatever tick they came: the replay has them at the same.
+  // The replay puts new meshes into use in the recorded ticks.
   ReplayDevice replay(*rows);
   Remesher fresh(*place_slices(scene, test::square_asset(1), "asset"));
   SessionOptions again;

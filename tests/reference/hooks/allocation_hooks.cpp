@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The allocation functions of the C library, counted and passed on under the names by
-// which glibc offers the originals. Defining them in the program takes precedence over
+// Replaces the C library's allocation functions: each call is counted, then passed to glibc's
+// original, which it exports under a second name. A definition in the program takes precedence over
 // libc's for every library of the process.
 #include <cerrno>
 #include <cstddef>

@@ -1,24 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The C library's waiting functions, counted and passed on to the next definition. Defining them
-// in the program takes precedence over libc's for every library of the process.
+// Replaces the C library's waiting functions: each call is counted, then passed to the original,
+// which dlsym finds as the next definition. A definition in the program takes precedence over
+// libc's for every library of the process.
 #include <dlfcn.h>
 #include <pthread.h>
 #include <semaphore.h>
 
-#include "runtime/realtime/allocation_counter.h"
+#include "tests/reference/hooks/lock_counter.h"
 
 namespace {
 
-// dlsym itself takes none of the locks below.
+// dlsym itself calls none of the functions below.
 template <typename Function>
 Function next(const char* name) {
   return reinterpret_cast<Function>(::dlsym(RTLD_NEXT, name));
 }
-
-[[maybe_unused]] const bool announced = [] {
-  trocar::runtime::announce_lock_hooks();
-  return true;
-}();
 
 }  // namespace
 

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// How sessions begin and end, their number of ticks, and the rate of a recording.
+#include "runtime/session/session.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <thread>
+#include <vector>
+
+#include "tests/runtime/control/loop_fixture.h"
+#include "tests/support/sheet_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+using testing_support::largest;
+using testing_support::ScriptedDevice;
+
+TEST(Session, StopEndsItWithTorquesAtZero) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+    auto device = make_simulated_device(scene, default_device_description());
+    ASSERT_TRUE(device);
+    std::atomic<bool> stop{false};
+    std::uint64_t ticks = 0;
+    SessionOptions options;
+    options.clock = clock;
+    options.duration_s = 60;
+    options.stop = &stop;
+    options.limits.gap_max_s = 0;
+    const auto report = run_session(
+        scene, default_device_description(), remesher, *device,
+        [&](double dt_s) {
+          device->step(dt_s);
+          if (++ticks == 50) stop = true;
+        },
+        options);
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+    EXPECT_EQ(report->ticks, 50U);
+    device->step(1e-3);
+    EXPECT_EQ(device->truth().tau_motor_Nm.norm(), 0);
+  }
+}
+
+/// A simulated device that tells whether torques are on its motors.
+class WatchedDevice final : public Device {
+ public:
+  explicit WatchedDevice(SimulatedDevice& device) : device_(device) {}
+  DeviceStatus read(DeviceState& state) noexcept override { return device_.read(state); }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    const DeviceStatus status = device_.write(command);
+    is_loaded = largest(command) > 0;
+    return status;
+  }
+  std::atomic<bool> is_loaded{false};
+
+ private:
+  SimulatedDevice& device_;
+};
+
+TEST(Session, TorquesAreZeroBeforeOtherThreadsEnd) {
+  const Scene scene = test::descent_scene({0.12}, 0.121, 0.1, 0.05);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto simulated = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(simulated);
+  WatchedDevice device(*simulated);
+  std::atomic<bool> stop{false}, loaded{false}, released{false};
+  SessionOptions options;
+  options.duration_s = 2;
+  options.stop = &stop;
+  options.limits.gap_max_s = 0;
+  // A display that is busy when the session ends: until torques are zero, at most 5 s.
+  options.on_frame = [&](const RecordingRow&, const auto&) {
+    const auto start = std::chrono::steady_clock::now();
+    while (!released && std::chrono::steady_clock::now() - start < std::chrono::seconds(5)) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      released = stop && !device.is_loaded;
+    }
+  };
+  options.frame_rate_Hz = 1000;
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device,
+      [&](double dt_s) {
+        simulated->step(dt_s);
+        if (!device.is_loaded || simulated->truth().tau_motor_Nm.norm() < 0.5) return;
+        loaded = true;
+        stop = true;
+      },
+      options);
+  ASSERT_TRUE(report);
+  ASSERT_TRUE(loaded) << "the tool was never pressed into the sheet";
+  EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+  EXPECT_TRUE(released) << "torques stayed on while the session waited for the display";
+}
+
+TEST(Session, AFaultEndsItAfterTheRamp) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  ScriptedDevice device;
+  device.on_read = DeviceStatus::kLinkLost;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device, [](double) {}, options);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->end, SessionEnd::kFault);
+  EXPECT_EQ(report->fault, Fault::kLinkLost);
+  EXPECT_EQ(report->ticks, 4U);
+}
+
+TEST(Session, AnUnwritableRecordingIsAnErrorBeforeTheFirstTick) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  ScriptedDevice device;
+  SessionOptions options;
+  options.record = "/no/such/folder/r.csv";
+  const auto report = run_session(
+      scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
+  ASSERT_FALSE(report);
+  EXPECT_EQ(report.error().code, ExitCode::kUnwritable);
+}
+
+TEST(Session, NumberOfTicks) {
+  EXPECT_EQ(tick_count(1, 1000), 1000U);
+  EXPECT_EQ(tick_count(3.6, 500), 1800U);
+  EXPECT_EQ(tick_count(0.1 + 0.2, 1000), 300U);
+  EXPECT_EQ(tick_count(0.0005, 1000), 1U);
+  EXPECT_EQ(tick_count(0.0015, 1000), 2U);
+}
+
+TEST(Session, TheRateOfARecordingFollowsFromItsTimes) {
+  std::vector<RecordingRow> rows(1000);
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    rows[k].t_s = static_cast<double>(k) / 500;
+  ASSERT_TRUE(recorded_rate_Hz(rows, "r"));
+  EXPECT_EQ(*recorded_rate_Hz(rows, "r"), 500);
+  rows[500].t_s += 1e-4;
+  EXPECT_FALSE(recorded_rate_Hz(rows, "r"));
+  EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
+}
+
+TEST(Session, TheRateOfARecordingIsExact) {
+  for (const double rate_Hz : {209.3, 211.8, 212.3, 1000.0000001, 999.9999999, 333.33333333333331,
+                               100.0, 123.456789012345, 8000.0, 997.3}) {
+    for (const std::size_t size : {std::size_t{2}, std::size_t{3}, std::size_t{6280}}) {
+      std::vector<RecordingRow> rows(size);
+      for (std::size_t k = 0; k < size; ++k)
+        rows[k].t_s = static_cast<double>(k) / rate_Hz;
+      const Result<double> found = recorded_rate_Hz(rows, "r");
+      ASSERT_TRUE(found) << found.error().message;
+      EXPECT_EQ(size > 3 ? *found : rate_Hz, rate_Hz);
+      for (std::size_t k = 0; k < size; ++k)
+        ASSERT_EQ(static_cast<double>(k) / *found, rows[k].t_s) << rate_Hz << ", row " << k;
+    }
+  }
+  std::vector<RecordingRow> rows(1000);  // times rounded to four digits match no rate
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    rows[k].t_s = std::round(1e4 * static_cast<double>(k) / 209.3) / 1e4;
+  const Result<double> none = recorded_rate_Hz(rows, "r");
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().code, ExitCode::kRefused);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
