@@ -169,8 +169,8 @@ class Server {
          const Arguments& arguments)
       : drive_(options, std::move(model)),
         socket_(std::move(socket)),
-        in_(options.faults, LinkWay::kCommands, 2 * arguments.seed),
-        out_(options.faults, LinkWay::kStates, 2 * arguments.seed + 1),
+        in_(options.faults, LinkDirection::kCommands, 2 * arguments.seed),
+        out_(options.faults, LinkDirection::kStates, 2 * arguments.seed + 1),
         sessions_(arguments.sessions),
         record_(arguments.record),
         period_s_(options.period_s) {}
@@ -243,7 +243,7 @@ class Server {
   }
 
   void kill_if_due() const {
-    if (!drive_.must_die()) return;
+    if (!drive_.kill_is_due()) return;
     // For later inspection: a killed process writes nothing more.
     (void)write_record(record_, drive_.report());
     ::raise(SIGKILL);
@@ -268,9 +268,9 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
   const SimulatedTruth& truth = drive.model().truth();
   nlohmann::json refused = nlohmann::json::object(), peaks = nlohmann::json::array();
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    refused[to_word(static_cast<LinkRefusal>(i))] = report.packets.by_refusal[i];
+    refused[to_string(static_cast<LinkRefusal>(i))] = report.packets.by_refusal[i];
   }
-  for (const FeltPeak& peak : report.peaks)
+  for (const ForcePeak& peak : report.peaks)
     peaks.push_back({{"t_s", peak.t_s}, {"force_N", peak.force_N}});
   return {{"program", "trocar-device-sim " TROCAR_VERSION},
           {"clock", arguments.clock},

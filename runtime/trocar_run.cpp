@@ -89,7 +89,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--asset", arguments.asset, "an asset (.glb) instead of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) instead of the scene's");
-  app.add_option("--force-law", arguments.force_law, force_law_names() + ", instead of the scene's");
+  app.add_option("--force-law", arguments.force_law,
+                 force_law_names() + ", instead of the scene's");
   app.add_option("--black-box", arguments.black_box,
                  "folder for the last 4 s before each fault (that of --record, or this one)");
   app.add_option("--recover", arguments.recover,
@@ -218,7 +219,7 @@ class Progress {
             std::this_thread::sleep_for(std::chrono::milliseconds(100));
             if (!live.read(row)) continue;
             std::fprintf(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s,
-                         duration_s, row.tool_m[2], row.wrench_wanted[2], to_word(row.phase));
+                         duration_s, row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
           }
           std::fprintf(stderr, "\r%*s\r", 72, "");
         }) {}
@@ -252,7 +253,7 @@ Result<SessionReport> watched(const Arguments& arguments, SessionOptions& option
 nlohmann::json describe(const LinkReport& link) {
   nlohmann::json refused = nlohmann::json::object();
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    refused[to_word(static_cast<LinkRefusal>(i))] = link.packets.by_refusal[i];
+    refused[to_string(static_cast<LinkRefusal>(i))] = link.packets.by_refusal[i];
   }
   return {{"sessions", link.sessions},
           {"packets_accepted", link.packets.accepted()},
@@ -326,7 +327,7 @@ bool print_faults(const SessionReport& report) {
   for (const FaultEvent& event : report.faults) {
     if (event.recovered_t_s < 0) continue;  // conclude() reports the one that ended the session
     std::fprintf(stderr, "trocar-run: recovered at %.4f s from the fault %s at %.4f s\n",
-                 event.recovered_t_s, to_word(event.fault), event.t_s);
+                 event.recovered_t_s, to_string(event.fault), event.t_s);
   }
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {
@@ -351,8 +352,8 @@ std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loade
   };
   if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments.summary.empty()) {
-    const std::string text = summarize(loaded.scene, options, report, remesher,
-                                       link ? json_text(describe(*link)) : "");
+    const std::string text =
+        summarize(loaded.scene, options, report, remesher, link ? json_text(describe(*link)) : "");
     keep_error(write_file_atomically(arguments.summary, text + "\n"));
   }
   if (!arguments.meshes.empty()) {
@@ -398,7 +399,7 @@ int conclude(const SessionReport& report, std::vector<Error> errors, const Remes
   }
   if (report.fault == Fault::kNone) return code;
   std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
-               to_word(report.fault));
+               to_string(report.fault));
   return static_cast<int>(ExitCode::kDeviceFault);
 }
 

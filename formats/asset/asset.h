@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "formats/asset/draco_mesh.h"
-#include "formats/geometry/lattice.h"
 #include "formats/base/result.h"
+#include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
 

@@ -84,7 +84,7 @@ int run_program(const std::string& program, const std::function<int()>& body) {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   try {
-    return after_printing(program.c_str(), body());
+    return finish_output(program.c_str(), body());
   } catch (const std::exception& failure) {
     return report_error(program, bug(std::string("internal error: ") + failure.what()));
   }

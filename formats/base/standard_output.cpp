@@ -9,7 +9,7 @@
 
 namespace trocar {
 
-int after_printing(const char* program, int code) {
+int finish_output(const char* program, int code) {
   const bool failed_before = std::ferror(stdout) != 0;
   errno = 0;
   const bool fails_now = std::fflush(stdout) != 0;

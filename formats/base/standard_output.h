@@ -7,6 +7,6 @@ namespace trocar {
 /// To be called last in main(): flushes standard output and returns the exit code. That is `code`,
 /// or 4 (unwritable, with a line on stderr) if `code` is 0 and not everything printed could be
 /// written, as on a full disk. A closed pipe is not an error.
-int after_printing(const char* program, int code);
+int finish_output(const char* program, int code);
 
 }  // namespace trocar

@@ -186,7 +186,7 @@ LinkRefusal accept_newer(const Packet& read, bool good, std::uint64_t& last_sequ
 
 }  // namespace
 
-const char* to_word(LinkRefusal refusal) noexcept {
+const char* to_string(LinkRefusal refusal) noexcept {
   static constexpr std::array<const char*, kLinkRefusals> kNames = {
       "accepted", "size", "magic", "kind", "session", "mac", "sequence", "contents"};
   const auto at = static_cast<std::size_t>(refusal);

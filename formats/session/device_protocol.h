@@ -100,7 +100,7 @@ enum class LinkRefusal : std::uint8_t {
 };
 inline constexpr std::size_t kLinkRefusals = 8;
 /// The name in summaries, such as "sequence".
-const char* to_word(LinkRefusal refusal) noexcept;
+const char* to_string(LinkRefusal refusal) noexcept;
 
 /// To be called before any other function of this header; may be repeated. Fails (bug) if the
 /// system has no source of randomness.

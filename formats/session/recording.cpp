@@ -18,9 +18,9 @@ namespace trocar {
 namespace {
 
 constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
-constexpr std::array<const char*, 5> kPhaseWords = {"free", "contact", "punctured", "beside",
+constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
                                                     "fault"};
-constexpr std::array<const char*, kFaults> kFaultWords = {"none",
+constexpr std::array<const char*, kFaults> kFaultNames = {"none",
                                                           "no_data",
                                                           "link_lost",
                                                           "write_failed",
@@ -40,9 +40,9 @@ constexpr std::array<const char*, kFaults> kFaultWords = {"none",
                                                           "torque_limit",
                                                           "torque_rate",
                                                           "motor_overload"};
-constexpr std::array<const char*, kSafetyStates> kSafetyWords = {"idle", "ready", "running",
+constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
-constexpr std::array<const char*, kRecordedDeviceStatuses> kAnswerWords = {
+constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
     "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
 
 std::vector<std::string> make_columns() {
@@ -123,7 +123,7 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.wrench_delivered);
   put(out, row.tau_Nm);
   put(out, row.encoder_rad);
-  put(out, to_word(row.phase));
+  put(out, to_string(row.phase));
   put(out, row.active_slice);
   put(out, row.penetration_m);
   put(out, row.wrench_scale);
@@ -132,12 +132,12 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.response_sheet);
   put(out, row.response_stiffness_N_per_m);
   put(out, row.response_offset_m);
-  put(out, to_word(row.fault));
-  put(out, to_word(row.device_read));
-  put(out, to_word(row.device_write));
-  put(out, to_word(row.outside_fault));
+  put(out, to_string(row.fault));
+  put(out, to_string(row.device_read));
+  put(out, to_string(row.device_write));
+  put(out, to_string(row.outside_fault));
   put(out, row.recovery_asked);
-  put(out, to_word(row.safety));
+  put(out, to_string(row.safety));
   put(out, row.authority);
   put(out, row.passivity_J);
   put(out, row.passivity_N_s_per_m);
@@ -211,17 +211,17 @@ class RowReader {
 
 }  // namespace
 
-const char* to_word(ContactPhase phase) {
-  return kPhaseWords.at(static_cast<std::size_t>(phase));
+const char* to_string(ContactPhase phase) {
+  return kPhaseNames.at(static_cast<std::size_t>(phase));
 }
-const char* to_word(Fault fault) {
-  return kFaultWords.at(static_cast<std::size_t>(fault));
+const char* to_string(Fault fault) {
+  return kFaultNames.at(static_cast<std::size_t>(fault));
 }
-const char* to_word(SafetyState state) {
-  return kSafetyWords.at(static_cast<std::size_t>(state));
+const char* to_string(SafetyState state) {
+  return kSafetyNames.at(static_cast<std::size_t>(state));
 }
-const char* to_word(DeviceStatus status) {
-  return kAnswerWords.at(static_cast<std::size_t>(status));
+const char* to_string(DeviceStatus status) {
+  return kDeviceStatusNames.at(static_cast<std::size_t>(status));
 }
 
 const std::string& recording_header() {
@@ -321,7 +321,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.tau_Nm);
     for (double& angle : row.encoder_rad)
       reader.number(angle);
-    reader.name(row.phase, kPhaseWords);
+    reader.name(row.phase, kPhaseNames);
     reader.number(row.active_slice);
     reader.finite(row.penetration_m);
     reader.finite(row.wrench_scale);
@@ -331,12 +331,12 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.number(row.response_stiffness_N_per_m);
     for (double& offset_m : row.response_offset_m)
       reader.number(offset_m);
-    reader.name(row.fault, kFaultWords);
-    reader.name(row.device_read, kAnswerWords);
-    reader.name(row.device_write, kAnswerWords);
-    reader.name(row.outside_fault, kFaultWords);
+    reader.name(row.fault, kFaultNames);
+    reader.name(row.device_read, kDeviceStatusNames);
+    reader.name(row.device_write, kDeviceStatusNames);
+    reader.name(row.outside_fault, kFaultNames);
     reader.flag(row.recovery_asked);
-    reader.name(row.safety, kSafetyWords);
+    reader.name(row.safety, kSafetyNames);
     reader.finite(row.authority);
     reader.finite(row.passivity_J);
     reader.finite(row.passivity_N_s_per_m);

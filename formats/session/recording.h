@@ -26,7 +26,7 @@ enum class ContactPhase : std::uint8_t {
   kFault,      ///< "fault": latched; torques ramp to zero
 };
 
-/// Why the loop entered its safe state; to_word() gives the name in recording and summary.
+/// Why the loop entered its safe state; to_string() gives the name in recording and summary.
 enum class Fault : std::uint8_t {
   kNone,
   kNoData,            ///< no data from the device for too long
@@ -63,11 +63,11 @@ enum class SafetyState : std::uint8_t {
 };
 inline constexpr int kSafetyStates = 5;
 
-const char* to_word(ContactPhase phase);
-const char* to_word(Fault fault);
-const char* to_word(SafetyState state);
+const char* to_string(ContactPhase phase);
+const char* to_string(Fault fault);
+const char* to_string(SafetyState state);
 /// Of a status that is recorded, not kEndOfData.
-const char* to_word(DeviceStatus status);
+const char* to_string(DeviceStatus status);
 
 /// One tick. Everything in frame {B}; wrenches are at the plate's origin: force, then torque.
 struct RecordingRow {

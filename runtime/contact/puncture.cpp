@@ -207,7 +207,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       continue;
     }
     enter_hole(place.shaft, track.shaft);
-    output.gave_way = true;
+    output.punctured_now = true;
     track.pending[track.pending_count++] = place.outline;
     output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline};
   }

@@ -110,8 +110,8 @@ struct ContactOutput {
   std::int32_t active_sheet =
       -1;  ///< in contact or punctured in this tick; else the lowest above the tip
   ContactPhase phase = ContactPhase::kFree;
-  bool gave_way = false;      ///< a puncture in this tick: send `cut` to the remesher
-  double judged_force_N = 0;  ///< F of the puncture: above the threshold, not applied
+  bool punctured_now = false;  ///< a puncture in this tick: send `cut` to the remesher
+  double judged_force_N = 0;   ///< F of the puncture: above the threshold, not applied
   CutRequest cut;
   bool backlog = false;  ///< more than kMaxPendingHoles wait for one sheet: `cut` is not valid
   bool not_upright =

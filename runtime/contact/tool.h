@@ -9,10 +9,10 @@
 #include <cstdint>
 
 #include "formats/geometry/lattice.h"
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
 #include "formats/session/scene.h"
 #include "runtime/mechanism/pose.h"
-#include "formats/geometry/lattice_box.h"
 
 namespace trocar::runtime {
 

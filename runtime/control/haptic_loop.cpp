@@ -97,9 +97,9 @@ Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& s
       f != Fault::kNone) {
     return f;
   }
-  if (state.moved_over_s > 0) {
+  if (state.pose_interval_s > 0) {
     const Fault speed =
-        check_speed(model.limits, state.T_device_plate, state.moved_over_s, state.limits);
+        check_speed(model.limits, state.T_device_plate, state.pose_interval_s, state.limits);
     if (speed != Fault::kNone) return speed;
   }
   if (const Fault f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone) {
@@ -140,12 +140,12 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
     return Fault::kTorqueNotFinite;
   }
   const bool couples = model.coupling.on;
-  const Pose T_device_tool =
-      couples ? move_proxy(model.coupling, state.moved_over_s, state.T_device_plate, state.coupling)
-              : state.T_device_plate;
+  const Pose T_device_tool = couples ? move_proxy(model.coupling, state.pose_interval_s,
+                                                  state.T_device_plate, state.coupling)
+                                     : state.T_device_plate;
   ContactOutput& contact = result.contact;
-  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool, state.moved_over_s,
-                 state.contact, contact);
+  update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool,
+                 state.pose_interval_s, state.contact, contact);
   if (contact.not_upright) return Fault::kToolTilt;
   if (contact.backlog) return Fault::kRemeshBacklog;
 
@@ -162,8 +162,8 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   input.T_device_plate = state.T_device_plate;
   input.wrench_device *= share;
   input.stored_J *= share;
-  input.planned_release = contact.gave_way;
-  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, state.moved_over_s, input,
+  input.planned_release = contact.punctured_now;
+  wanted = keep_passive(model.passivity, model.device.plate_mass_kg, state.pose_interval_s, input,
                         state.passivity);
   return Fault::kNone;
 }
@@ -194,7 +194,7 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
       compensates ? compensation(model, motor, state) : MotorVector::Zero();
   if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff() > 0)) return Fault::kMotorOverload;
   const AllocationResult allocation =
-      compensates ? allocate_torques_beside(state.G, wanted, limit_Nm, compensation_Nm)
+      compensates ? allocate_torques_with_bias(state.G, wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(state.G, wanted, limit_Nm);
   if (allocation.kind == Allocation::kRefused) {
     return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
@@ -241,7 +241,7 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.authority = row.safety == SafetyState::kRunning ? state.safety.authority : 0;
   row.passivity_J = state.passivity.balance_J;
   row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
-  row.motor_heat_max = budget_spent(motor, state.limits.load);
+  row.motor_heat_max = i2t_share_used(motor, state.limits.load);
 }
 
 /// Outside of `running` there is no contact, and the energy balance starts again.
@@ -276,7 +276,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   bool fresh = false;
   Fault fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
-  state.moved_over_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
+  state.pose_interval_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
   row.outside_fault = outside_fault(model.limits, inputs);
   if (fault == Fault::kNone) fault = row.outside_fault;
   row.recovery_asked = inputs.recover ? 1 : 0;
@@ -297,7 +297,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
   const bool hot = safety.state == SafetyState::kRecovering &&
                    safety.fault == Fault::kMotorOverload &&
-                   budget_spent(motor, state.limits.load) > kCooled;
+                   i2t_share_used(motor, state.limits.load) > kCooled;
   if (fault == Fault::kNone && (heat != Fault::kNone || hot)) fault = Fault::kMotorOverload;
   const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
   advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);

@@ -45,7 +45,7 @@ struct LoopState {
   /// Time between the previous new pose and this tick's; 0: no new pose in this tick. Velocities
   /// are computed over this time. Without a new pose the last velocity (dx') is held, and the next
   /// pose causes no force spike.
-  double moved_over_s = 0;
+  double pose_interval_s = 0;
   Pose T_device_plate;                                ///< of the last tick whose checks passed
   Jacobian G = Jacobian::Zero();                      ///< at T_device_plate
   MotorVector tau_motor_Nm = MotorVector::Zero();     ///< last written

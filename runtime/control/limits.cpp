@@ -55,7 +55,7 @@ Fault check_singularity(const SafetyLimits& limits, const Singularity& singulari
 Fault check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
                  LimitState& state) noexcept {
   state.load = advance(motor, state.load, motor_currents(motor, tau_motor_Nm), dt_s);
-  return budget_spent(motor, state.load) <= 1 + 1e-9 ? Fault::kNone : Fault::kMotorOverload;
+  return i2t_share_used(motor, state.load) <= 1 + 1e-9 ? Fault::kNone : Fault::kMotorOverload;
 }
 
 Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale, double dt_s,

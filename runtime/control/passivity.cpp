@@ -19,7 +19,7 @@ double damping_max(const PassivityOptions& options, double plate_mass_kg, double
   return std::min(options.damping_max_N_s_per_m, options.damping_share * plate_mass_kg / dt_s);
 }
 
-Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double moved_over_s,
+Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept {
   const Twist step = state.has_last ? displacement(state.T_device_plate, input.T_device_plate)
                                     : Twist(Twist::Zero());
@@ -42,15 +42,15 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   }
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
-  if (!(moved_over_s > 0)) {
+  if (!(pose_interval_s > 0)) {
     state.damping_N_s_per_m = acting_N_s_per_m;
     return input.wrench_device - acting_N_s_per_m * state.unit_damper;
   }
   const double deficit_J = -options.reserve_J - state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
-  state.unit_damper << step.head<3>() / moved_over_s,
-      options.length_m * options.length_m * step.tail<3>() / moved_over_s;
-  const double most = damping_max(options, plate_mass_kg, moved_over_s);
+  state.unit_damper << step.head<3>() / pose_interval_s,
+      options.length_m * options.length_m * step.tail<3>() / pose_interval_s;
+  const double most = damping_max(options, plate_mass_kg, pose_interval_s);
   const double dissipated_J = state.unit_damper.dot(step);  // by 1 N s/m, in a tick like the last
   state.damping_N_s_per_m = deficit_J < most * dissipated_J ? deficit_J / dissipated_J : most;
   return input.wrench_device - state.damping_N_s_per_m * state.unit_damper;

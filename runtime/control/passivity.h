@@ -62,9 +62,9 @@ struct PassivityState {
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
 /// Returns the wrench to render instead of `input.wrench_device`. Call note_delivered() afterwards.
-/// `moved_over_s`: time between the previous new pose and this one; 0: no new pose in this tick,
+/// `pose_interval_s`: time between the previous new pose and this one; 0: no new pose in this tick,
 /// and an active damper keeps its force.
-Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double moved_over_s,
+Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 
 /// Stores the wrench that the motors hold until the next tick; the balance uses its work.

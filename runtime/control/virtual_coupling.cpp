@@ -3,10 +3,10 @@
 
 namespace trocar::runtime {
 
-Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
+Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept {
   Pose proxy = T_device_plate;
-  if (!(moved_over_s > 0)) {
+  if (!(pose_interval_s > 0)) {
     proxy.p_m += state.offset_m;
     return proxy;
   }
@@ -14,7 +14,7 @@ Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose&
                                       ? Eigen::Vector3d(T_device_plate.p_m - state.device_m)
                                       : Eigen::Vector3d(Eigen::Vector3d::Zero());
   state.has_last = true;
-  state.damper_N_per_m = options.damping_N_s_per_m / moved_over_s;
+  state.damper_N_per_m = options.damping_N_s_per_m / pose_interval_s;
   state.device_m = T_device_plate.p_m;
   state.last_offset_m = state.offset_m;
   const ProxyEnvironment& environment = state.environment;
@@ -24,7 +24,8 @@ Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose&
     // the last move does not persist. Across the force the environment gives no resistance.
     const Eigen::Vector3d n = last_N / force_N;
     const double d = state.damper_N_per_m;
-    const double k = environment.stiffness_N_per_m + environment.damping_N_s_per_m / moved_over_s;
+    const double k =
+        environment.stiffness_N_per_m + environment.damping_N_s_per_m / pose_interval_s;
     const double stays_N = force_N - environment.damping_N_s_per_m * environment.rate_m_per_s;
     const Eigen::Vector3d across =
         d / (options.stiffness_N_per_m + d) * (state.offset_m - n.dot(state.offset_m) * n);

@@ -43,10 +43,10 @@ struct CouplingState {
   double damper_N_per_m = 0;  ///< damping divided by the time of the last move
 };
 
-/// Returns the pose of the proxy, to be used instead of the plate's in this tick. `moved_over_s`:
-/// as in update_contact; without a new pose the proxy keeps its offset, and spring and damper keep
-/// their forces.
-Pose move_proxy(const CouplingOptions& options, double moved_over_s, const Pose& T_device_plate,
+/// Returns the pose of the proxy, to be used instead of the plate's in this tick.
+/// `pose_interval_s`: as in update_contact; without a new pose the proxy keeps its offset, and
+/// spring and damper keep their forces.
+Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept;
 
 /// Returns the wrench on the plate, given the environment at the proxy. The moment is the

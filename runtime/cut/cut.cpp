@@ -59,7 +59,7 @@ CutReport failure(StageOutcome stage, const char* bug) noexcept {
 
 }  // namespace
 
-std::string_view to_word(CutOutcome outcome) noexcept {
+std::string_view to_string(CutOutcome outcome) noexcept {
   switch (outcome) {
     case CutOutcome::kCut:
       return "cut";

@@ -25,7 +25,7 @@ enum class CutOutcome : std::uint8_t {
   kCapacity,  ///< the workspace or the sheet's free slots do not suffice
   kBug,       ///< the result could not be proved valid
 };
-std::string_view to_word(CutOutcome outcome) noexcept;
+std::string_view to_string(CutOutcome outcome) noexcept;
 
 struct CutReport {
   CutOutcome outcome = CutOutcome::kNothingMet;

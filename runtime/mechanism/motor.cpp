@@ -56,7 +56,7 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
   return next;
 }
 
-double budget_spent(const MotorModel& model, const MotorLoad& load) noexcept {
+double i2t_share_used(const MotorModel& model, const MotorLoad& load) noexcept {
   const MotorVector capacity = capacity_A2s(model);
   double most = 0;
   for (int i = 0; i < kMotors; ++i) {
@@ -104,9 +104,9 @@ MotorVector compensation_torques(const DeviceDescription& device, const MotorMod
   return tau_Nm;
 }
 
-AllocationResult allocate_torques_beside(const Jacobian& G, const Wrench& wrench_device,
-                                         const MotorVector& limit_Nm,
-                                         const MotorVector& bias_Nm) noexcept {
+AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wrench_device,
+                                            const MotorVector& limit_Nm,
+                                            const MotorVector& bias_Nm) noexcept {
   if (!bias_Nm.allFinite()) return {};
   AllocationResult result =
       allocate_torques(G, wrench_device, MotorVector(limit_Nm - bias_Nm.cwiseAbs()));

@@ -50,7 +50,7 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
 
 /// The largest share of its i2t capacity that a motor has used; at most 1 while no current exceeds
 /// available_current(). A motor without capacity (peak is continuous) counts as 0.
-double budget_spent(const MotorModel& model, const MotorLoad& load) noexcept;
+double i2t_share_used(const MotorModel& model, const MotorLoad& load) noexcept;
 
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept;
 /// The same as joint torque: the limit for allocate_torques. Exactly peak_Nm for a cold motor.
@@ -73,8 +73,8 @@ MotorVector compensation_torques(const DeviceDescription& device, const MotorMod
 /// tau_motor_Nm is the sum; wrench_device and scale are those of the rendered part, which is
 /// allocated within limit - |bias|. So its direction is kept, and the sum keeps the limits. Refused
 /// if |bias| reaches a motor's limit.
-AllocationResult allocate_torques_beside(const Jacobian& G, const Wrench& wrench_device,
-                                         const MotorVector& limit_Nm,
-                                         const MotorVector& bias_Nm) noexcept;
+AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wrench_device,
+                                            const MotorVector& limit_Nm,
+                                            const MotorVector& bias_Nm) noexcept;
 
 }  // namespace trocar::runtime

@@ -56,7 +56,7 @@ bool BlackBox::save(Fault fault, double t_s) noexcept {
 std::filesystem::path BlackBox::name_of(const Request& request) const {
   char time[32];
   std::snprintf(time, sizeof time, "%.4f", request.t_s);
-  const std::string stem = name_ + "_t" + time + "s_" + to_word(request.fault);
+  const std::string stem = name_ + "_t" + time + "s_" + to_string(request.fault);
   std::filesystem::path file = folder_ / (stem + ".csv");
   std::error_code ignored;
   for (int again = 2; std::filesystem::exists(file, ignored); ++again) {

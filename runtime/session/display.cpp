@@ -22,7 +22,7 @@ void FrameWriter::add(const RecordingRow& row, const std::shared_ptr<const Sheet
     text_ += line.dump() + "\n";
     last_ = shape;
   }
-  nlohmann::json frame = {{"t_s", row.t_s},      {"state", to_word(row.phase)},
+  nlohmann::json frame = {{"t_s", row.t_s},      {"state", to_string(row.phase)},
                           {"tip_m", row.tool_m}, {"force_N", row.wrench_wanted[2]},
                           {"shape", nullptr},    {"depth_m", 0.0}};
   if (last_ != nullptr) {

@@ -87,7 +87,7 @@ class Session {
     haptic_tick(model_, inputs(timing), device_, state_, result_);
     if (result_.end_of_data) return false;
     result_.row.cuts_published = cuts_published_;
-    if (result_.contact.gave_way) record_puncture();
+    if (result_.contact.punctured_now) record_puncture();
     if (responder_ != nullptr && is_real()) responder_->ask(result_.contact.ahead);
     if (recorder_ != nullptr) recorder_->push(result_.row);
     track_faults();
@@ -130,7 +130,7 @@ class Session {
       publish_due(due);
       if (!tick({})) break;
       if (black_box_ != nullptr) black_box_->serve();
-      if (result_.contact.gave_way) due.push_back(state_.tick - 1 + options_.handover_ticks);
+      if (result_.contact.punctured_now) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
       if (responder_ != nullptr && options_.replay.empty()) respond();
       if (options_.on_frame) show_frame();

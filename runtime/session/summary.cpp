@@ -43,7 +43,7 @@ json time_or_null(double t_s) {
 json describe_faults(const SessionReport& report) {
   json list = json::array();
   for (const FaultEvent& event : report.faults) {
-    json fault = {{"fault", to_word(event.fault)},
+    json fault = {{"fault", to_string(event.fault)},
                   {"t_s", event.t_s},
                   {"torques_zero_t_s", time_or_null(event.rest_t_s)},
                   {"recovered_t_s", time_or_null(event.recovered_t_s)},

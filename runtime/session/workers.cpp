@@ -161,7 +161,7 @@ void Remesher::serve_one(const CutRequest& request) {
     } else if (record.cut.outcome == CutOutcome::kCapacity) {
       record.error = refused("cut: it exceeds the capacity of the mesh");
     } else {
-      record.error = bug("cut: " + std::string(to_word(record.cut.outcome)) +
+      record.error = bug("cut: " + std::string(to_string(record.cut.outcome)) +
                          (record.cut.bug != nullptr ? std::string(": ") + record.cut.bug : ""));
     }
   }

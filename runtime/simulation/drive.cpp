@@ -39,7 +39,7 @@ bool Drive::is_injected(FaultKind kind) const noexcept {
                      });
 }
 
-bool Drive::must_die() const noexcept {
+bool Drive::kill_is_due() const noexcept {
   return session_ && is_injected(FaultKind::kKill);
 }
 

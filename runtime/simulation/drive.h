@@ -54,7 +54,7 @@ struct DriveStep {
 };
 
 /// A peak of the force on the hand: the force fell to less than half of it afterwards.
-struct FeltPeak {
+struct ForcePeak {
   double t_s = 0;
   double force_N = 0;
 };
@@ -69,7 +69,7 @@ struct DriveReport {
   std::uint64_t emergency_stops = 0;
   double largest_torque_Nm = 0;     ///< applied
   double largest_hand_force_N = 0;  ///< norm of the hand's force on the tool's tip
-  std::vector<FeltPeak> peaks;      ///< the first kMaxPeaks
+  std::vector<ForcePeak> peaks;     ///< the first kMaxPeaks
   std::vector<DriveStep> steps;     ///< the first DriveOptions::record_steps
   static constexpr std::size_t kMaxPeaks = 4096;
 };
@@ -98,7 +98,7 @@ class Drive {
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
   /// An injected `kill` is due.
-  bool must_die() const noexcept;
+  bool kill_is_due() const noexcept;
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }
 

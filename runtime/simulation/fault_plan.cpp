@@ -145,10 +145,10 @@ Result<FaultPlan> parse_fault_plan(std::string_view text) {
   return plan;
 }
 
-FaultyLink::FaultyLink(const FaultPlan& plan, LinkWay way, std::uint64_t seed)
+FaultyLink::FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed)
     : random_(seed), held_(kHeld) {
   for (const PlannedFault& fault : plan) {
-    const bool this_way = way == LinkWay::kCommands ? fault.on_commands : fault.on_states;
+    const bool this_way = way == LinkDirection::kCommands ? fault.on_commands : fault.on_states;
     if (is_of_packets(fault.kind) && this_way) plan_.push_back(fault);
   }
 }

@@ -39,7 +39,7 @@ enum class FaultKind : std::uint8_t {
   kStop,
   kKill,
 };
-enum class LinkWay : std::uint8_t { kCommands, kStates };
+enum class LinkDirection : std::uint8_t { kCommands, kStates };
 
 struct PlannedFault {
   FaultKind kind = FaultKind::kLoss;
@@ -68,7 +68,7 @@ class FaultyLink {
     std::span<const std::uint8_t> view() const noexcept { return {bytes.data(), size}; }
   };
 
-  FaultyLink(const FaultPlan& plan, LinkWay way, std::uint64_t seed);
+  FaultyLink(const FaultPlan& plan, LinkDirection way, std::uint64_t seed);
 
   /// Passes `datagram` to `deliver` (called with a Datagram): once, twice, changed, later or never.
   /// `t_s`: the session's time; `now_ns`: a monotonic clock.

@@ -54,7 +54,7 @@ json press(double rate_Hz, double stiffness_N_per_m, double pressed_N, bool pass
               {"device_damping_N_s_per_m", rig.damping()},
               {"needed_damping_K_T_over_2_N_s_per_m", stiffness_N_per_m / rate_Hz / 2},
               {"energy_given_max_mJ", rig.state_.passivity.given_max_J * 1e3},
-              {"fault", to_word(rig.state_.safety.fault)}};
+              {"fault", to_string(rig.state_.safety.fault)}};
   if (trace) row["depth_mm_at_s"] = std::move(points);
   return row;
 }
@@ -69,7 +69,7 @@ json release(double rate_Hz, bool passivity) {
   Rig broken(options);
   double at_release_J = 0;
   for (int i = 0; i < 0.8 * rate_Hz; ++i) {
-    if (broken.tick().contact.gave_way) at_release_J = broken.device_->truth().work.motors_J;
+    if (broken.tick().contact.punctured_now) at_release_J = broken.device_->truth().work.motors_J;
   }
   const double by_puncture_J = broken.device_->truth().work.motors_J - at_release_J;
   options.tissue.threshold_N = 1e6;

@@ -459,7 +459,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
           EXPECT_EQ(tau, 0) << since << " ms after the fault";
       }
     }
-    EXPECT_EQ(std::string(to_word(found)), right.fault);
+    EXPECT_EQ(std::string(to_string(found)), right.fault);
     if (!corrupted.first && right.fault == "none") {
       EXPECT_NEAR(pressed_N, 5, 0.1);
     }

@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
+#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/mesh/mesh_quality.h"
-#include "formats/geometry/canonical_rotation.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
 #include "pipeline/mesh_slice.h"

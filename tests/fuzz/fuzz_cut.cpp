@@ -13,9 +13,9 @@
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/response.h"
 #include "tests/cases/cut_case.h"
+#include "tests/fuzz/harness.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
-#include "tests/fuzz/harness.h"
 #include "tests/support/cut_checks.h"
 
 namespace {

@@ -72,7 +72,7 @@ void check_plan(std::string_view text) {
                        fault.channel < 16;
     if (!known) fail("plan: an invalid fault is accepted");
   }
-  const FaultyLink link(*plan, LinkWay::kStates, 1);
+  const FaultyLink link(*plan, LinkDirection::kStates, 1);
 }
 
 }  // namespace

@@ -7,10 +7,10 @@
 #include <numbers>
 #include <set>
 
+#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "formats/geometry/canonical_rotation.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
 #include "tests/cases/picture_checks.h"

@@ -16,10 +16,10 @@
 #include "runtime/deformation/region.h"
 #include "runtime/deformation/response.h"
 #include "runtime/refine/local_refinement.h"
-#include "tests/reference/deformation/network_checks.h"
-#include "tests/reference/deformation/region_part.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"
+#include "tests/reference/deformation/network_checks.h"
+#include "tests/reference/deformation/region_part.h"
 #include "tests/support/delaunay_fixture.h"
 #include "tests/support/random_geometry.h"
 

@@ -403,7 +403,7 @@ TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
   EXPECT_EQ(counts.accepted(), 0U);
   std::printf("%ld packets, by four readers each:", packets);
   for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    std::printf(" %s %llu", to_word(static_cast<LinkRefusal>(i)),
+    std::printf(" %s %llu", to_string(static_cast<LinkRefusal>(i)),
                 static_cast<unsigned long long>(counts.by_refusal[i]));
   }
   std::printf("\n");

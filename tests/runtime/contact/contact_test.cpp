@@ -73,9 +73,9 @@ TEST_F(ContactTest, Contract3PunctureInTheTickThatExceedsTheThresholdNotAtIt) {
   tick(at(0, 0, 0.13));
   const ContactOutput at_threshold = tick(at(0, 0, 0.125 - at_threshold_m));
   EXPECT_EQ(at_threshold.force_N, 32);
-  EXPECT_FALSE(at_threshold.gave_way);
+  EXPECT_FALSE(at_threshold.punctured_now);
   const ContactOutput beyond = tick(at(0, 0, 0.125 - at_threshold_m - 1e-9));
-  EXPECT_TRUE(beyond.gave_way);
+  EXPECT_TRUE(beyond.punctured_now);
   EXPECT_EQ(beyond.force_N, 0);
   EXPECT_GT(beyond.judged_force_N, 32);
   EXPECT_EQ(beyond.phase, ContactPhase::kPunctured);
@@ -86,7 +86,7 @@ TEST_F(ContactTest, Contract3PunctureInTheTickThatExceedsTheThresholdNotAtIt) {
   for (const double z_m : {0.11, 0.1, 0.1249, 0.12}) {
     const ContactOutput after = tick(at(0, 0, z_m));
     EXPECT_EQ(after.force_N, 0);
-    EXPECT_FALSE(after.gave_way);
+    EXPECT_FALSE(after.punctured_now);
     EXPECT_EQ(after.phase, ContactPhase::kPunctured);
   }
 }
@@ -98,16 +98,16 @@ TEST_F(ContactTest, Contract4TheTopmostSheetBearsTheForceAndShieldsTheOthers) {
   EXPECT_EQ(output.active_sheet, 0);
   EXPECT_NEAR(output.force_N, 5000 * 6.5e-3, 1e-9);
   output = tick(at(0, 0, 0.1125));  // 7.5 mm: the first is punctured
-  EXPECT_TRUE(output.gave_way);
+  EXPECT_TRUE(output.punctured_now);
   EXPECT_EQ(output.active_sheet, 0);
   EXPECT_EQ(output.force_N, 0) << "the second is shielded in this tick";
   output = tick(at(0, 0, 0.1125));  // 5.5 mm into the second
   EXPECT_EQ(output.active_sheet, 1);
   EXPECT_NEAR(output.force_N, 5000 * 5.5e-3, 1e-9);
   output = tick(at(0, 0, 0.105));  // 13 mm: the second is punctured
-  EXPECT_TRUE(output.gave_way);
+  EXPECT_TRUE(output.punctured_now);
   output = tick(at(0, 0, 0.105));  // 11 mm into the third: punctured in its first tick
-  EXPECT_TRUE(output.gave_way);
+  EXPECT_TRUE(output.punctured_now);
   EXPECT_EQ(output.active_sheet, 2);
   EXPECT_EQ(output.force_N, 0);
   EXPECT_EQ(tick(at(0, 0, 0.105)).force_N, 0);
@@ -125,7 +125,7 @@ TEST_F(ContactTest, Contract4WithdrawalDoesNotPunctureAShieldedSheet) {
 TEST_F(ContactTest, Contract5AHoleIsOpenBeforeAndAfterItsMeshIsThere) {
   tick(at(0, 0, 0.125));
   const ContactOutput puncture = tick(at(0, 0, 0.112));
-  ASSERT_TRUE(puncture.gave_way);
+  ASSERT_TRUE(puncture.punctured_now);
   for (const bool published : {false, true}) {
     if (published) publish(puncture.cut);
     EXPECT_EQ(tick(at(0, 0, 0.121)).phase, ContactPhase::kFree);
@@ -151,14 +151,14 @@ TEST_F(ContactTest, Contract5PendingHolesArePublishedInOrderAndTooManyAreABacklo
   const auto puncture = [&](double x_m) {
     tick(at(x_m, 0, 0.125));
     ContactOutput output = tick(at(x_m, 0, 0.112));
-    if (output.gave_way) requests.push_back(output.cut);
+    if (output.punctured_now) requests.push_back(output.cut);
     return output;
   };
   for (int i = 0; i < kMaxPendingHoles; ++i)
-    EXPECT_TRUE(puncture(-0.015 + 0.007 * i).gave_way);
+    EXPECT_TRUE(puncture(-0.015 + 0.007 * i).punctured_now);
   const ContactOutput full = puncture(0.015);
   EXPECT_TRUE(full.backlog);
-  EXPECT_FALSE(full.gave_way);
+  EXPECT_FALSE(full.punctured_now);
   EXPECT_EQ(full.force_N, 0);
   publish(requests[0]);
   publish(requests[1]);
@@ -169,7 +169,7 @@ TEST_F(ContactTest, Contract5PendingHolesArePublishedInOrderAndTooManyAreABacklo
     tick(at(-0.015 + 0.007 * i, 0, 0.125));
     EXPECT_EQ(tick(at(-0.015 + 0.007 * i, 0, 0.115)).phase, ContactPhase::kBeside) << i;
   }
-  EXPECT_TRUE(puncture(0.015).gave_way) << "the published holes have left the list";
+  EXPECT_TRUE(puncture(0.015).punctured_now) << "the published holes have left the list";
   EXPECT_EQ(requests.back().cut, 5U);
 }
 
@@ -238,7 +238,7 @@ TEST_F(ContactTest, Contract6MovingAlongATiltedAxisKeepsTheOutline) {
   tick(along(0.005));
   EXPECT_NEAR(tick(along(-0.003)).force_N, 15, 1e-9);
   const ContactOutput puncture = tick(along(-0.0071));
-  ASSERT_TRUE(puncture.gave_way);
+  ASSERT_TRUE(puncture.punctured_now);
   const LatticeOutline above =
       outline_on_lattice(model_.tool, along(0.005), sheets_[0]->transform, kTop_m);
   ASSERT_EQ(puncture.cut.outline.size, above.size);
@@ -279,7 +279,7 @@ TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {
   sheets_[1] = hard.get();
   tick(at(0, 0, 0.125));
   EXPECT_NEAR(tick(at(0, 0, 0.1185)).force_N, 1.5, 1e-9);
-  EXPECT_TRUE(tick(at(0, 0, 0.1179)).gave_way);
+  EXPECT_TRUE(tick(at(0, 0, 0.1179)).punctured_now);
   ContactOutput output = tick(at(0, 0, 0.1129));  // 5 mm further: full friction
   EXPECT_EQ(output.force_N, 0);
   EXPECT_NEAR(output.wrench_device[2], 3, 1e-12);

@@ -162,7 +162,7 @@ TEST(Limits, ThermalLimitIsExceededAfterThePeakTime) {
       tau[i] = i % 2 == 0 ? device.motor_continuous_torque_Nm : -device.motor_continuous_torque_Nm;
       for (int k = 0; k < 20 * rate_Hz; ++k)
         ASSERT_EQ(check_heat(motor, tau, 1 / rate_Hz, state), Fault::kNone);
-      EXPECT_NEAR(budget_spent(motor, state.load), 0, 1e-9)
+      EXPECT_NEAR(i2t_share_used(motor, state.load), 0, 1e-9)
           << "the continuous torque, for any time";
       state = {};
       tau[i] *= 2;  // the peak torque, which limit_torques would not allow for so long
@@ -227,7 +227,7 @@ TEST(Limits, ALimitOfNanOrANegativeLimitAlwaysTrips) {
     for (const double bad : {static_cast<double>(NAN), -0.1, -static_cast<double>(INFINITY)}) {
       SafetyLimits limits;
       limits.*limit = bad;
-      EXPECT_EQ(found(limits), fault) << to_word(fault) << " at " << bad;
+      EXPECT_EQ(found(limits), fault) << to_string(fault) << " at " << bad;
     }
   }
 }

@@ -89,7 +89,7 @@ class LoopFixture : public testing::Test {
   /// The next tick must have this fault; it latches, and torques ramp down to zero.
   void expect_fault(Fault fault, double gap_s = 1e-3) {
     tick(gap_s);
-    ASSERT_EQ(state_.safety.fault, fault) << to_word(state_.safety.fault);
+    ASSERT_EQ(state_.safety.fault, fault) << to_string(state_.safety.fault);
     EXPECT_EQ(result_.row.fault, fault);
     EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
     device_.on_read = device_.on_write = DeviceStatus::kOk;  // the fault is latched

@@ -100,7 +100,7 @@ TEST_F(Loop, EncoderRateIsTakenOverTheTimeSinceTheLastData) {
   device_.on_read = DeviceStatus::kOk;
   go_to(0.107);  // above the limit of one tick, below that of three; 13 mm deep: punctured
   tick();
-  EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_word(state_.safety.fault);
+  EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
 }
 
 TEST_F(Loop, JointLimit) {
@@ -260,7 +260,7 @@ TEST_F(Loop, MotionDuringAStopCausesNoFrictionAfterIt) {
   allow_jumps(true);
   go_to(0.112);
   tick();
-  ASSERT_TRUE(result_.contact.gave_way);
+  ASSERT_TRUE(result_.contact.punctured_now);
   go_to(0.1118);
   tick();
   ASSERT_GT(result_.contact.wrench_device.z(), 1) << "friction";
@@ -429,7 +429,7 @@ TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {
   go_to(0.112);  // punctured
   tick();
   EXPECT_EQ(largest(device_.written), 0);
-  EXPECT_TRUE(result_.contact.gave_way);
+  EXPECT_TRUE(result_.contact.punctured_now);
 }
 
 }  // namespace

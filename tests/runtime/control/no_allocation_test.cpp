@@ -133,7 +133,7 @@ TEST_P(Clocks, NoneInASessionWithPunctures) {
       scene, default_device_description(), remesher, *device,
       [&](double dt_s) { device->step(dt_s); }, options);
   ASSERT_TRUE(report);
-  EXPECT_EQ(report->fault, Fault::kNone) << to_word(report->fault);
+  EXPECT_EQ(report->fault, Fault::kNone) << to_string(report->fault);
   EXPECT_EQ(report->punctures.size(), 4U);
   ASSERT_TRUE(report->allocations_in_loop);
   EXPECT_EQ(*report->allocations_in_loop, 0U);

@@ -273,7 +273,7 @@ TEST(PassivityInTheLoop, AReleaseGivesLessThanAMillijoule) {
       test::Rig punctured(options);
       double at_release_J = NAN;
       for (int i = 0; i < 0.8 * rate_Hz; ++i) {
-        if (punctured.tick().contact.gave_way) {
+        if (punctured.tick().contact.punctured_now) {
           EXPECT_EQ(punctured.state_.tau_motor_Nm.norm(), 0) << "in the same tick";
           at_release_J = punctured.device_->truth().work.motors_J;
           EXPECT_LT(at_release_J, -0.1) << "what the hand has put into the sheet";

@@ -25,7 +25,7 @@ TEST(SafetyTable, EveryEventInEveryState) {
       if (state == S::kReady && event == E::kFree) expected = S::kRunning;
       if (state == S::kFault && event == E::kRecover) expected = S::kRecovering;
       if (state == S::kRecovering && event == E::kSettled) expected = S::kReady;
-      EXPECT_EQ(next_state(state, event), expected) << to_word(state) << " " << e;
+      EXPECT_EQ(next_state(state, event), expected) << to_string(state) << " " << e;
     }
   }
 }

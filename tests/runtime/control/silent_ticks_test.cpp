@@ -38,10 +38,10 @@ class TicksWithoutData : public testing_support::LoopFixture {
       const bool silent = is_silent(i);
       device_.on_read = silent ? DeviceStatus::kNoData : DeviceStatus::kOk;
       tick();
-      EXPECT_EQ(state_.safety.fault, Fault::kNone) << i << " " << to_word(state_.safety.fault);
+      EXPECT_EQ(state_.safety.fault, Fault::kNone) << i << " " << to_string(state_.safety.fault);
       felt.force_N.push_back(result_.row.wrench_wanted[2]);
       felt.has_data.push_back(!silent);
-      if (!result_.contact.gave_way) continue;
+      if (!result_.contact.punctured_now) continue;
       felt.punctured = felt.force_N.size() - 1;
       felt.puncture_N = result_.contact.judged_force_N;
     }

@@ -93,7 +93,7 @@ TEST(VirtualCoupling, ASheetWithDampingIsPuncturedAtItsThreshold) {
     bool punctured = false;
     for (int i = 0; i < 1500 && !punctured; ++i) {
       const TickResult& result = rig.tick();
-      punctured = result.contact.gave_way;
+      punctured = result.contact.punctured_now;
       if (punctured) break;
       last_N = result.row.wrench_wanted[2];
     }
@@ -111,7 +111,7 @@ TEST(VirtualCoupling, APunctureReleasesTheCouplingInTheSameTick) {
   double last_N = 0;
   for (int i = 0; i < 1500; ++i) {
     const TickResult& result = rig.tick();
-    if (result.contact.gave_way) {
+    if (result.contact.punctured_now) {
       EXPECT_NEAR(last_N, 25, 1);
       EXPECT_EQ(result.row.wrench_wanted[2], 0);
       EXPECT_EQ(rig.state_.tau_motor_Nm.norm(), 0);

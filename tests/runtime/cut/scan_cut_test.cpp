@@ -312,7 +312,7 @@ class Cutter {
       return;
     }
     ASSERT_EQ(report.outcome, CutOutcome::kCut)
-        << to_word(report.outcome) << ": " << (report.bug != nullptr ? report.bug : "");
+        << to_string(report.outcome) << ": " << (report.bug != nullptr ? report.bug : "");
     if (work.hole.rings() == 1 && to_rings(work.hole)[0] == from_smallest(tool)) {
       ++count.inside;
       ASSERT_EQ(report.doubled_area_removed, trocar::doubled_area(tool));

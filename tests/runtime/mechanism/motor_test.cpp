@@ -185,7 +185,7 @@ TEST(Compensation, AllocationWithBiasKeepsDirectionAndLimits) {
       bias[i] = random.between(-1, 1);
       limit[i] = random.between(3, 6);
     }
-    const AllocationResult result = allocate_torques_beside(G, wanted, limit, bias);
+    const AllocationResult result = allocate_torques_with_bias(G, wanted, limit, bias);
     ASSERT_NE(result.kind, Allocation::kRefused);
     ASSERT_TRUE((result.tau_motor_Nm.cwiseAbs().array() <= limit.array()).all());
     const Wrench rendered = G.transpose() * (result.tau_motor_Nm - bias);
@@ -196,10 +196,10 @@ TEST(Compensation, AllocationWithBiasKeepsDirectionAndLimits) {
   EXPECT_GT(scaled, 500);
   const Jacobian G = Jacobian::Identity();
   EXPECT_EQ(
-      allocate_torques_beside(G, Wrench::Ones(), MotorVector::Ones(), MotorVector::Ones()).kind,
+      allocate_torques_with_bias(G, Wrench::Ones(), MotorVector::Ones(), MotorVector::Ones()).kind,
       Allocation::kRefused);
-  EXPECT_EQ(allocate_torques_beside(G, Wrench::Ones(), MotorVector::Ones(),
-                                    MotorVector::Constant(std::nan("")))
+  EXPECT_EQ(allocate_torques_with_bias(G, Wrench::Ones(), MotorVector::Ones(),
+                                       MotorVector::Constant(std::nan("")))
                 .tau_motor_Nm,
             MotorVector::Zero());
 }

@@ -162,7 +162,7 @@ TEST(Singularity, FunctionsOfTheHapticThreadDoNotAllocate) {
     const MotorVector bias = compensation_torques(device, motors, at.G, MotorVector::Ones(),
                                                   {.friction = true, .gravity = true});
     const MotorLoad load = advance(motors, {}, motor_currents(motors, bias), 1e-3);
-    kept += allocate_torques_beside(at.G, wanted, available_torque(motors, load), bias).scale;
+    kept += allocate_torques_with_bias(at.G, wanted, available_torque(motors, load), bias).scale;
   }
   EXPECT_EQ(allocations_in_scopes(), before);
   EXPECT_TRUE(std::isfinite(kept));

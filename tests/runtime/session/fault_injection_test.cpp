@@ -181,7 +181,7 @@ void expect_safe_stop_and_recovery(const Case& test, const std::vector<Recording
                                    std::uint64_t begin) {
   ASSERT_GE(report.faults.size(), 1U);
   const FaultEvent& event = report.faults.front();
-  ASSERT_EQ(event.fault, test.fault) << to_word(event.fault);
+  ASSERT_EQ(event.fault, test.fault) << to_string(event.fault);
   const auto first = static_cast<std::size_t>(std::llround(event.t_s * rate_Hz));
   if (test.at_once) {
     ASSERT_EQ(first, begin);
@@ -235,7 +235,7 @@ void expect_black_boxes(const SessionReport& report, const std::string& recordin
   for (std::size_t i = 0; i < report.black_boxes.size(); ++i) {
     const BlackBoxFile& box = report.black_boxes[i];
     ASSERT_FALSE(box.error) << box.error->message;
-    ASSERT_NE(box.file.filename().string().find(to_word(report.faults[i].fault)),
+    ASSERT_NE(box.file.filename().string().find(to_string(report.faults[i].fault)),
               std::string::npos);
     const auto rest =
         static_cast<std::size_t>(std::llround(report.faults[i].rest_t_s * rate_Hz)) + 1;

@@ -77,7 +77,7 @@ Finished run(const Scene& scene, SessionOptions options, const fs::path& record)
       scene, description, remesher, *device, [&](double dt_s) { device->step(dt_s); }, options);
   EXPECT_TRUE(report) << report.error().message;
   out.report = *report;
-  EXPECT_EQ(out.report.fault, Fault::kNone) << to_word(out.report.fault);
+  EXPECT_EQ(out.report.fault, Fault::kNone) << to_string(out.report.fault);
   auto rows = read_recording(record);
   EXPECT_TRUE(rows) << rows.error().message;
   out.rows = *rows;

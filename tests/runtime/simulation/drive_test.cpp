@@ -453,11 +453,11 @@ TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
 TEST_F(DriveLink, AnInjectedKillIsDueAtItsTime) {
   Drive drive(options(LinkClock::kLockStep, "kill@0.005"), held_device());
   Host host(drive, key_);
-  EXPECT_FALSE(drive.must_die());
+  EXPECT_FALSE(drive.kill_is_due());
   ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 8; ++tick) {
     ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
-    EXPECT_EQ(drive.must_die(), tick >= 4) << tick;
+    EXPECT_EQ(drive.kill_is_due(), tick >= 4) << tick;
   }
 }
 
@@ -500,7 +500,7 @@ struct Delivered {
   std::vector<int> at_ms;
   int changed = 0;
 };
-Delivered through(const char* faults, LinkWay way, std::uint64_t seed = 1, int count = 4000) {
+Delivered through(const char* faults, LinkDirection way, std::uint64_t seed = 1, int count = 4000) {
   const auto plan = parse_fault_plan(faults);
   EXPECT_TRUE(plan);
   FaultyLink link(*plan, way, seed);
@@ -529,15 +529,16 @@ Delivered through(const char* faults, LinkWay way, std::uint64_t seed = 1, int c
 
 TEST(FaultyLink, EachKindOfFaultHasItsEffect) {
   const std::size_t all = 4000;
-  EXPECT_EQ(through("", LinkWay::kStates).number.size(), all);
-  EXPECT_EQ(through("command-loss:1", LinkWay::kStates).number.size(), all);
-  EXPECT_EQ(through("command-loss:1", LinkWay::kCommands).number.size(), 0U);
-  EXPECT_EQ(through("loss:1@1..2", LinkWay::kStates).number.size(), all - 1000);
-  EXPECT_NEAR(static_cast<double>(through("loss:0.25", LinkWay::kStates).number.size()), 3000, 120);
-  EXPECT_NEAR(static_cast<double>(through("duplicate:0.25", LinkWay::kStates).number.size()), 5000,
+  EXPECT_EQ(through("", LinkDirection::kStates).number.size(), all);
+  EXPECT_EQ(through("command-loss:1", LinkDirection::kStates).number.size(), all);
+  EXPECT_EQ(through("command-loss:1", LinkDirection::kCommands).number.size(), 0U);
+  EXPECT_EQ(through("loss:1@1..2", LinkDirection::kStates).number.size(), all - 1000);
+  EXPECT_NEAR(static_cast<double>(through("loss:0.25", LinkDirection::kStates).number.size()), 3000,
               120);
-  EXPECT_GT(through("flip:0.25", LinkWay::kStates).changed, 300);
-  const Delivered late = through("delay:0.3:5", LinkWay::kStates);
+  EXPECT_NEAR(static_cast<double>(through("duplicate:0.25", LinkDirection::kStates).number.size()),
+              5000, 120);
+  EXPECT_GT(through("flip:0.25", LinkDirection::kStates).changed, 300);
+  const Delivered late = through("delay:0.3:5", LinkDirection::kStates);
   EXPECT_EQ(late.number.size(), all);
   int delayed = 0;
   for (std::size_t i = 0; i < late.number.size(); ++i) {
@@ -546,7 +547,7 @@ TEST(FaultyLink, EachKindOfFaultHasItsEffect) {
     delayed += by == 5 ? 1 : 0;
   }
   EXPECT_NEAR(delayed, 1200, 120);
-  const Delivered mixed = through("reorder:0.1", LinkWay::kStates);
+  const Delivered mixed = through("reorder:0.1", LinkDirection::kStates);
   EXPECT_EQ(mixed.number.size(), all);
   int overtaken = 0;
   for (std::size_t i = 1; i < mixed.number.size(); ++i)
@@ -556,8 +557,9 @@ TEST(FaultyLink, EachKindOfFaultHasItsEffect) {
 
 TEST(FaultyLink, TheSameSeedGivesTheSameFaults) {
   const char* all = "loss:0.1,delay:0.1:3,duplicate:0.1,reorder:0.1,flip:0.1";
-  const Delivered a = through(all, LinkWay::kStates, 5), b = through(all, LinkWay::kStates, 5),
-                  c = through(all, LinkWay::kStates, 6);
+  const Delivered a = through(all, LinkDirection::kStates, 5),
+                  b = through(all, LinkDirection::kStates, 5),
+                  c = through(all, LinkDirection::kStates, 6);
   EXPECT_EQ(a.number, b.number);
   EXPECT_EQ(a.at_ms, b.at_ms);
   EXPECT_NE(a.number, c.number);
