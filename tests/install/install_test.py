@@ -48,7 +48,7 @@ def check_man_pages(usr):
 
 def check_example(usr, asset, work):
     example = work / "example"
-    run("cmake", "-S", usr / "share/doc/trocar-formats-dev/examples/list_slices", "-B", example,
+    run("cmake", "-S", usr / "share/doc/trocar-formats-dev/examples", "-B", example,
         f"-DCMAKE_PREFIX_PATH={usr}", "-DCMAKE_BUILD_TYPE=Release")
     run("cmake", "--build", example)
     listed = re.findall(r"^slice (\d+): z (\S+) mm, (\d+) vertices, (\d+) triangles$",
