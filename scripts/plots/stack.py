@@ -49,7 +49,7 @@ def draw_stack(axes, stack, low, high, name):
         shade = colours(0.05 + 0.45 * order / max(len(stack) - 1, 1))
         axes.add_collection3d(Poly3DCollection(vertices[faces], facecolors=[shade], edgecolors="#3b3226", linewidths=0.12, zorder=order))
     axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), zlim=(low[2], high[2]), xlabel="u (mm)", ylabel="v (mm)")
-    axes.set_zlabel("z (mm)", labelpad=6)
+    axes.set_zlabel("z (mm)", labelpad=2)
     axes.zaxis.set_rotate_label(False)
     axes.zaxis.label.set_rotation(90)
     axes.set_box_aspect((high - low) * [1, 1, STRETCH], zoom=1.15)
