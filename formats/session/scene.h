@@ -65,11 +65,14 @@ enum class ForceLawKind : std::uint8_t {
 };
 struct ForceLawTraits {
   const char* name;     ///< in scenes and on the command line
-  bool needs_response;  ///< a worker prepares the sheet's response ahead
+  bool needs_response;  ///< a worker prepares the spring network's response ahead of the tool
                         ///< (runtime/session/responder.h)
 };
 /// In the order of ForceLawKind.
-inline constexpr std::array<ForceLawTraits, 2> kForceLaws{{{"hooke", false}, {"network", true}}};
+inline constexpr std::array kForceLaws{ForceLawTraits{"hooke", false},
+                                       ForceLawTraits{"network", true}};
+static_assert(kForceLaws.size() == static_cast<std::size_t>(ForceLawKind::kNetwork) + 1,
+              "a row for each ForceLawKind");
 constexpr const char* to_string(ForceLawKind law) noexcept {
   return kForceLaws[static_cast<std::size_t>(law)].name;
 }

@@ -96,7 +96,7 @@ SheetForce sheet_force(const ContactModel& model, const Sheet& sheet, std::int32
                        const Place& place, const SheetResponse& latest, bool begins,
                        double penetration_m, SheetTrack& track) noexcept {
   SheetResponse response = hooke_response(sheet, index, place);
-  switch (model.law) {
+  switch (model.law.kind) {
     case ForceLawKind::kHooke:
       break;
     case ForceLawKind::kNetwork:
@@ -211,7 +211,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     track.pending[track.pending_count++] = place.outline;
     output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline};
   }
-  if (needs_response(model.law)) {
+  if (needs_response(model.law.kind)) {
     request_response(model, sheets, T_device_plate, state, output);
   }
 }

@@ -47,7 +47,7 @@ inline constexpr double kBlend_s = 0.005;
 struct ContactModel {
   Tool tool;
   double dt_s = 1e-3;  ///< of a tick
-  ForceLawKind law = ForceLawKind::kHooke;
+  ForceLaw law;  ///< with its parameters
   /// Least share of the outline over material with which contact begins. Without this bound a tool
   /// that goes back through its own hole slightly off centre would be in contact with the rim.
   double least_overlap = 0.05;

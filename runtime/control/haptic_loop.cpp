@@ -136,7 +136,7 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
                     TickResult& result, Wrench& wanted) noexcept {
   const double share = state.safety.authority;
   // A response that is not finite would spread into later ticks, since responses are blended.
-  if (needs_response(model.contact.law) && !is_finite(inputs.response)) {
+  if (needs_response(model.contact.law.kind) && !is_finite(inputs.response)) {
     return Fault::kTorqueNotFinite;
   }
   const bool couples = model.coupling.on;

@@ -62,7 +62,7 @@ class Session {
     model_.device = description;
     model_.contact.tool = make_tool(scene.tool);
     model_.contact.dt_s = 1 / options.rate_Hz;
-    model_.contact.law = scene.force_law.kind;
+    model_.contact.law = scene.force_law;
     model_.limits = options.limits;
     model_.passivity = options.passivity;
     model_.coupling = options.coupling;

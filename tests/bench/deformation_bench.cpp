@@ -142,7 +142,7 @@ void TickContactForceAndSolve(benchmark::State& state) {
   sheet.grid = TriangleGrid(sheet.mesh);
   const std::array<const Sheet*, 1> sheets{&sheet};
   ContactModel model;
-  model.law = ForceLawKind::kNetwork;
+  model.law.kind = ForceLawKind::kNetwork;
   model.tool = make_tool(SceneTool{});
   ContactState contact;
   ContactOutput output;

@@ -354,7 +354,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     model.device = device_;
     model.contact.tool = make_tool(test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015).tool);
     model.limits.gap_max_s = 0.1;
-    model.contact.law =
+    model.contact.law.kind =
         force_law_from_string(asked.text("law", "hooke")).value_or(ForceLawKind::kHooke);
     DeviceFields set(asked.object("limits"), "/limits", errors_);
     for (const auto& [name, value] : test::limits_by_name(model.limits))
@@ -434,7 +434,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       TickInputs inputs;
       inputs.sheets = current;
       inputs.gap_s = wrong ? corrupted.gap_s : 1e-3;
-      if (needs_response(model.contact.law)) {
+      if (needs_response(model.contact.law.kind)) {
         inputs.response = {0, 5000, {}};
         if (wrong)
           inputs.response = {0, corrupted.stiffness, {corrupted.offset_m, corrupted.offset_y_m}};

@@ -215,7 +215,7 @@ void check_loop(const std::vector<CorruptedTick>& ticks, SafetyLimits limits) {
   LoopModel model;
   model.device = paper_device();
   model.contact.tool = make_tool(scene.tool);
-  model.contact.law = ForceLawKind::kNetwork;
+  model.contact.law.kind = ForceLawKind::kNetwork;
   model.limits = limits;
   const Sheet* const current[] = {(*sheets)[0].get()};
   LoopState state;

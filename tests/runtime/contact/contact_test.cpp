@@ -189,7 +189,7 @@ TEST_F(ContactTest, Contract2TheForceActsInTheCentroidOfTheOverlap) {
 }
 
 TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
-  model_.law = ForceLawKind::kNetwork;
+  model_.law.kind = ForceLawKind::kNetwork;
   EXPECT_EQ(tick(at(0, 0, 0.16)).ahead.sheet, -1) << "too far above";
   const ContactOutput near = tick(at(0.001, 0, 0.125));
   ASSERT_EQ(near.ahead.sheet, 0);
