@@ -124,7 +124,7 @@ class Refiner {
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
   double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
 
-  // ---- what is wrong with a triangle ----
+  // ---- bad triangles and encroached edges ----
 
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
@@ -155,7 +155,7 @@ class Refiner {
     if (is_bad) bad_.push(shortest2, {t, mesh_.triangles[t].generation});
   }
 
-  // ---- looking before inserting ----
+  // ---- what an insertion would change ----
 
   // The shape of the triangle that would replace the edge of the rim.
   TriangleShape look_ahead(InsertionCavity::Rim& r, LatticePoint p) const {

@@ -84,14 +84,14 @@ SheetResponse blended_response(const ContactModel& model, const SheetResponse& t
   return track.blended;
 }
 
-/// What the tool feels from a sheet at one penetration (contract 2).
+/// The force of a sheet on the tool at one penetration (contract 2).
 struct SheetForce {
   double force_N = 0;
   double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
   std::array<double, 2> offset_m{};  ///< where it acts, from the middle of the tool's outline
 };
 
-/// The one place where a force law computes its force.
+/// Computes the force of every force law; a new law gets its case here.
 SheetForce sheet_force(const ContactModel& model, const Sheet& sheet, std::int32_t index,
                        const Place& place, const SheetResponse& latest, bool begins,
                        double penetration_m, SheetTrack& track) noexcept {

@@ -5,8 +5,7 @@
 //
 // Contract (tests/runtime/contact/shaft_test.cpp):
 //  1. Dry friction is a spring of length `presliding_m` that slides at its end (P. Dahl 1968, with
-//  a
-//     linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
+//     a linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
 //     closed motion its work on the shaft is never positive.
 //  2. The rim's force lies in the sheet's plane, against the displacement of the shaft's axis from
 //     where it was at the puncture.

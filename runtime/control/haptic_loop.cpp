@@ -108,7 +108,7 @@ Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& s
   return is_upright(model.contact.tool, state.T_device_plate) ? Fault::kNone : Fault::kToolTilt;
 }
 
-/// Whether the tool touches no sheet, and would feel no force if `running` began now.
+/// Whether the tool touches no sheet, and no force would act on it if `running` began now.
 bool in_free_space(const LoopModel& model, const TickInputs& inputs,
                    const LoopState& state) noexcept {
   const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
@@ -218,7 +218,7 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
   return Fault::kNone;
 }
 
-/// The wrench that the hand feels; compensation torques only cancel the device's own forces.
+/// The wrench rendered to the hand; compensation torques only cancel the device's own forces.
 Wrench rendered_wrench(const LoopState& state) noexcept {
   return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }

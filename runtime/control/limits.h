@@ -2,16 +2,15 @@
 // Safety limits of the plate's pose and speed and of the motors. Pure functions; exceeding a limit
 // is a named fault, which stops the loop. Called from the haptic thread.
 //
-// Contract (tests/runtime/control/limits_test.cpp; in the loop: loop_motors_test.cpp beside it):
+// Contract (limits_test.cpp and, in the loop, loop_motors_test.cpp in tests/runtime/control/):
 //  1. A check returns kNone within its limit and its own fault beyond it. A value that is not
-//  finite
-//     is beyond every limit. A limit of nan always trips, and so does a negative limit of a
+//     finite is beyond every limit. A limit of nan always trips, and so does a negative limit of a
 //     quantity that cannot be negative.
 //  2. Speeds are smoothed over `speed_window_s`, so that one encoder count is not read as a speed.
 //  3. A motor's thermal state is the i2t model of motor.h; it sets the torque available from the
 //     motor. As it warms up that torque falls smoothly from peak to continuous, the wrench is
 //     scaled down along its own direction, and no motor exceeds its thermal limit. That is not a
-//     fault: a wall that softens surprises the hand less than one that vanishes. kMotorOverload is
+//     fault: a force that falls slowly is less surprising than one that vanishes. kMotorOverload is
 //     the fault where this is not enough: a thermal limit was exceeded (torques other than those of
 //     item 5 were written), or derated motors have rendered less than `overload_scale_min` of the
 //     wanted wrench in every tick of `overload_time_max_s`.
@@ -19,8 +18,7 @@
 //     is shortened by one factor, so that the wrench keeps its direction. The step is not shortened
 //     if the largest torque does not grow, as at a puncture.
 //  5. Torques that limit_torques() returns are within every motor's limit; where item 4 leaves
-//  more,
-//     all torques are scaled down by one factor.
+//     more, all torques are scaled down by one factor.
 #pragma once
 
 #include <array>

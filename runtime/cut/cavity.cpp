@@ -9,9 +9,9 @@
 namespace trocar::runtime {
 namespace {
 
-// How the segment cd and the triangle meet. Two convex polygons are apart if and only if the line
-// through an edge of one of them separates them strictly; their interiors are apart if and only if
-// such a line separates them, not necessarily strictly.
+// How the segment cd and the triangle intersect. Two convex polygons are apart if and only if the
+// line through an edge of one of them separates them strictly; their interiors are apart if and
+// only if such a line separates them, not necessarily strictly.
 Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
                         LatticePoint d) {
   bool overlaps = true;

@@ -42,7 +42,7 @@ struct CutReport {
 
 /// Cuts the polygon `tool` out of `mesh`, in place. `mesh` is valid (check_sheet_mesh), `grid`
 /// follows it, `work` and `edit` have been made for a sheet of no fewer slots. Contract:
-///  1. Only triangles that the tool meets or touches are replaced, and their neighbours where
+///  1. Only triangles that the tool overlaps or touches are replaced, and their neighbours where
 ///     rounding requires it; beyond them, only edges that are not Delaunay any more are flipped
 ///     (2). All other slots stay as they are, except that a vertex at which the cut leaves several
 ///     fans of triangles becomes one vertex for each fan.

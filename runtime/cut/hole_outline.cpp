@@ -8,8 +8,8 @@
 namespace trocar::runtime {
 namespace {
 
-// Turning clockwise at v from the direction of u, does p come before q? Neither
-// lies in the direction of u.
+// Clockwise around v from the direction of u: does p come before q? Neither lies in the direction
+// of u.
 bool sooner_clockwise(LatticePoint v, LatticePoint u, LatticePoint p, LatticePoint q) {
   const bool p_first = orient2d(v, u, p) <= 0, q_first = orient2d(v, u, q) <= 0;  // (0, 180] deg
   if (p_first != q_first) return p_first;

@@ -3,7 +3,8 @@
 // outline cut out as for a puncture (the tool is rigid: the sheet under it does not bend), and
 // refined towards the tool, where the sheet is steepest. A worker makes it for one response.
 //
-// Contract (deformation_region_test.cpp and properties_sheet_test.cpp test each point):
+// Contract (tests/runtime/deformation/deformation_region_test.cpp and
+// tests/properties/properties_sheet_test.cpp test each point):
 //  1. With radius R, the mesh has every point of the sheet that is nearer than R to the tool's
 //     circumscribed circle and connected with the tool through such points, less the tool.
 //  2. Its boundary edges lie on the tool (their nodes are kTool), on the sheet's outline (kFree,

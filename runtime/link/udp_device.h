@@ -3,9 +3,9 @@
 // haptic thread it only makes non-blocking receive and send calls: no allocation, lock or
 // exception. Packets that are not authentic, or old, are counted and otherwise ignored.
 //
-// restore() requests a new session after the old one is lost. With the real clock a thread of its
-// own makes it, and uses the socket alone meanwhile; in lock-step, where the drive's time stands
-// still, advance() makes it.
+// restore() requests a new session after the old one is lost. With the real clock a separate
+// thread makes it, and is the only user of the socket meanwhile; in lock-step, where the drive's
+// time does not advance, advance() makes it.
 #pragma once
 
 #include <atomic>
@@ -47,7 +47,7 @@ class UdpDevice final : public Device {
   /// Hello, welcome and a first state. Blocks for at most connect_timeout_s. Errors: device fault
   /// (no answer); usage (the drive has another clock).
   Result<void> start() override;
-  /// Tells the drive that the session is over, and ends a restore(). The counts can still be read.
+  /// Sends the drive the end of the session, and ends a restore(). The counts can still be read.
   void close() override;
 
   /// The newest state since the last call.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One leg of the mechanism in its own frame: x radially outward, y tangential, z up, origin at {B}.
 // Points A, B, C, D, E, F as in README.md. Internal to the kinematics and the simulation. Called
-// from the haptic thread: no allocation, no exception. The device's legs stand at kAzimuth; the
+// from the haptic thread: no allocation, no exception. The device's legs are at kAzimuth; the
 // functions take any azimuth, for comparison with other numbers of legs
 // (tests/reference/mechanism/leg_ring.h).
 #pragma once

@@ -12,7 +12,7 @@
 //     largest for which some do.
 //  5. tau minimises |tau|^2 + sum_i stiffness_i max(0, |tau_i| - working_i)^2 among the torques
 //     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), whatever the pose, with
+//  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), at any pose, with
 //     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min); where scale = 1 and the pose
 //     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 142 for eight equal motors.
 //

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inserts a point into a SheetMesh that is constrained Delaunay, and keeps it so: the star of the
-// point replaces the triangles whose circumcircles hold it (Bowyer; Watson, 1981). Exact integers.
+// point replaces the triangles whose circumcircles contain it (Bowyer; Watson, 1981). Exact
+// integers.
 #pragma once
 
 #include <cstddef>
@@ -36,7 +37,7 @@ class PointInsertion {
   PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots);
 
   /// The cavity of `p`, searched from triangle `start`. False if the circumcircle of `start` does
-  /// not hold p, or the cavity is too large. The mesh is only read.
+  /// not contain p, or the cavity is too large. The mesh is only read.
   bool find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept;
   std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }

@@ -273,7 +273,7 @@ class Session {
     return responder_ == nullptr ? nullptr : responder_->shape();
   }
 
-  /// Real clock, on a thread of its own.
+  /// Real clock, on a separate thread.
   void show_frames(const std::atomic<bool>& done) {
     if (!options_.on_frame) return;
     RecordingRow row;
@@ -454,8 +454,8 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
   if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside the range of the loop");
   }
-  // Rates are typed by people: the shortest decimal that gives every row's time is taken. `exact`
-  // may be off by a few roundings.
+  // Rates are set by users, as short decimals: the shortest decimal that gives every row's time is
+  // taken. `exact` may be off by a few roundings.
   std::size_t most_rows = 0;  // whose times a candidate matched
   const auto fits = [&](double rate_Hz) {
     std::size_t k = 0;

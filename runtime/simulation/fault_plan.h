@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults to inject into a simulated drive and its link: kind, time and probability. Random choices
-// are seeded: the same plan and seed treat the same packets alike.
+// are seeded: the same plan, seed and packets give the same faults.
 //
 // The text: items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]], times in s of the
 // session, P a probability per packet.
