@@ -48,8 +48,8 @@ std::string version() {
 }
 
 // CLI11 reads "-1" for an unsigned number as the largest one.
-std::string not_negative(const std::string& word) {
-  return word.starts_with('-') ? word + " is less than 0" : "";
+std::string not_negative(const std::string& text) {
+  return text.starts_with('-') ? text + " is less than 0" : "";
 }
 
 void declare(CLI::App& app, Arguments& a) {

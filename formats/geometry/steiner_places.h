@@ -38,7 +38,7 @@ inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept
 }
 
 /// The lattice point nearest to a place on the left of the edge pq, rounded half up.
-inline LatticePoint over(LatticePoint p, LatticePoint q, Place place) noexcept {
+inline LatticePoint point_over(LatticePoint p, LatticePoint q, Place place) noexcept {
   const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
   return {round_half_up(p.x, 0.5 * dx + (place.along * dx - place.away * dy)),
           round_half_up(p.y, 0.5 * dy + (place.along * dy + place.away * dx))};

@@ -211,7 +211,7 @@ class Refiner {
   // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
   // its distance from other vertices?
   bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
-    if (!mesh_.circumcircle_holds(t, p)) return false;
+    if (!mesh_.circumcircle_contains(t, p)) return false;
     out.p = p;
     out.flaws = 0;
     mesh_.find_cavity(t, p, kNoEdge, out.cavity);
@@ -348,7 +348,7 @@ class Refiner {
                        : std::numeric_limits<double>::infinity();
     const LatticePoint centre = centre_over(at(v[shortest]), at(v[next_corner(shortest)]),
                                             at(v[previous_corner(shortest)]), most_away);
-    if (!mesh_.circumcircle_holds(t, centre)) return leave(t);
+    if (!mesh_.circumcircle_contains(t, centre)) return leave(t);
     const EdgeId in_the_way = find_in_the_way(t, centre, best_);
     const bool is_found = find_better(t, v, shortest, shape, in_the_way);
     const std::uint32_t generation = mesh_.triangles[t].generation;
@@ -380,7 +380,7 @@ class Refiner {
     const double allowance = rounding_allowance(std::sqrt(shape.shortest2));
     for (const Place& place : aside_) {
       if (growth < -1) break;
-      const LatticePoint p = over(a, b, {place.along * allowance, place.away * allowance});
+      const LatticePoint p = point_over(a, b, {place.along * allowance, place.away * allowance});
       // Like the off-centre, they keep the shortest edge's length as a distance from other
       // vertices, so that refinement ends as it does without them.
       if (is_excluded_by(best_.cavity, p, shape.shortest2) ||
@@ -405,7 +405,7 @@ class Refiner {
       const double leg2 = std::max(even2, 0.49 * edge2);
       const bool is_inside = (mesh_.triangles[t].beyond[i] & kOutline) == 0;
       for (const double away : {std::sqrt(leg2 / edge2 - 0.25), 0.0}) {
-        const LatticePoint p = over(a, b, {0, away});
+        const LatticePoint p = point_over(a, b, {0, away});
         if ((away == 0 && !is_inside) || is_excluded_by(best_.cavity, p, min_distance2)) continue;
         const int flaws =
             flaws_of(p, best_.cavity, fewest, [](const InsertionCavity::Rim&) { return 0; });

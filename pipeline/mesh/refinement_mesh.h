@@ -34,7 +34,7 @@ class Circumcircle {
 
   enum class Answer { kNo, kYes, kTooFar };
   /// Does p lie strictly inside? kTooFar: 64 bits do not suffice.
-  Answer holds(LatticePoint p) const {
+  Answer contains(LatticePoint p) const {
     const std::int64_t dx = std::int64_t{p.x} - origin_.x, dy = std::int64_t{p.y} - origin_.y;
     if (area2_ == 0 || !is_in_reach(dx, dy)) return Answer::kTooFar;
     return dx * x_ + dy * y_ > (dx * dx + dy * dy) * area2_ ? Answer::kYes : Answer::kNo;
@@ -113,8 +113,8 @@ class RefinementMesh {
   }
 
   /// Is p strictly inside the circumcircle of triangle t? Exact.
-  bool circumcircle_holds(std::uint32_t t, LatticePoint p) const {
-    const Circumcircle::Answer answer = triangles[t].circle.holds(p);
+  bool circumcircle_contains(std::uint32_t t, LatticePoint p) const {
+    const Circumcircle::Answer answer = triangles[t].circle.contains(p);
     if (answer != Circumcircle::Answer::kTooFar) return answer == Circumcircle::Answer::kYes;
     const std::array<std::uint32_t, 3>& v = triangles[t].v;
     return in_circle(points[v[0]], points[v[1]], points[v[2]], p) > 0;
@@ -136,7 +136,7 @@ class RefinementMesh {
         if ((beyond & kOutline) == 0) {
           const std::uint32_t n = triangle_of(beyond);
           if (triangles[n].visit == visit) continue;
-          if (circumcircle_holds(n, p)) {
+          if (circumcircle_contains(n, p)) {
             triangles[n].visit = visit;
             cavity.triangles.push_back(n);
             continue;

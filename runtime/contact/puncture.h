@@ -128,7 +128,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
 
 /// For a tick without update_contact: the next one starts without rate and friction. Contact
 /// states, punctures and requested holes are kept.
-void forget_motion(ContactState& state) noexcept;
+void reset_motion(ContactState& state) noexcept;
 
 /// A force that acts on the plate at a point, both in {B}, as a wrench about the plate's origin.
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,

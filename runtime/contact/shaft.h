@@ -39,7 +39,7 @@ void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
 
 /// For ticks in which no force is computed: the shaft stays in its hole, and friction starts again
 /// from 0 at its next place.
-void forget_motion(ShaftState& state) noexcept;
+void reset_motion(ShaftState& state) noexcept;
 
 /// The force on the tool at `place.at_m`, in {B}. Unless in_hole it is zero, and `state` is
 /// unchanged. `pose_interval_s`: as in update_contact.

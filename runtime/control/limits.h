@@ -44,18 +44,18 @@ struct SafetyLimits {
   double branch_distance_min_m = 0.5e-3;
   std::array<double, 3> workspace_min_m{-0.06, -0.06, 0.06};  ///< of the plate's origin
   std::array<double, 3> workspace_max_m{0.06, 0.06, 0.24};
-  double plate_tilt_max_rad = 0.6;      ///< of the plate's z axis against {B}'s
-  double speed_max_m_per_s = 2;         ///< of the plate's origin
-  double turn_rate_max_rad_per_s = 40;  ///< of the plate
-  double speed_window_s = 0.004;        ///< item 2
-  double torque_max_Nm = 0;             ///< of a motor; 0: what its thermal state leaves available
+  double plate_tilt_max_rad = 0.6;          ///< of the plate's z axis against {B}'s
+  double speed_max_m_per_s = 2;             ///< of the plate's origin
+  double rotation_rate_max_rad_per_s = 40;  ///< of the plate
+  double speed_window_s = 0.004;            ///< item 2
+  double torque_max_Nm = 0;  ///< of a motor; 0: what its thermal state leaves available
   double torque_rise_max_Nm_per_s = 5000;  ///< item 4
   /// How long item 4 may act; a tick whose step is at most half the limit starts the time again.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< item 3
   double overload_time_max_s = 1;   ///< item 3
   /// Time without data from the device; until then the loop runs on its last state.
-  double silence_max_s = 0.01;
+  double no_data_max_s = 0.01;
   /// Between the starts of two ticks. 0: neither this nor missed deadlines are checked.
   double gap_max_s = 0.1;
   int missed_deadlines_max = 2;  ///< in a row; more are a fault

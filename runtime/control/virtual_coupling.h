@@ -51,7 +51,7 @@ Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Po
 
 /// Returns the wrench on the plate, given the environment at the proxy. The moment is the
 /// environment's.
-Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
-                   CouplingState& state) noexcept;
+Wrench coupling_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
+                       CouplingState& state) noexcept;
 
 }  // namespace trocar::runtime

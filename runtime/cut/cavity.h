@@ -36,18 +36,18 @@ enum class StageOutcome : std::uint8_t {
   kBug,       ///< an invariant does not hold
 };
 
-enum class Contact : std::uint8_t {
+enum class ToolIntersection : std::uint8_t {
   kApart,     ///< the closed triangle and the closed tool have no point in common
   kTouches,   ///< common points, all on both boundaries
   kOverlaps,  ///< a common area
 };
 
-/// How the triangle (counter-clockwise) and the tool meet. O(tool size).
-Contact contact(const std::array<LatticePoint, 3>& triangle,
-                std::span<const OutlineEdge> tool) noexcept;
+/// How the triangle (counter-clockwise) and the tool intersect. O(tool size).
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
+                                std::span<const OutlineEdge> tool) noexcept;
 
 /// The same for a single triangle; the tool has at most kMaxToolCorners.
-Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
 /// Is p outside the polygon and not on it? O(tool size).
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;

@@ -73,7 +73,7 @@ bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) n
   hole.starts.clear();
   hole.first_out.assign(points.size(), kNone);
   hole.place.assign(points.size(), kNone);
-  for (const HoleOutline::Edge& e : hole.edges) {
+  for (const HoleOutline::CountedEdge& e : hole.edges) {
     const std::uint32_t from = e.count > 0 ? e.a : e.b, to = e.count > 0 ? e.b : e.a;
     for (std::int32_t n = std::abs(e.count); n > 0; --n) {
       if (hole.first_out[from] == kNone) hole.starts.push_back(from);

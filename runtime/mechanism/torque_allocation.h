@@ -35,7 +35,7 @@ namespace trocar::runtime {
 /// Share of every limit that is held back so that torques change at a bounded rate (laws 4 to 6).
 inline constexpr double kTorqueReserve = 0.01;
 
-enum class Allocation : std::uint8_t {
+enum class AllocationKind : std::uint8_t {
   kMinimumNorm,  ///< law 3
   kNullSpace,    ///< law 4, scale = 1
   kScaled,       ///< law 4, scale < 1: the device cannot render the wrench in full
@@ -44,11 +44,11 @@ enum class Allocation : std::uint8_t {
 };
 
 struct AllocationResult {
-  Allocation kind = Allocation::kRefused;
+  AllocationKind kind = AllocationKind::kRefused;
   MotorVector tau_motor_Nm = MotorVector::Zero();
   Wrench wrench_device = Wrench::Zero();  ///< delivered: G^T tau
   double scale = 0;                       ///< delivered over wanted
-  bool limited() const noexcept { return kind >= Allocation::kScaled; }
+  bool limited() const noexcept { return kind >= AllocationKind::kScaled; }
 };
 
 /// `wrench_device`: wanted [f; n] on the plate about its origin in {B}; `G`: at the current pose;

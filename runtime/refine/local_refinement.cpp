@@ -226,11 +226,11 @@ class LocalRefiner {
 
   Step insert(LatticePoint p, std::uint32_t split) noexcept {
     switch (insertion_.insert(mesh_, edit_, p, split)) {
-      case Insertion::kNotVisible:
+      case InsertionOutcome::kNotVisible:
         return Step::kLattice;
-      case Insertion::kCapacity:
+      case InsertionOutcome::kCapacity:
         return Step::kCapacity;
-      case Insertion::kDone:
+      case InsertionOutcome::kDone:
         break;
     }
     ++result_.vertices_added;

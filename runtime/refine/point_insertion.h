@@ -21,7 +21,7 @@ struct CavityEdge {
   TriangleEdge inside;     ///< the same edge, of the triangle in the cavity
 };
 
-enum class Insertion {
+enum class InsertionOutcome {
   kDone,
   kNotVisible,  ///< part of the rim cannot be seen from the point
   kCapacity,    ///< no free slots
@@ -46,7 +46,8 @@ class PointInsertion {
   /// edge that p splits, where p lies on the edge or on its inner side: two edges to p replace it,
   /// and what lies between the three is no longer part of the sheet. Changes nothing unless the
   /// result is kDone.
-  Insertion insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p, std::uint32_t split) noexcept;
+  InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
+                          std::uint32_t split) noexcept;
   /// After insert(): the star's triangles, each with p as its last corner.
   std::span<const std::uint32_t> star() const noexcept { return star_; }
   std::uint32_t vertex() const noexcept { return vertex_; }

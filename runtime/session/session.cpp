@@ -45,11 +45,12 @@ bool same_bits(const std::array<double, 8>& a, const std::array<double, 8>& b) n
   });
 }
 
-class Session {
+class SessionLoop {
  public:
-  Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
-          Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
-          Recorder* recorder, Responder* responder, BlackBox* black_box)
+  SessionLoop(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
+              Device& device, const std::function<void(double)>& advance,
+              const SessionOptions& options, Recorder* recorder, Responder* responder,
+              BlackBox* black_box)
       : remesher_(remesher),
         responder_(responder),
         device_(device),
@@ -409,9 +410,9 @@ SessionReport run_session(const Scene& scene, const DeviceDescription& descripti
                           Remesher& remesher, Device& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers) {
-  auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           workers.recorder.get(), workers.responder.get(),
-                                           workers.black_box.get());
+  auto session = std::make_unique<SessionLoop>(scene, description, remesher, device, advance,
+                                               options, workers.recorder.get(),
+                                               workers.responder.get(), workers.black_box.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();
