@@ -56,8 +56,8 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
   return {round_half_up(p.x, 0.5 * qx - away * qy), round_half_up(p.y, 0.5 * qy + away * qx)};
 }
 
-/// The circle through the ends of an edge of length 1 from whose points on the left of the edge the
-/// edge is seen under a given angle.
+/// The circle of an inscribed angle: it passes through the ends of an edge of length 1, and the
+/// edge is seen under the given angle from each of its points on the left of the edge.
 struct AngleCircle {
   double radius = 0;
   double centre = 0;  ///< its distance from the edge

@@ -46,10 +46,10 @@ enum class CommandMode : std::uint8_t {
   kStop = 3,    ///< torques must be zero; ends the session
 };
 enum class DriveMode : std::uint8_t {
-  kReady = 1,     ///< torques are zero; a torque command is accepted
-  kTorque = 2,    ///< the last command's torques are applied
-  kWatchdog = 3,  ///< commands stopped arriving: torques are zero until a command arrives that has
-                  ///< seen this mode and whose torques are zero
+  kReady = 1,          ///< torques are zero; a torque command is accepted
+  kTorque = 2,         ///< the last command's torques are applied
+  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command arrives that
+                       ///< acknowledges this mode and whose torques are zero
   kEmergencyStop = 4,  ///< pressed, or released and no such command has arrived yet:
                        ///< commands have no effect, torques are zero
 };

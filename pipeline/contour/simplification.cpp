@@ -125,19 +125,19 @@ struct Chord {
 
 // Marks every span whose chord crosses another. Sweep over x.
 bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
-  std::vector<Chord> edges;
+  std::vector<Chord> chords;
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
     for (std::uint32_t k = 0; k < rings[r].kept.size(); ++k) {
-      edges.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
+      chords.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
     }
   }
-  std::sort(edges.begin(), edges.end(), [](const Chord& e, const Chord& f) {
+  std::sort(chords.begin(), chords.end(), [](const Chord& e, const Chord& f) {
     return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} <
            std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
   });
   bool any = false;
   std::vector<const Chord*> active;
-  for (const Chord& e : edges) {
+  for (const Chord& e : chords) {
     const std::int32_t x = std::min(e.a.x, e.b.x);
     std::erase_if(active, [x](const Chord* o) { return std::max(o->a.x, o->b.x) < x; });
     const auto [lo, hi] = std::minmax(e.a.y, e.b.y);

@@ -27,8 +27,9 @@ constexpr double kFarthestFromOutline = 3;
 
 // Places for a split of an edge of the outline, as fractions of it, the preferred one first.
 constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// A point over an edge of a triangle that is too large is to make an equilateral triangle whose
-// edges have this share of the largest length allowed, no nearer to other vertices than half of it.
+// For a triangle that is too large: a new point over one of its edges is placed to make an
+// equilateral triangle. Its edges have this share of the largest length allowed; other vertices
+// are at least half an edge away.
 constexpr double kEvenEdge = 0.9;
 // Where to look for points over the shortest edge, as angles from the off-centre.
 constexpr std::array kAside_deg = {30.0, -30.0, 60.0, -60.0};
@@ -185,9 +186,9 @@ class Refiner {
     return r.is_outline() && blocks(at(r.a), at(r.b), p);
   }
 
-  // How many bad triangles there would be, and `more` for each edge of the rim, if p had this
-  // cavity; `limit` if there are more, or if p cannot have it. Places close to each other have
-  // nearly the same cavity, so the first one's serves to look for the best place.
+  // The number of bad triangles, plus `more` for each edge of the rim, if p were inserted into this
+  // cavity; `limit` if there are as many or more, or if p cannot have this cavity. Places close to
+  // each other have nearly the same cavity, so the cavity of the first is used to compare them.
   template <typename More>
   int flaws_of(LatticePoint p, const InsertionCavity& cavity, int limit, More more) const {
     int flaws = 0;
