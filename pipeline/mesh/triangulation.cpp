@@ -29,9 +29,9 @@ struct Swept {
 // status lists the outline's edges that the sweep line cuts, from below. With each edge that has
 // material above it the status keeps a chain: the right border of the part of that material that
 // can be triangulated without points to the right. The chain runs from the left end of the edge
-// below to that of the edge above and is convex to the right. From a
-// new point to the right of it exactly the part of the chain that faces the point is visible, and
-// nothing else has to be checked.
+// below to that of the edge above and is convex to the right. From a new point to the
+// right of it exactly the part of the chain that faces the point is visible, and nothing else has
+// to be checked.
 class Sweep {
  public:
   /// In the rotated plane.
