@@ -200,22 +200,22 @@ std::vector<std::string> other_exports(const Asset& asset, const fs::path& folde
 // A hidden folder inside the target folder, so that moving files out of it is a rename. The
 // destructor removes it with what is left in it, and the target too if make() created it and it is
 // still empty.
-class Scratch {
+class ScratchFolder {
  public:
-  static Result<std::unique_ptr<Scratch>> make(const fs::path& target) {
+  static Result<std::unique_ptr<ScratchFolder>> make(const fs::path& target) {
     std::error_code error;
     const bool is_new = fs::create_directories(target, error);
     if (error) return unwritable(target.string() + ": " + error.message());
     std::string path = (target / ".trocar-export.XXXXXX").string();
     if (::mkdtemp(path.data()) == nullptr)
       return unwritable(target.string() + ": " + std::generic_category().message(errno));
-    return std::make_unique<Scratch>(target, path, is_new);
+    return std::make_unique<ScratchFolder>(target, path, is_new);
   }
-  Scratch(fs::path target, fs::path path, bool is_new)
+  ScratchFolder(fs::path target, fs::path path, bool is_new)
       : target_(std::move(target)), path_(std::move(path)), is_new_(is_new) {}
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  ~Scratch() {
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  ~ScratchFolder() {
     std::error_code ignored;
     fs::remove_all(path_, ignored);
     if (is_new_) fs::remove(target_, ignored);  // only if it is empty
@@ -272,7 +272,7 @@ Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path
                                               const std::atomic<bool>* stop) {
   omlog().disable();  // OpenMesh logs every file that it writes
   std::vector<std::string> others = other_exports(asset, folder);
-  const auto scratch = Scratch::make(folder);
+  const auto scratch = ScratchFolder::make(folder);
   if (!scratch) return scratch.error();
   std::vector<std::string> names;
   for (const AssetSlice& slice : asset.slices) {

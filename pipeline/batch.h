@@ -32,7 +32,7 @@ struct BatchResult {
   nlohmann::json stages;  ///< of dump_slice, or null
 };
 
-/// The same stack and options give the same glb, whatever the threads. Errors: those of
+/// The same stack and options give the same glb, with any number of threads. Errors: those of
 /// mesh_slice(), the lowest slice's first; (usage) slices or crop outside the stack; (unwritable)
 /// stopped.
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,

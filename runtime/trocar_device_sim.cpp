@@ -48,8 +48,8 @@ std::string version() {
 }
 
 // CLI11 reads "-1" for an unsigned number as the largest one.
-std::string not_negative(const std::string& word) {
-  return word.starts_with('-') ? word + " is less than 0" : "";
+std::string not_negative(const std::string& text) {
+  return text.starts_with('-') ? text + " is less than 0" : "";
 }
 
 void declare(CLI::App& app, Arguments& a) {
@@ -81,7 +81,7 @@ void declare(CLI::App& app, Arguments& a) {
                  "a device description (JSON) instead of the scene's");
   app.add_option("--record", a.record,
                  "write what the drive did in each of its steps: CSV, the first million steps");
-  app.add_option("--summary", a.summary, "write what happened and what the hand felt: JSON");
+  app.add_option("--summary", a.summary, "write what happened and the forces on the hand: JSON");
   app.add_flag("--quiet", a.quiet, "print errors and the address only");
   app.footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 could not be\n"
@@ -203,8 +203,7 @@ class Server {
   const Drive& drive() const { return drive_; }
 
  private:
-  /// The most periods that a delayed process makes up for; for the rest, simulated time stood
-  /// still.
+  /// The most periods that a delayed process makes up for; simulated time loses the rest.
   static constexpr double kMaxCatchUpPeriods = 200;
   static constexpr int kMaxDatagrams = 512;
 
@@ -336,7 +335,7 @@ int serve(const Arguments& arguments) {
   const DriveReport& report = server.drive().report();
   if (!arguments.quiet) {
     std::printf(
-        "%llu sessions, %llu packets accepted, %llu refused; the hand felt %.3f N at most\n",
+        "%llu sessions, %llu packets accepted, %llu refused; largest force on the hand %.3f N\n",
         static_cast<unsigned long long>(report.sessions),
         static_cast<unsigned long long>(report.packets.accepted()),
         static_cast<unsigned long long>(report.packets.refused()), report.largest_hand_force_N);
@@ -356,7 +355,7 @@ int serve(const Arguments& arguments) {
 
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app("The simulated device behind the device link, a process of its own.", kName);
+  CLI::App app("The simulated device behind the device link, as a separate process.", kName);
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());

@@ -201,7 +201,7 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
       static_cast<unsigned long long>(report.realtime.missed_deadlines), report.max_force_N,
       report.torque_max_Nm);
   for (const PunctureEvent& event : report.punctures) {
-    std::printf("slice %d was punctured at %.4f s: %.3f N felt, %.3f mm deep, tip at %.5f m\n",
+    std::printf("slice %d was punctured at %.4f s: force %.3f N, depth %.3f mm, tip at %.5f m\n",
                 event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
   }
   if (!options.replay.empty() && report.replay_first_difference < 0) {

@@ -311,8 +311,8 @@ bool SectionDistance::inside(Vec2 p) const {
   for (const int s : strips_[static_cast<std::size_t>(row)]) {
     const auto [a, b] = segments_[s];
     if ((a.y <= p.y) == (b.y <= p.y)) continue;
-    const double turn = cross(b - a, p - a);
-    if ((turn > 0) == (b.y > a.y)) odd = !odd;  // the segment passes to the right of p
+    const double orientation = cross(b - a, p - a);
+    if ((orientation > 0) == (b.y > a.y)) odd = !odd;  // the segment passes to the right of p
   }
   return odd;
 }

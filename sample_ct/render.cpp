@@ -87,8 +87,8 @@ std::vector<double> render_slice(const PhantomOptions& phantom, const ScanGeomet
       const Vec3 centre = pixel_centre_mm(scan, i, j, k);
       if (i >= known_until) {
         bone = sample_bone(phantom, centre);
-        // Distances change by at most the distance moved. So a pixel that is far from any
-        // surface tells how many further pixels of the row are, too.
+        // Distances change by at most the distance moved. So if a pixel is far from any
+        // surface, a number of further pixels of the row are, too.
         const double spare =
             std::max(bone.distance_mm - reach,
                      (-bone.distance_mm - bone.cortical_mm - reach) / kInnerLipschitz);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scanner: turns the phantom's field into slices of integer HU.
+// The scanner: samples the phantom's field as slices of integer HU.
 //
 // A pixel holds the mean of the bone's share over the pixel's area and the slice's
 // thickness (partial volume): by supersampling near the bone's outer or inner surface,

@@ -22,7 +22,8 @@ constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
 constexpr int kLines = 1, kTriangles = 4;
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
-// Of positions: glTF wants the bounds of the float32 values; lattice multiples are exact in it.
+// The accessor of positions. glTF requires the bounds of the float32 values; lattice multiples are
+// exact in float32.
 json positions(std::size_t count, const LatticeBox& box, const Lattice& lattice) {
   return {{"componentType", kFloat},
           {"type", "VEC3"},

@@ -27,7 +27,8 @@ bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t whole) 
   return offset <= whole && size <= whole - offset;
 }
 
-// CRC-32. Of no bytes it is 0 (and crc32_z() takes a null pointer for a new start).
+// CRC-32, continued from `before`. No bytes leave it unchanged: crc32_z() would take a null pointer
+// for the start of a new checksum.
 std::uint32_t checksum_of(std::span<const std::uint8_t> bytes, std::uint32_t before = 0) {
   if (bytes.empty()) return before;
   return static_cast<std::uint32_t>(crc32_z(before, bytes.data(), bytes.size()));

@@ -46,7 +46,7 @@ inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', '
 inline constexpr std::uint32_t kIndexVersion = 2;
 inline constexpr std::size_t kMaxSlices = 100'000;
 
-// Bytes as they stand in the file, little-endian.
+// The bytes of the file, little-endian.
 
 struct IndexHeader {
   std::array<char, 8> magic = kIndexMagic;

@@ -16,11 +16,11 @@ namespace {
 /// What is wrong with the first empty value, or nothing.
 std::string empty_value(int argc, const char* const* argv) {
   for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i], before = argv[i - 1];
-    if (word.empty())
+    const std::string argument = argv[i], before = argv[i - 1];
+    if (argument.empty())
       return (before.starts_with('-') ? before : "an argument") + ": its value is empty";
-    if (word.starts_with("--") && word.find('=') == word.size() - 1)
-      return word.substr(0, word.size() - 1) + ": its value is empty";
+    if (argument.starts_with("--") && argument.find('=') == argument.size() - 1)
+      return argument.substr(0, argument.size() - 1) + ": its value is empty";
   }
   return {};
 }
@@ -28,14 +28,14 @@ std::string empty_value(int argc, const char* const* argv) {
 /// Names the first argument that no option took, and the option that may have been meant.
 std::string unexpected_argument(const CLI::App& app) {
   const std::vector<std::string> rest = app.remaining(true);
-  const std::string word = rest.empty() ? "" : rest.front();
+  const std::string argument = rest.empty() ? "" : rest.front();
   const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
   std::vector<std::string> names;
   for (const CLI::Option* option : command.get_options()) {
     for (const std::string& name : option->get_lnames())
       names.push_back("--" + name);
   }
-  return "not expected: " + word + did_you_mean(word.substr(0, word.find('=')), names);
+  return "not expected: " + argument + did_you_mean(argument.substr(0, argument.find('=')), names);
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What all programs do with their command line, their standard output, their signals and their
-// errors. A library of its own (trocar_command_line), so that trocar_formats does not need CLI11.
+// errors. A separate library (trocar_command_line), so that trocar_formats does not need CLI11.
 #pragma once
 
 #include <atomic>
@@ -32,8 +32,8 @@ int report_error(const std::string& program, const Error& error);
 void add_help_and_version(CLI::App& app, const std::string& version);
 
 /// Reads the arguments of main() into what was declared to `app`, whose name is the program's.
-/// Returns the exit code if nothing is left to be done: --help and --version are printed (0), and
-/// what cannot be accepted is reported in one line (2), with the nearest option's name if an option
+/// Returns the exit code if the program is to end: after --help and --version (0), or after invalid
+/// arguments, which are reported in one line (2), with the nearest option's name if an option
 /// is unknown. An empty value (an unset variable of a shell) is refused: CLI11 would treat
 /// the option as not given.
 std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv);

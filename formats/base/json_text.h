@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A JSON value as text, whatever bytes its strings have. For .cpp files: it includes nlohmann/json,
-// which no header of runtime/ may reach.
+// A JSON value as text, also if its strings are not UTF-8. For .cpp files: it includes
+// nlohmann/json, which no header of runtime/ may reach.
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rotation of the plane by right angles that brings a set of points into a canonical
-// orientation. What depends on the order of points, on ties or on rounding is decided in the
-// rotated plane: moved by lattice steps or rotated by right angles, the same points then give the
+// orientation. All that depends on the order of points, on ties or on rounding is decided in the
+// rotated plane. So the same points, moved by lattice steps or rotated by right angles, give the
 // same result, moved and rotated.
 #pragma once
 
@@ -17,7 +17,7 @@ namespace trocar {
 class CanonicalRotation {
  public:
   CanonicalRotation() = default;
-  /// The one that makes the vector (x, y) point right, and up or level; none for (0, 0).
+  /// The one that brings the vector (x, y) to x > 0, y >= 0; the identity for (0, 0).
   template <typename Number>
   static CanonicalRotation of(Number x, Number y) noexcept {
     CanonicalRotation out;
@@ -81,8 +81,8 @@ class CentroidOffset {
   std::int64_t sum_x_ = 0, sum_y_ = 0, count_ = 0;
 };
 
-/// Makes the points' CentroidOffset point right, and up or level. The identity where that is zero,
-/// as it is wherever a rotation by 90 or 180 degrees maps the points onto themselves.
+/// Brings the points' CentroidOffset to x > 0, y >= 0. The identity where the offset is zero, as it
+/// is wherever a rotation by 90 or 180 degrees maps the points onto themselves.
 inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> points) noexcept {
   CentroidOffset offset;
   for (const LatticePoint p : points)

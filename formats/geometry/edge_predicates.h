@@ -30,8 +30,8 @@ inline bool blocks(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
 }
 
 /// May the edge ab of the counter-clockwise triangle abc be split at m: m lies on ab or on its
-/// inner side, and strictly inside the other two edges? A boundary split so never moves outwards,
-/// so it cannot meet another part of itself.
+/// inner side, and strictly inside the other two edges? Such a split never moves the boundary
+/// outwards, so the boundary cannot cross itself there.
 inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint m) noexcept {
   return orient2d(a, b, m) >= 0 && orient2d(b, c, m) > 0 && orient2d(c, a, m) > 0;
 }

@@ -20,7 +20,7 @@ std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
 }
 
-struct Segment {
+struct SweepSegment {
   LatticePoint a, b;
   std::int32_t min_x() const { return std::min(a.x, b.x); }
   std::int32_t max_x() const { return std::max(a.x, b.x); }
@@ -28,16 +28,16 @@ struct Segment {
 
 // Sweeps over x with a simple active list. O(n (log n + k)), where k segments overlap one in x:
 // fast enough for outlines of some thousand edges.
-Result<void> check_no_crossing(std::vector<Segment> segments, const char* what) {
-  std::sort(segments.begin(), segments.end(), [](const Segment& s, const Segment& t) {
+Result<void> check_no_crossing(std::vector<SweepSegment> segments, const char* what) {
+  std::sort(segments.begin(), segments.end(), [](const SweepSegment& s, const SweepSegment& t) {
     return std::tuple{s.min_x(), s.a, s.b} < std::tuple{t.min_x(), t.a, t.b};
   });
-  std::vector<const Segment*> active;
-  for (const Segment& s : segments) {
+  std::vector<const SweepSegment*> active;
+  for (const SweepSegment& s : segments) {
     const std::int32_t x = s.min_x();
-    std::erase_if(active, [x](const Segment* o) { return o->max_x() < x; });
+    std::erase_if(active, [x](const SweepSegment* o) { return o->max_x() < x; });
     const auto [lo, hi] = std::minmax(s.a.y, s.b.y);
-    for (const Segment* o : active) {
+    for (const SweepSegment* o : active) {
       if (std::max(o->a.y, o->b.y) < lo || std::min(o->a.y, o->b.y) > hi) continue;
       if (segments_cross(s.a, s.b, o->a, o->b)) {
         return refused(std::string(what) + " cross near " + place(s.a).substr(3));
@@ -111,9 +111,9 @@ bool is_inside_ring(std::int64_t px, std::int64_t py, const Ring& ring) {
     LatticePoint a = ring[i], b = ring[i + 1 == n ? 0 : i + 1];
     if ((2 * std::int64_t{a.y} > py) == (2 * std::int64_t{b.y} > py)) continue;
     if (a.y > b.y) std::swap(a, b);
-    const Int128 turn = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
-                        Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
-    if (turn > 0) inside = !inside;
+    const Int128 orientation = Int128{std::int64_t{b.x} - a.x} * (py - 2 * std::int64_t{a.y}) -
+                               Int128{std::int64_t{b.y} - a.y} * (px - 2 * std::int64_t{a.x});
+    if (orientation > 0) inside = !inside;
   }
   return inside;
 }
@@ -140,7 +140,7 @@ Result<void> check_mesh(const SliceMesh& mesh) {
   }
 
   const std::vector<DirectedEdge> edges = sorted_edges(mesh);
-  std::vector<Segment> boundary;
+  std::vector<SweepSegment> boundary;
   std::vector<std::uint32_t> boundary_out(n, 0);
   for (std::size_t i = 0; i < edges.size();) {
     std::size_t j = i + 1;
@@ -194,7 +194,7 @@ Result<void> check_mesh(const SliceMesh& mesh) {
 }
 
 Result<void> check_pslg(const Pslg& pslg) {
-  std::vector<Segment> segments;
+  std::vector<SweepSegment> segments;
   for (const Ring& ring : pslg.rings) {
     if (ring.size() < 3) return refused("a ring of fewer than three vertices");
     for (std::size_t i = 0; i < ring.size(); ++i) {

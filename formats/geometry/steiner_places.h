@@ -17,12 +17,12 @@ struct Place {
 };
 
 // Places are measured from a vertex near by and rounded from there, so that a mesh does not depend
-// on where in the plane its outline lies. Two roundings, for the two ways of not depending on how
-// the outline is rotated: all ties one way, in a plane in canonical orientation
-// (canonical_rotation.h); or ties away from the vertex, in any orientation.
+// on where in the plane its outline lies. It must not depend on the outline's rotation either. So
+// round_half_up() is used in a plane in canonical orientation (canonical_rotation.h), and
+// round_half_away() in any orientation.
 
-/// The lattice coordinate nearest to `away` steps from another; of two the upper one. What lies
-/// beyond the lattice's bounds is moved onto them. (std::floor is a call.)
+/// The lattice coordinate nearest to `away` steps from another; of two the upper one. A result
+/// beyond the lattice's bounds is moved onto them. (std::floor would be a function call.)
 inline std::int32_t round_half_up(std::int32_t from, double away) noexcept {
   const double up = std::clamp(away, -2.0 * kMaxCoordinate, 2.0 * kMaxCoordinate) + 0.5;
   const auto whole = static_cast<std::int32_t>(up);
@@ -38,7 +38,7 @@ inline LatticePoint round_half_away(LatticePoint p, double x, double y) noexcept
 }
 
 /// The lattice point nearest to a place on the left of the edge pq, rounded half up.
-inline LatticePoint over(LatticePoint p, LatticePoint q, Place place) noexcept {
+inline LatticePoint point_over(LatticePoint p, LatticePoint q, Place place) noexcept {
   const double dx = static_cast<double>(q.x) - p.x, dy = static_cast<double>(q.y) - p.y;
   return {round_half_up(p.x, 0.5 * dx + (place.along * dx - place.away * dy)),
           round_half_up(p.y, 0.5 * dy + (place.along * dy + place.away * dx))};
@@ -56,8 +56,8 @@ inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
   return {round_half_up(p.x, 0.5 * qx - away * qy), round_half_up(p.y, 0.5 * qy + away * qx)};
 }
 
-/// The circle through the ends of an edge of length 1 from whose points on the left of the edge the
-/// edge is seen under a given angle.
+/// The circle of an inscribed angle: it passes through the ends of an edge of length 1, and the
+/// edge is seen under the given angle from each of its points on the left of the edge.
 struct AngleCircle {
   double radius = 0;
   double centre = 0;  ///< its distance from the edge
@@ -74,8 +74,8 @@ struct AngleCircle {
   }
 };
 
-/// By what factor a place over an edge of this length (in steps) is to be nearer to the edge, so
-/// that rounding to the lattice does not make the angle under which it sees the edge too small.
+/// Factor on the distance of a place from an edge of this length (in steps). It brings the place
+/// nearer, so that the edge is seen under a large enough angle after rounding to the lattice too.
 inline double rounding_allowance(double length) noexcept {
   constexpr double kSteps = 1.5;
   return 1 - std::min(0.4, kSteps / length);

@@ -36,7 +36,7 @@ struct TriangleEdge {
   std::uint32_t triangle, edge;
 };
 
-/// The same as one number, for triangles below 2^29; kNoEdge stands for none.
+/// The same as one number, for triangles below 2^29; kNoEdge is none.
 using EdgeId = std::uint32_t;
 inline constexpr EdgeId kNoEdge = 0xffffffff;
 constexpr EdgeId edge_id(std::uint32_t triangle, std::uint32_t edge) noexcept {

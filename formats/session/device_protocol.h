@@ -46,12 +46,12 @@ enum class CommandMode : std::uint8_t {
   kStop = 3,    ///< torques must be zero; ends the session
 };
 enum class DriveMode : std::uint8_t {
-  kReady = 1,     ///< torques are zero; a torque command is accepted
-  kTorque = 2,    ///< the last command's torques are applied
-  kWatchdog = 3,  ///< commands stopped arriving: torques are zero until a command arrives that has
-                  ///< seen this mode and whose torques are zero
+  kReady = 1,          ///< torques are zero; a torque command is accepted
+  kTorque = 2,         ///< the last command's torques are applied
+  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command arrives that
+                       ///< acknowledges this mode and whose torques are zero
   kEmergencyStop = 4,  ///< pressed, or released and no such command has arrived yet:
-                       ///< torques are zero whatever is commanded
+                       ///< commands have no effect, torques are zero
 };
 
 struct HelloPacket {
@@ -130,7 +130,7 @@ std::size_t encode(const StatePacket& packet, const LinkKey& key,
 PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
 
 /// `packet` and `last_sequence` change only if the packet is accepted. A repeated hello is
-/// accepted: whoever sends an old one gets a welcome, but lacks the key to use its session.
+/// accepted: the sender of an old one gets a welcome, but lacks the key to use its session.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
                    HelloPacket& packet) noexcept;
 /// `asked`: the host's nonce in its hello.

@@ -125,7 +125,8 @@ struct SceneTool {
   /// The axis is the plate's z axis tilted by tilt_deg towards tilt_azimuth_deg from its x axis.
   double tilt_deg = 0, tilt_azimuth_deg = 0;
 };
-/// At a larger angle between its axis and {B}'s z a tool would slide instead of puncture.
+/// Largest angle between the tool's axis and {B}'s z. With a larger one the tool would slide
+/// instead of puncturing.
 inline constexpr double kMaxTilt_deg = 45;
 
 struct TipKeyframe {

@@ -143,7 +143,7 @@ class MarchingSquares {
     return denominator > 0 ? numerator >= 0 : numerator <= 0;
   }
 
-  // At the image's border the material ends at the pixel's edge, whatever its value; in a mask,
+  // At the image's border the material ends at the pixel's edge, for any value; in a mask,
   // half way between two pixels.
   Crossing crossing_of(std::size_t edge) const {
     const int x = static_cast<int>(edge / 2 % columns_), y = static_cast<int>(edge / 2 / columns_);

@@ -12,7 +12,7 @@ enum class ContourKind {
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 
-/// Pixel position -> lattice: u = (x + offset_x) * spacing_u, likewise v.
+/// Pixel position -> lattice: u = (x + offset_x) * spacing_u, v = (y + offset_y) * spacing_v.
 struct PixelGrid {
   double spacing_u_mm = 1, spacing_v_mm = 1;
   int offset_x = 0, offset_y = 0;  ///< of a cropped image in the whole one

@@ -65,15 +65,15 @@ void restore_chord_areas(std::span<Crossing> ring) {
   const std::size_t n = ring.size();
   const std::size_t reach = std::min(kReach, (n - 1) / 3);
   if (n < 4) return;
-  struct Step {
+  struct Offset {
     double u, v;
     double squared() const { return u * u + v * v; }
     double length() const { return std::sqrt(squared()); }
   };
   const auto step = [&ring](const std::size_t from, const std::size_t to) {
     const Crossing &a = ring[from], &b = ring[to];
-    return Step{b.x - a.x + ((b.along_v ? 0 : b.t) - (a.along_v ? 0 : a.t)),
-                b.y - a.y + ((b.along_v ? b.t : 0) - (a.along_v ? a.t : 0))};
+    return Offset{b.x - a.x + ((b.along_v ? 0 : b.t) - (a.along_v ? 0 : a.t)),
+                  b.y - a.y + ((b.along_v ? b.t : 0) - (a.along_v ? a.t : 0))};
   };
   // For each crossing: half of the area that its two chords cut off, from the curvature of the
   // circle through it and its third neighbours on either side (nearer ones would make the curvature
@@ -87,13 +87,13 @@ void restore_chord_areas(std::span<Crossing> ring) {
   const auto wrapped = [n](std::size_t i) { return i < n ? i : i - n; };
   for (std::size_t i = 0; i < n; ++i) {
     if (ring[i].fixed) continue;
-    const Step in = step(wrapped(i + n - reach), i), out = step(i, wrapped(i + reach));
+    const Offset in = step(wrapped(i + n - reach), i), out = step(i, wrapped(i + reach));
     const double sides =
-        std::sqrt(in.squared() * out.squared() * Step{in.u + out.u, in.v + out.v}.squared());
+        std::sqrt(in.squared() * out.squared() * Offset{in.u + out.u, in.v + out.v}.squared());
     if (!(sides > 1e-9)) continue;
     const double curvature =
         std::clamp(2 * (in.u * out.v - in.v * out.u) / sides, -kMaxCurvature, kMaxCurvature);
-    const Step before = step(wrapped(i + n - 1), i), after = step(i, wrapped(i + 1));
+    const Offset before = step(wrapped(i + n - 1), i), after = step(i, wrapped(i + 1));
     const double c1 = before.length(), c2 = after.length();
     shares[i].missing = curvature * (c1 * c1 * c1 + c2 * c2 * c2) / 24;
     shares[i].gain = ring[i].along_v ? -0.5 * (before.u + after.u) : 0.5 * (before.v + after.v);

@@ -13,7 +13,7 @@ namespace trocar::pipeline {
 struct Threshold {
   double value = 226;  ///< HU on calibrated input, grey level 0..255 on images
 };
-/// The paper's way: histogram equalisation (of the slice's whole range, mapped to 0..255), then
+/// The paper's method: histogram equalisation (of the slice's whole range, mapped to 0..255), then
 /// a threshold on the equalised levels.
 struct Equalize {
   double level = 230;

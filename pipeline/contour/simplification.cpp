@@ -118,30 +118,30 @@ Simplified simplify_ring(const Ring& contour, double tolerance2) {
   return s;
 }
 
-struct Edge {
+struct Chord {
   LatticePoint a, b;
   std::uint32_t ring, span;
 };
 
 // Marks every span whose chord crosses another. Sweep over x.
 bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
-  std::vector<Edge> edges;
+  std::vector<Chord> chords;
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
     for (std::uint32_t k = 0; k < rings[r].kept.size(); ++k) {
-      edges.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
+      chords.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
     }
   }
-  std::sort(edges.begin(), edges.end(), [](const Edge& e, const Edge& f) {
+  std::sort(chords.begin(), chords.end(), [](const Chord& e, const Chord& f) {
     return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} <
            std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
   });
   bool any = false;
-  std::vector<const Edge*> active;
-  for (const Edge& e : edges) {
+  std::vector<const Chord*> active;
+  for (const Chord& e : chords) {
     const std::int32_t x = std::min(e.a.x, e.b.x);
-    std::erase_if(active, [x](const Edge* o) { return std::max(o->a.x, o->b.x) < x; });
+    std::erase_if(active, [x](const Chord* o) { return std::max(o->a.x, o->b.x) < x; });
     const auto [lo, hi] = std::minmax(e.a.y, e.b.y);
-    for (const Edge* o : active) {
+    for (const Chord* o : active) {
       if (std::max(o->a.y, o->b.y) < lo || std::min(o->a.y, o->b.y) > hi) continue;
       if (segments_cross(e.a, e.b, o->a, o->b)) {
         marks[e.ring][e.span] = marks[o->ring][o->span] = 1;

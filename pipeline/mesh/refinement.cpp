@@ -27,8 +27,9 @@ constexpr double kFarthestFromOutline = 3;
 
 // Places for a split of an edge of the outline, as fractions of it, the preferred one first.
 constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// A point over an edge of a triangle that is too large is to make an equilateral triangle whose
-// edges have this share of the largest length allowed, no nearer to other vertices than half of it.
+// For a triangle that is too large: a new point over one of its edges is placed to make an
+// equilateral triangle. Its edges have this share of the largest length allowed; other vertices
+// are at least half an edge away.
 constexpr double kEvenEdge = 0.9;
 // Where to look for points over the shortest edge, as angles from the off-centre.
 constexpr std::array kAside_deg = {30.0, -30.0, 60.0, -60.0};
@@ -124,7 +125,7 @@ class Refiner {
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
   double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
 
-  // ---- what is wrong with a triangle ----
+  // ---- bad triangles and encroached edges ----
 
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
@@ -155,7 +156,7 @@ class Refiner {
     if (is_bad) bad_.push(shortest2, {t, mesh_.triangles[t].generation});
   }
 
-  // ---- looking before inserting ----
+  // ---- what an insertion would change ----
 
   // The shape of the triangle that would replace the edge of the rim.
   TriangleShape look_ahead(InsertionCavity::Rim& r, LatticePoint p) const {
@@ -185,9 +186,9 @@ class Refiner {
     return r.is_outline() && blocks(at(r.a), at(r.b), p);
   }
 
-  // How many bad triangles there would be, and `more` for each edge of the rim, if p had this
-  // cavity; `limit` if there are more, or if p cannot have it. Places close to each other have
-  // nearly the same cavity, so the first one's serves to look for the best place.
+  // The number of bad triangles, plus `more` for each edge of the rim, if p were inserted into this
+  // cavity; `limit` if there are as many or more, or if p cannot have this cavity. Places close to
+  // each other have nearly the same cavity, so the cavity of the first is used to compare them.
   template <typename More>
   int flaws_of(LatticePoint p, const InsertionCavity& cavity, int limit, More more) const {
     int flaws = 0;
@@ -211,7 +212,7 @@ class Refiner {
   // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
   // its distance from other vertices?
   bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
-    if (!mesh_.circumcircle_holds(t, p)) return false;
+    if (!mesh_.circumcircle_contains(t, p)) return false;
     out.p = p;
     out.flaws = 0;
     mesh_.find_cavity(t, p, kNoEdge, out.cavity);
@@ -348,7 +349,7 @@ class Refiner {
                        : std::numeric_limits<double>::infinity();
     const LatticePoint centre = centre_over(at(v[shortest]), at(v[next_corner(shortest)]),
                                             at(v[previous_corner(shortest)]), most_away);
-    if (!mesh_.circumcircle_holds(t, centre)) return leave(t);
+    if (!mesh_.circumcircle_contains(t, centre)) return leave(t);
     const EdgeId in_the_way = find_in_the_way(t, centre, best_);
     const bool is_found = find_better(t, v, shortest, shape, in_the_way);
     const std::uint32_t generation = mesh_.triangles[t].generation;
@@ -380,7 +381,7 @@ class Refiner {
     const double allowance = rounding_allowance(std::sqrt(shape.shortest2));
     for (const Place& place : aside_) {
       if (growth < -1) break;
-      const LatticePoint p = over(a, b, {place.along * allowance, place.away * allowance});
+      const LatticePoint p = point_over(a, b, {place.along * allowance, place.away * allowance});
       // Like the off-centre, they keep the shortest edge's length as a distance from other
       // vertices, so that refinement ends as it does without them.
       if (is_excluded_by(best_.cavity, p, shape.shortest2) ||
@@ -405,7 +406,7 @@ class Refiner {
       const double leg2 = std::max(even2, 0.49 * edge2);
       const bool is_inside = (mesh_.triangles[t].beyond[i] & kOutline) == 0;
       for (const double away : {std::sqrt(leg2 / edge2 - 0.25), 0.0}) {
-        const LatticePoint p = over(a, b, {0, away});
+        const LatticePoint p = point_over(a, b, {0, away});
         if ((away == 0 && !is_inside) || is_excluded_by(best_.cavity, p, min_distance2)) continue;
         const int flaws =
             flaws_of(p, best_.cavity, fewest, [](const InsertionCavity::Rim&) { return 0; });

@@ -15,11 +15,11 @@
 
 namespace trocar::pipeline {
 
-/// An input angle less than this above the wanted one is treated like one below it: where the
-/// triangle at the corner is small, rounding to the lattice decides which angle it gets.
+/// An input angle that exceeds the wanted one by less than this is treated as if it were below it:
+/// in a small triangle at the corner, rounding to the lattice decides the angle.
 inline constexpr double kLatticeAllowance_deg = 1.5;
 
-/// Up to this angle refinement ends in practice whatever the input.
+/// Up to this angle refinement ends in practice, for any input.
 inline constexpr double kSafeAngle_deg = 33;
 
 /// The area bound is raised where it would ask for more triangles than this in one slice, which has

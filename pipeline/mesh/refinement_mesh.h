@@ -13,12 +13,12 @@
 
 namespace trocar::pipeline {
 
-/// Beyond an edge on the outline lies, instead of an edge, this flag and the input segment's
-/// number.
+/// For an edge on the outline, `beyond` is this flag and the input segment's number instead of an
+/// EdgeId.
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
 /// A triangle's circumcircle, for many points: the determinant of in_circle(), expanded by the
-/// point. Exact; 64 bits do where all differences are below kReach, which nearly all are.
+/// point. Exact; 64 bits suffice where all differences are below kReach, which nearly all are.
 class Circumcircle {
  public:
   Circumcircle() = default;
@@ -34,7 +34,7 @@ class Circumcircle {
 
   enum class Answer { kNo, kYes, kTooFar };
   /// Does p lie strictly inside? kTooFar: 64 bits do not suffice.
-  Answer holds(LatticePoint p) const {
+  Answer contains(LatticePoint p) const {
     const std::int64_t dx = std::int64_t{p.x} - origin_.x, dy = std::int64_t{p.y} - origin_.y;
     if (area2_ == 0 || !is_in_reach(dx, dy)) return Answer::kTooFar;
     return dx * x_ + dy * y_ > (dx * dx + dy * dy) * area2_ ? Answer::kYes : Answer::kNo;
@@ -63,7 +63,7 @@ struct alignas(64) WorkingTriangle {
   std::uint32_t is_bad : 1 = 0;           ///< to be improved
 };
 
-/// Triangles whose place the star of a new point takes, and the rim around them.
+/// The triangles that the star of a new point replaces, and the rim around them.
 struct InsertionCavity {
   struct Rim {
     std::uint32_t a, b;    ///< the cavity is on the left
@@ -113,15 +113,15 @@ class RefinementMesh {
   }
 
   /// Is p strictly inside the circumcircle of triangle t? Exact.
-  bool circumcircle_holds(std::uint32_t t, LatticePoint p) const {
-    const Circumcircle::Answer answer = triangles[t].circle.holds(p);
+  bool circumcircle_contains(std::uint32_t t, LatticePoint p) const {
+    const Circumcircle::Answer answer = triangles[t].circle.contains(p);
     if (answer != Circumcircle::Answer::kTooFar) return answer == Circumcircle::Answer::kYes;
     const std::array<std::uint32_t, 3>& v = triangles[t].v;
     return in_circle(points[v[0]], points[v[1]], points[v[2]], p) > 0;
   }
 
-  /// `start`, and all triangles connected with it whose circumcircles hold p; and the edges around
-  /// them, without `except`. p lies in `start` or in its circumcircle.
+  /// `start`, and all triangles connected with it whose circumcircles contain p; and the edges
+  /// around them, without `except`. p lies in `start` or in its circumcircle.
   [[gnu::noinline]] void find_cavity(std::uint32_t start, LatticePoint p, EdgeId except,
                                      InsertionCavity& cavity) {
     cavity.triangles.assign(1, start);
@@ -136,7 +136,7 @@ class RefinementMesh {
         if ((beyond & kOutline) == 0) {
           const std::uint32_t n = triangle_of(beyond);
           if (triangles[n].visit == visit) continue;
-          if (circumcircle_holds(n, p)) {
+          if (circumcircle_contains(n, p)) {
             triangles[n].visit = visit;
             cavity.triangles.push_back(n);
             continue;

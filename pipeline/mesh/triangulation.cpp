@@ -16,8 +16,8 @@ namespace trocar::pipeline {
 namespace {
 
 constexpr std::uint32_t kNone = kNoEdge;
-// In place of an edge that lies on a diagonal whose triangles are still to come: this flag and the
-// diagonal's number.
+// For an edge on a diagonal whose triangles have not been made yet: this flag and the diagonal's
+// number, in place of an EdgeId.
 constexpr std::uint32_t kDiagonal = 0x80000000;
 
 struct Swept {
@@ -29,8 +29,9 @@ struct Swept {
 // status lists the outline's edges that the sweep line cuts, from below. With each edge that has
 // material above it the status keeps a chain: the right border of the part of that material that
 // can be triangulated without points to the right. The chain runs from the left end of the edge
-// below to that of the edge above and is convex to the right. A new point to the right of it
-// therefore sees exactly the part of the chain that faces it, and nothing else has to be checked.
+// below to that of the edge above and is convex to the right. From a new point to the
+// right of it exactly the part of the chain that faces the point is visible, and nothing else has
+// to be checked.
 class Sweep {
  public:
   /// In the rotated plane.

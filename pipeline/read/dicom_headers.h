@@ -44,7 +44,7 @@ struct DicomFile {
   std::vector<DicomFrame> frames;
 };
 
-/// Whether the first 132 bytes are those of a DICOM file, whatever its name.
+/// Whether the first 132 bytes are those of a DICOM file. Its name does not matter.
 bool has_dicom_preamble(const std::filesystem::path& file);
 
 /// Never fails: problems are in the result. `spacing_mm`, if given, is for frames without a

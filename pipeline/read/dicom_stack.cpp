@@ -67,7 +67,7 @@ class DicomStack final : public SliceStack {
   mutable ParsedFiles parsed_;
 };
 
-// Tells whether --spacing was used.
+// The warning that says for what --spacing was used.
 Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string& where) {
   const auto without = std::count_if(slices.begin(), slices.end(),
                                      [](const DicomFrame& h) { return !h.has_spacing; });

@@ -62,7 +62,7 @@ cv::Mat unpacked(const cv::Mat& packed, int width, int bits) {
   return samples;
 }
 
-// Converts pixels of 1, 3 or 4 channels to grey levels; `to_grey` (of cv::cvtColor) tells the order
+// Converts pixels of 1, 3 or 4 channels to grey levels; `to_grey` (of cv::cvtColor) gives the order
 // of the channels. Works on some rows at a time, so that they stay in the cache.
 Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const std::string& name) {
   if (wanted == Levels::kStored && pixels.channels() > 1 && has_colours(pixels))
@@ -231,7 +231,8 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
 }
 
-// Width and height are at fixed offsets; the header's size tells whether they have 16 or 32 bits.
+// Width and height are at fixed offsets; whether they have 16 or 32 bits follows from
+// the header's size.
 Result<Image> read_bmp(const std::filesystem::path& file, const Bytes& bytes,
                        const std::string& name, Levels wanted) {
   if (bytes.size() < 30) return refused(name + ": broken BMP");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A scan as a stack of slices, whatever its file format. Slices are ordered along
+// A scan as a stack of slices, the same for all file formats. Slices are ordered along
 // the slice normal. Each keeps its own plane: nothing is resampled.
 #pragma once
 
@@ -32,7 +32,7 @@ struct Warning {
 /// What the values of an image are.
 enum class PixelUnit {
   kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
-  kGrey,        ///< image files: 0..255 whatever their depth, or labels
+  kGrey,        ///< image files: 0..255 for any bit depth, or labels
 };
 
 /// Where a slice lies. Plane coordinates are (u, v) in mm: u along a row, v along a

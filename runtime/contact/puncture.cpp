@@ -28,7 +28,7 @@ void reset_above(SheetTrack& track) noexcept {
 }
 
 /// The tool in one sheet's plane.
-struct Place {
+struct ToolSection {
   LatticeOutline outline;
   Overlap overlap;
   ShaftPlace shaft;
@@ -60,7 +60,8 @@ SheetState next_state(const ContactModel& model, const SheetTrack& track, bool s
 }
 
 /// The law `hooke`: K times the overlap, in the centroid of the overlapped area.
-SheetResponse hooke_response(const Sheet& sheet, std::int32_t index, const Place& place) noexcept {
+SheetResponse hooke_response(const Sheet& sheet, std::int32_t index,
+                             const ToolSection& place) noexcept {
   SheetResponse response;
   response.sheet = index;
   response.stiffness_N_per_m = place.overlap.fraction * sheet.tissue.stiffness_N_per_m;
@@ -84,16 +85,16 @@ SheetResponse blended_response(const ContactModel& model, const SheetResponse& t
   return track.blended;
 }
 
-/// What the tool feels from a sheet at one penetration (contract 2).
+/// The force of a sheet on the tool at one penetration (contract 2).
 struct SheetForce {
   double force_N = 0;
   double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
   std::array<double, 2> offset_m{};  ///< where it acts, from the middle of the tool's outline
 };
 
-/// The one place where a force law computes its force.
+/// Computes the force of every force law; a new law gets its case here.
 SheetForce sheet_force(const ContactModel& model, const Sheet& sheet, std::int32_t index,
-                       const Place& place, const SheetResponse& latest, bool begins,
+                       const ToolSection& place, const SheetResponse& latest, bool begins,
                        double penetration_m, SheetTrack& track) noexcept {
   SheetResponse response = hooke_response(sheet, index, place);
   switch (model.law.kind) {
@@ -149,7 +150,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       reset_above(track);
       continue;
     }
-    Place place;
+    ToolSection place;
     place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
     const Eigen::Vector3d hole_force_N =
         shaft_force(sheet.tissue.shaft, place.shaft, pose_interval_s, track.shaft);
@@ -183,25 +184,25 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     }
     track.last_penetration_m = penetration_m;
     track.has_last = true;
-    const SheetForce felt = sheet_force(model, sheet, static_cast<std::int32_t>(i), place, response,
-                                        begins, penetration_m, track);
+    const SheetForce force = sheet_force(model, sheet, static_cast<std::int32_t>(i), place,
+                                         response, begins, penetration_m, track);
     shielded = true;
     output.active_sheet = static_cast<std::int32_t>(i);
     output.penetration_m = penetration_m;
-    if (felt.force_N <= sheet.tissue.threshold_N) {
+    if (force.force_N <= sheet.tissue.threshold_N) {
       output.phase = ContactPhase::kContact;
-      output.force_N = felt.force_N;
-      output.stiffness_N_per_m = felt.stiffness_N_per_m;
-      output.damping_N_s_per_m = felt.damping_N_s_per_m;
+      output.force_N = force.force_N;
+      output.stiffness_N_per_m = force.stiffness_N_per_m;
+      output.damping_N_s_per_m = force.damping_N_s_per_m;
       output.rate_m_per_s = track.rate_m_per_s;
       Eigen::Vector3d point_m = place.shaft.at_m;
-      point_m.head<2>() += Eigen::Vector2d(felt.offset_m.data());
-      output.wrench_device += wrench_at({0, 0, felt.force_N}, point_m, T_device_plate);
+      point_m.head<2>() += Eigen::Vector2d(force.offset_m.data());
+      output.wrench_device += wrench_at({0, 0, force.force_N}, point_m, T_device_plate);
       continue;
     }
     track.state = SheetState::kPunctured;
     output.phase = ContactPhase::kPunctured;
-    output.judged_force_N = felt.force_N;
+    output.judged_force_N = force.force_N;
     if (track.pending_count == kMaxPendingHoles) {
       output.backlog = true;
       continue;
@@ -216,10 +217,10 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
   }
 }
 
-void forget_motion(ContactState& state) noexcept {
+void reset_motion(ContactState& state) noexcept {
   for (SheetTrack& track : state.tracks) {
     track.has_last = false;
-    forget_motion(track.shaft);
+    reset_motion(track.shaft);
   }
 }
 

@@ -14,12 +14,10 @@
 //     the tool near this one; a new response is blended in over kBlend_s, and without any the law
 //     `hooke` applies.
 //  3. If F would exceed the threshold, the sheet is punctured in this tick: the force is zero, and
-//  a
-//     hole with the tool's outline is requested. Later ticks feel nothing of that sheet but the
-//     force of its hole on the shaft (shaft.h), until the tip has been above it.
+//     a hole with the tool's outline is requested. In later ticks the sheet exerts only the force
+//     of its hole on the shaft (shaft.h), until the tip has been above it.
 //  4. The topmost sheet in contact bears the force. Those below are shielded from the tool until
-//  the
-//     tick after its puncture.
+//     the tick after its puncture.
 //  5. A requested hole counts as open at once, whether its mesh is there or not.
 //  6. The tool's outline in a sheet is the section of its prism with the undeformed sheet: a tool
 //     that moves along its own axis keeps its outline, however much it is tilted.
@@ -130,7 +128,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
 
 /// For a tick without update_contact: the next one starts without rate and friction. Contact
 /// states, punctures and requested holes are kept.
-void forget_motion(ContactState& state) noexcept;
+void reset_motion(ContactState& state) noexcept;
 
 /// A force that acts on the plate at a point, both in {B}, as a wrench about the plate's origin.
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,

@@ -13,7 +13,7 @@ void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept {
   state.spring_m = state.viscous_N = 0;
 }
 
-void forget_motion(ShaftState& state) noexcept {
+void reset_motion(ShaftState& state) noexcept {
   state.has_last = false;
   state.spring_m = state.viscous_N = 0;
 }

@@ -5,8 +5,7 @@
 //
 // Contract (tests/runtime/contact/shaft_test.cpp):
 //  1. Dry friction is a spring of length `presliding_m` that slides at its end (P. Dahl 1968, with
-//  a
-//     linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
+//     a linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
 //     closed motion its work on the shaft is never positive.
 //  2. The rim's force lies in the sheet's plane, against the displacement of the shaft's axis from
 //     where it was at the puncture.
@@ -40,7 +39,7 @@ void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
 
 /// For ticks in which no force is computed: the shaft stays in its hole, and friction starts again
 /// from 0 at its next place.
-void forget_motion(ShaftState& state) noexcept;
+void reset_motion(ShaftState& state) noexcept;
 
 /// The force on the tool at `place.at_m`, in {B}. Unless in_hole it is zero, and `state` is
 /// unchanged. `pose_interval_s`: as in update_contact.

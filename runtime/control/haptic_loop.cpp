@@ -30,8 +30,8 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
   ++state.no_data_ticks;
   if (status != DeviceStatus::kNoData) return fault_of(status);
   // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
-  const double silent_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
-  return silent_s < model.limits.silence_max_s - 0.5 / model.rate_Hz ? Fault::kNone
+  const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
+  return no_data_s < model.limits.no_data_max_s - 0.5 / model.rate_Hz ? Fault::kNone
                                                                      : Fault::kNoData;
 }
 
@@ -108,7 +108,7 @@ Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& s
   return is_upright(model.contact.tool, state.T_device_plate) ? Fault::kNone : Fault::kToolTilt;
 }
 
-/// Whether the tool touches no sheet, and would feel no force if `running` began now.
+/// Whether the tool touches no sheet, and no force would act on it if `running` began now.
 bool in_free_space(const LoopModel& model, const TickInputs& inputs,
                    const LoopState& state) noexcept {
   const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
@@ -155,7 +155,7 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   if (couples) {
     const ProxyEnvironment environment{contact.wrench_device, contact.stiffness_N_per_m,
                                        contact.damping_N_s_per_m, contact.rate_m_per_s};
-    input.wrench_device = felt_wrench(model.coupling, environment, state.coupling);
+    input.wrench_device = coupling_wrench(model.coupling, environment, state.coupling);
     input.stored_J +=
         0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }
@@ -196,7 +196,7 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
   const AllocationResult allocation =
       compensates ? allocate_torques_with_bias(state.G, wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(state.G, wanted, limit_Nm);
-  if (allocation.kind == Allocation::kRefused) {
+  if (allocation.kind == AllocationKind::kRefused) {
     return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
   }
   const Fault overload = check_overload(model.limits, motor, allocation.scale, dt_s, state.limits);
@@ -218,7 +218,7 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
   return Fault::kNone;
 }
 
-/// The wrench that the hand feels; compensation torques only cancel the device's own forces.
+/// The wrench rendered to the hand; compensation torques only cancel the device's own forces.
 Wrench rendered_wrench(const LoopState& state) noexcept {
   return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }
@@ -250,7 +250,7 @@ void forget_contact(LoopState& state) noexcept {
   state.passivity = {};
   state.passivity.given_max_J = given_max_J;
   state.coupling = {};
-  forget_motion(state.contact);
+  reset_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
   state.compensation_Nm.setZero();
   state.compensation_share = 0;

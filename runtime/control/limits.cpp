@@ -40,7 +40,7 @@ Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double
   state.twist_device += dt_s / (limits.speed_window_s + dt_s) * (now - state.twist_device);
   const bool good = limits.speed_window_s >= 0 &&
                     state.twist_device.head<3>().norm() <= limits.speed_max_m_per_s &&
-                    state.twist_device.tail<3>().norm() <= limits.turn_rate_max_rad_per_s;
+                    state.twist_device.tail<3>().norm() <= limits.rotation_rate_max_rad_per_s;
   if (!state.twist_device.allFinite()) state.has_pose = false;
   return good ? Fault::kNone : Fault::kSpeed;
 }

@@ -2,16 +2,15 @@
 // Safety limits of the plate's pose and speed and of the motors. Pure functions; exceeding a limit
 // is a named fault, which stops the loop. Called from the haptic thread.
 //
-// Contract (tests/runtime/control/limits_test.cpp; in the loop: loop_motors_test.cpp beside it):
+// Contract (limits_test.cpp and, in the loop, loop_motors_test.cpp in tests/runtime/control/):
 //  1. A check returns kNone within its limit and its own fault beyond it. A value that is not
-//  finite
-//     is beyond every limit. A limit of nan always trips, and so does a negative limit of a
+//     finite is beyond every limit. A limit of nan always trips, and so does a negative limit of a
 //     quantity that cannot be negative.
 //  2. Speeds are smoothed over `speed_window_s`, so that one encoder count is not read as a speed.
 //  3. A motor's thermal state is the i2t model of motor.h; it sets the torque available from the
 //     motor. As it warms up that torque falls smoothly from peak to continuous, the wrench is
 //     scaled down along its own direction, and no motor exceeds its thermal limit. That is not a
-//     fault: a wall that softens surprises the hand less than one that vanishes. kMotorOverload is
+//     fault: a force that falls slowly is less surprising than one that vanishes. kMotorOverload is
 //     the fault where this is not enough: a thermal limit was exceeded (torques other than those of
 //     item 5 were written), or derated motors have rendered less than `overload_scale_min` of the
 //     wanted wrench in every tick of `overload_time_max_s`.
@@ -19,8 +18,7 @@
 //     is shortened by one factor, so that the wrench keeps its direction. The step is not shortened
 //     if the largest torque does not grow, as at a puncture.
 //  5. Torques that limit_torques() returns are within every motor's limit; where item 4 leaves
-//  more,
-//     all torques are scaled down by one factor.
+//     more, all torques are scaled down by one factor.
 #pragma once
 
 #include <array>
@@ -46,18 +44,18 @@ struct SafetyLimits {
   double branch_distance_min_m = 0.5e-3;
   std::array<double, 3> workspace_min_m{-0.06, -0.06, 0.06};  ///< of the plate's origin
   std::array<double, 3> workspace_max_m{0.06, 0.06, 0.24};
-  double plate_tilt_max_rad = 0.6;      ///< of the plate's z axis against {B}'s
-  double speed_max_m_per_s = 2;         ///< of the plate's origin
-  double turn_rate_max_rad_per_s = 40;  ///< of the plate
-  double speed_window_s = 0.004;        ///< item 2
-  double torque_max_Nm = 0;             ///< of a motor; 0: what its thermal state leaves available
+  double plate_tilt_max_rad = 0.6;          ///< of the plate's z axis against {B}'s
+  double speed_max_m_per_s = 2;             ///< of the plate's origin
+  double rotation_rate_max_rad_per_s = 40;  ///< of the plate
+  double speed_window_s = 0.004;            ///< item 2
+  double torque_max_Nm = 0;  ///< of a motor; 0: what its thermal state leaves available
   double torque_rise_max_Nm_per_s = 5000;  ///< item 4
   /// How long item 4 may act; a tick whose step is at most half the limit starts the time again.
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< item 3
   double overload_time_max_s = 1;   ///< item 3
   /// Time without data from the device; until then the loop runs on its last state.
-  double silence_max_s = 0.01;
+  double no_data_max_s = 0.01;
   /// Between the starts of two ticks. 0: neither this nor missed deadlines are checked.
   double gap_max_s = 0.1;
   int missed_deadlines_max = 2;  ///< in a row; more are a fault

@@ -17,8 +17,7 @@
 //  4. A planned release sets the balance to zero: neither the energy that the sheet lost nor an
 //     earlier deficit causes damping afterwards.
 //  5. While the required damping is within its bound, a sheet returns to the hand at most the
-//  energy
-//     that it absorbed plus the work of one tick. `given_max_J` records any excess.
+//     energy that it absorbed plus the work of one tick. `given_max_J` records any excess.
 //  6. A positive balance is capped at credit_max_J, so that a dissipative environment (friction on
 //     the shaft) cannot build up energy to oscillate with. Stored energy that the caller does not
 //     report must stay below that.

@@ -9,8 +9,7 @@
 //     linearly to 0 in ramp_ticks() ticks and is below 1 in the first of them. At 250 Hz and more
 //     that takes at most kRampMax_s; below, torques are zero at once.
 //  3. `recovering` ends in `ready`, after `quiet_s` without a fault and with the tool in free
-//  space;
-//     a fault starts that time again. Torques are zero meanwhile.
+//     space; a fault starts that time again. Torques are zero meanwhile.
 //  4. After a recovery the share of the torques (`authority`) rises linearly from 0 to 1 over
 //     `ramp_up_s`.
 //  5. A time of nan is safe: torques are zero at once, recovery never ends, and the share does not

@@ -39,8 +39,8 @@ Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Po
   return proxy;
 }
 
-Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
-                   CouplingState& state) noexcept {
+Wrench coupling_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
+                       CouplingState& state) noexcept {
   state.environment = environment;
   const double force_N = environment.wrench_device.head<3>().norm();
   if (!(force_N > 0)) {
@@ -48,13 +48,13 @@ Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& envir
     return environment.wrench_device;
   }
   const Eigen::Vector3d n = environment.wrench_device.head<3>() / force_N;
-  Eigen::Vector3d felt_N = options.stiffness_N_per_m * state.offset_m +
-                           state.damper_N_per_m * (state.offset_m - state.last_offset_m);
-  const double pull_N = n.dot(felt_N);
-  if (pull_N < 0) felt_N -= pull_N * n;  // the damper must not pull the tool into the sheet
-  Wrench felt = environment.wrench_device;
-  felt.head<3>() = felt_N;
-  return felt;
+  Eigen::Vector3d rendered_N = options.stiffness_N_per_m * state.offset_m +
+                               state.damper_N_per_m * (state.offset_m - state.last_offset_m);
+  const double pull_N = n.dot(rendered_N);
+  if (pull_N < 0) rendered_N -= pull_N * n;  // the damper must not pull the tool into the sheet
+  Wrench wrench = environment.wrench_device;
+  wrench.head<3>() = rendered_N;
+  return wrench;
 }
 
 }  // namespace trocar::runtime

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Virtual coupling (J. Colgate, M. Stanley, J. Brown, Issues in the haptic display of tool use,
 // IROS 1995; R. Adams, B. Hannaford, Stable haptic interaction with virtual environments, IEEE TRA
-// 15(3), 1999): a proxy of the tool is in contact with the sheets, and the hand feels the spring
-// and damper between tool and proxy. However stiff a sheet, the device renders at most that spring.
+// 15(3), 1999): a proxy of the tool is in contact with the sheets, and the device renders the
+// spring and damper between tool and proxy. However stiff a sheet, the stiffness rendered is at
+// most that of the spring.
 //
 // The proxy has no mass and the plate's orientation. Each tick it moves to where coupling and
 // environment are in equilibrium; the environment is taken as a spring and a damper around the
@@ -11,8 +12,7 @@
 // Contract (tests/runtime/control/virtual_coupling_test.cpp):
 //  1. Where nothing acts on the proxy it coincides with the tool, and the force is zero.
 //  2. At rest in a sheet of stiffness k the force is that of k and the coupling in series. In
-//  motion
-//     a damper in the sheet adds its own force and nothing else.
+//     motion a damper in the sheet adds its own force and nothing else.
 //  3. When the environment is released the coupling is released in the same tick.
 #pragma once
 
@@ -51,7 +51,7 @@ Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Po
 
 /// Returns the wrench on the plate, given the environment at the proxy. The moment is the
 /// environment's.
-Wrench felt_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
-                   CouplingState& state) noexcept;
+Wrench coupling_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
+                       CouplingState& state) noexcept;
 
 }  // namespace trocar::runtime

@@ -9,22 +9,22 @@
 namespace trocar::runtime {
 namespace {
 
-// How the segment cd and the triangle meet. Two convex polygons are apart if and only if the line
-// through an edge of one of them separates them strictly; their interiors are apart if and only if
-// such a line separates them, not necessarily strictly.
-Contact segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
-                        LatticePoint d) {
+// How the segment cd and the triangle intersect. Two convex polygons are apart if and only if the
+// line through an edge of one of them separates them strictly; their interiors are apart if and
+// only if such a line separates them, not necessarily strictly.
+ToolIntersection segment_contact(const std::array<LatticePoint, 3>& triangle, LatticePoint c,
+                                 LatticePoint d) {
   bool overlaps = true;
   for (std::uint32_t i = 0; i < 3; ++i) {
     const LatticePoint a = triangle[i], b = triangle[next_corner(i)];
     const std::int64_t innermost = std::max(orient2d(a, b, c), orient2d(a, b, d));
-    if (innermost < 0) return Contact::kApart;
+    if (innermost < 0) return ToolIntersection::kApart;
     overlaps = overlaps && innermost > 0;
   }
   const auto [low, high] = std::minmax(
       {orient2d(c, d, triangle[0]), orient2d(c, d, triangle[1]), orient2d(c, d, triangle[2])});
-  if (low > 0 || high < 0) return Contact::kApart;
-  return overlaps && low < 0 && high > 0 ? Contact::kOverlaps : Contact::kTouches;
+  if (low > 0 || high < 0) return ToolIntersection::kApart;
+  return overlaps && low < 0 && high > 0 ? ToolIntersection::kOverlaps : ToolIntersection::kTouches;
 }
 
 // Is the point (x, y) / scale inside the polygon? It must not lie on it. Even-odd rule with a ray
@@ -36,8 +36,8 @@ bool inside(std::int64_t x, std::int64_t y, std::int64_t scale,
     const std::int64_t ay = scale * a.y - y, by = scale * b.y - y;
     if ((ay > 0) == (by > 0)) continue;
     const std::int64_t ax = scale * a.x - x, bx = scale * b.x - x;
-    const Int128 turn = Int128{ax} * by - Int128{ay} * bx;
-    if ((by > ay) == (turn > 0)) in = !in;
+    const Int128 orientation = Int128{ax} * by - Int128{ay} * bx;
+    if ((by > ay) == (orientation > 0)) in = !in;
   }
   return in;
 }
@@ -49,31 +49,33 @@ OutlineEdge edge_of(Outline tool, std::size_t i) {
 
 }  // namespace
 
-Contact contact(const std::array<LatticePoint, 3>& triangle,
-                std::span<const OutlineEdge> tool) noexcept {
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
+                                std::span<const OutlineEdge> tool) noexcept {
   const LatticeBox own = box_around(triangle);
   bool touches = false;
   for (const auto& [c, d, box] : tool) {
     if (apart(own, box)) continue;
-    const Contact one = segment_contact(triangle, c, d);
-    if (one == Contact::kOverlaps) return one;
-    touches = touches || one == Contact::kTouches;
+    const ToolIntersection one = segment_contact(triangle, c, d);
+    if (one == ToolIntersection::kOverlaps) return one;
+    touches = touches || one == ToolIntersection::kTouches;
   }
   // No tool edge enters the open triangle: it lies inside the tool, or outside.
   if (!touches) {
-    return inside(triangle[0].x, triangle[0].y, 1, tool) ? Contact::kOverlaps : Contact::kApart;
+    return inside(triangle[0].x, triangle[0].y, 1, tool) ? ToolIntersection::kOverlaps
+                                                         : ToolIntersection::kApart;
   }
   const std::int64_t x3 = std::int64_t{triangle[0].x} + triangle[1].x + triangle[2].x;
   const std::int64_t y3 = std::int64_t{triangle[0].y} + triangle[1].y + triangle[2].y;
-  return inside(x3, y3, 3, tool) ? Contact::kOverlaps : Contact::kTouches;
+  return inside(x3, y3, 3, tool) ? ToolIntersection::kOverlaps : ToolIntersection::kTouches;
 }
 
-Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept {
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
+                                Outline tool) noexcept {
   std::array<OutlineEdge, kMaxToolCorners> edges;
   const std::size_t n = std::min(tool.size(), kMaxToolCorners);
   for (std::size_t i = 0; i < n; ++i)
     edges[i] = edge_of(tool, i);
-  return contact(triangle, std::span<const OutlineEdge>(edges.data(), n));
+  return intersect_tool(triangle, std::span<const OutlineEdge>(edges.data(), n));
 }
 
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept {
@@ -117,9 +119,9 @@ StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outlin
       __builtin_prefetch(&mesh.vertices[v]);
   }
   for (const std::uint32_t t : cavity.near_tool) {
-    const Contact c = contact(corners(mesh, t), cavity.tool);
-    if (c == Contact::kApart) continue;
-    overlaps = overlaps || c == Contact::kOverlaps;
+    const ToolIntersection c = intersect_tool(corners(mesh, t), cavity.tool);
+    if (c == ToolIntersection::kApart) continue;
+    overlaps = overlaps || c == ToolIntersection::kOverlaps;
     cavity.triangles.push_back(t);
     cavity.members.insert(t, 1);
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // First stage of a cut (paper, II.C: "search all meshes that are across the
 // hexagon by intersection test and all vertices inside the hexagon"): which
-// triangles the tool meets, and the rim of the cavity that they leave. All
-// decisions are exact in 64- and 128-bit integers.
+// triangles the tool overlaps or touches, and the rim of the cavity that they leave. All decisions
+// are exact in 64- and 128-bit integers.
 #pragma once
 
 #include <array>
@@ -36,20 +36,20 @@ enum class StageOutcome : std::uint8_t {
   kBug,       ///< an invariant does not hold
 };
 
-enum class Contact : std::uint8_t {
+enum class ToolIntersection : std::uint8_t {
   kApart,     ///< the closed triangle and the closed tool have no point in common
   kTouches,   ///< common points, all on both boundaries
   kOverlaps,  ///< a common area
 };
 
-/// How the triangle (counter-clockwise) and the tool meet. O(tool size).
-Contact contact(const std::array<LatticePoint, 3>& triangle,
-                std::span<const OutlineEdge> tool) noexcept;
+/// How the triangle (counter-clockwise) and the tool intersect. O(tool size).
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
+                                std::span<const OutlineEdge> tool) noexcept;
 
 /// The same for a single triangle; the tool has at most kMaxToolCorners.
-Contact contact(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
+ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
-/// Is p neither inside the polygon nor on it? O(tool size).
+/// Is p outside the polygon and not on it? O(tool size).
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 
 /// A directed edge of the cavity's boundary, the cavity on its left.
@@ -62,22 +62,22 @@ struct RimEdge {
 struct Cavity {
   std::vector<OutlineEdge> tool;  ///< for which the cavity was found
   LatticeBox tool_box;
-  std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes meet the tool's
+  std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes overlap the tool's
   std::vector<std::uint32_t> triangles;     ///< ascending
   std::vector<RimEdge> rim;                 ///< in the order of `triangles`
   std::vector<std::uint32_t> rim_vertices;  ///< each once
-  std::vector<std::uint32_t> inner;         ///< vertices off the rim: all their triangles go
-  FlatTable members;                        ///< the triangles
-  FlatTable vertices;                       ///< places in rim_vertices, or kInner
+  std::vector<std::uint32_t> inner;  ///< vertices off the rim: all their triangles are removed
+  FlatTable members;                 ///< the triangles
+  FlatTable vertices;                ///< places in rim_vertices, or kInner
   static constexpr std::uint32_t kInner = kNone - 1;
 
   void allocate(std::size_t max_triangles);
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }
 };
 
-/// Finds the triangles that the tool meets, including those that it only touches, so that no tool
-/// edge ends or lies on the edge of a triangle that stays. None if it overlaps none. Time
-/// proportional to the triangles near the tool.
+/// Finds the triangles that the tool overlaps or touches, so that no tool edge ends or lies on the
+/// edge of a triangle that stays. None if it overlaps none. Time proportional to the triangles near
+/// the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;
 

@@ -63,10 +63,10 @@ std::string_view to_string(CutOutcome outcome) noexcept {
   switch (outcome) {
     case CutOutcome::kCut:
       return "cut";
-    case CutOutcome::kNothingMet:
-      return "nothing met";
-    case CutOutcome::kNotATool:
-      return "not a tool";
+    case CutOutcome::kNoOverlap:
+      return "no overlap";
+    case CutOutcome::kInvalidTool:
+      return "invalid tool";
     case CutOutcome::kCapacity:
       return "capacity";
     case CutOutcome::kBug:
@@ -97,7 +97,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   work.stitch.created.clear();
   CutReport report;
   if (!is_tool(tool)) {
-    report.outcome = CutOutcome::kNotATool;
+    report.outcome = CutOutcome::kInvalidTool;
     return report;
   }
   StageOutcome stage = plan_patch(mesh, grid, tool, work);
@@ -108,7 +108,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   if (stage != StageOutcome::kDone) return failure(stage, "the outline of the hole does not close");
   const Proof proof =
       prove(mesh, grid, work.cavity, work.overlay, work.patch, work.hole, work.proof);
-  if (proof.full) return failure(StageOutcome::kCapacity, nullptr);
+  if (proof.capacity_exceeded) return failure(StageOutcome::kCapacity, nullptr);
   if (proof.bug != nullptr) return failure(StageOutcome::kBug, proof.bug);
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
@@ -145,14 +145,14 @@ Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
     CutResult result;
     static_cast<CutReport&>(result) = cut_in_place(*mesh, TriangleGrid(*mesh), tool, work, edit);
     switch (result.outcome) {
-      case CutOutcome::kNothingMet:
+      case CutOutcome::kNoOverlap:
         result.mesh = sheet;
         return result;
       case CutOutcome::kCut:
         result.mesh = to_slice_mesh(*mesh);
         result.hole = to_rings(work.hole);
         return result;
-      case CutOutcome::kNotATool:
+      case CutOutcome::kInvalidTool:
         return refused("tool polygon: not simple, counter-clockwise and on the lattice, of 3 to " +
                        std::to_string(kMaxToolCorners) + " corners");
       case CutOutcome::kBug:

@@ -18,17 +18,17 @@
 namespace trocar::runtime {
 
 enum class CutOutcome : std::uint8_t {
-  kCut,         ///< the sheet has the hole
-  kNothingMet,  ///< tool and sheet have no area in common
-  kNotATool,  ///< not a simple polygon, counter-clockwise, of 3 to kMaxToolCorners corners, none of
-              ///< them twice, on the lattice
-  kCapacity,  ///< the workspace or the sheet's free slots do not suffice
-  kBug,       ///< the result could not be proved valid
+  kCut,          ///< the sheet has the hole
+  kNoOverlap,    ///< tool and sheet have no area in common
+  kInvalidTool,  ///< not a simple polygon, counter-clockwise, of 3 to kMaxToolCorners corners, none
+                 ///< of them twice, on the lattice
+  kCapacity,     ///< the workspace or the sheet's free slots do not suffice
+  kBug,          ///< the result could not be proved valid
 };
 std::string_view to_string(CutOutcome outcome) noexcept;
 
 struct CutReport {
-  CutOutcome outcome = CutOutcome::kNothingMet;
+  CutOutcome outcome = CutOutcome::kNoOverlap;
   const char* bug = nullptr;  ///< kBug: what did not hold
   /// Twice the removed area in steps^2: area before minus area after, exactly.
   std::int64_t doubled_area_removed = 0;
@@ -42,7 +42,7 @@ struct CutReport {
 
 /// Cuts the polygon `tool` out of `mesh`, in place. `mesh` is valid (check_sheet_mesh), `grid`
 /// follows it, `work` and `edit` have been made for a sheet of no fewer slots. Contract:
-///  1. Only triangles that the tool meets or touches are replaced, and their neighbours where
+///  1. Only triangles that the tool overlaps or touches are replaced, and their neighbours where
 ///     rounding requires it; beyond them, only edges that are not Delaunay any more are flipped
 ///     (2). All other slots stay as they are, except that a vertex at which the cut leaves several
 ///     fans of triangles becomes one vertex for each fan.

@@ -8,8 +8,8 @@
 namespace trocar::runtime {
 namespace {
 
-// Turning clockwise at v from the direction of u, does p come before q? Neither
-// lies in the direction of u.
+// Clockwise around v from the direction of u: does p come before q? Neither lies in the direction
+// of u.
 bool sooner_clockwise(LatticePoint v, LatticePoint u, LatticePoint p, LatticePoint q) {
   const bool p_first = orient2d(v, u, p) <= 0, q_first = orient2d(v, u, q) <= 0;  // (0, 180] deg
   if (p_first != q_first) return p_first;
@@ -73,7 +73,7 @@ bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) n
   hole.starts.clear();
   hole.first_out.assign(points.size(), kNone);
   hole.place.assign(points.size(), kNone);
-  for (const HoleOutline::Edge& e : hole.edges) {
+  for (const HoleOutline::CountedEdge& e : hole.edges) {
     const std::uint32_t from = e.count > 0 ? e.a : e.b, to = e.count > 0 ? e.b : e.a;
     for (std::int32_t n = std::abs(e.count); n > 0; --n) {
       if (hole.first_out[from] == kNone) hole.starts.push_back(from);

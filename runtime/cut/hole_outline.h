@@ -25,14 +25,14 @@ struct HoleOutline {
 
   /// Scratch: directed edges, of which opposite ones cancel, as lists by the point where they
   /// start.
-  struct Edge {
+  struct CountedEdge {
     std::uint32_t a, b;  ///< a < b, of the overlay's points
     std::int32_t count;  ///< from a to b, less b to a
   };
   struct Out {
     std::uint32_t to, next;
   };
-  std::vector<Edge> edges;
+  std::vector<CountedEdge> edges;
   FlatTable edge_at;
   std::vector<Out> out;
   std::vector<std::uint32_t> first_out, place;  ///< by point

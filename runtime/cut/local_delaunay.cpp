@@ -84,7 +84,7 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
 LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::uint32_t b,
                                                          std::uint32_t name) noexcept {
   crossing_.clear();
-  Edge s = find(a, b);
+  CellEdge s = find(a, b);
   if (s.cell == kNone) {
     if (!find_crossing(a, b)) return Status::kNotPlanar;
     // Sloan: flip the edges that cross ab until none does, first in, first out. Valid input does
@@ -101,7 +101,7 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
         crossing_[at >= n ? at - n : at] = {from, to};
         ++waiting;
       };
-      const Edge between = find(v, w);
+      const CellEdge between = find(v, w);
       if (between.cell == kNone || cells_[between.cell].constraint[between.edge] != kNone)
         return Status::kNotPlanar;
       const std::uint32_t c = apex(between), d = apex(opposite(between));
@@ -117,7 +117,7 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
     s = find(a, b);
     if (s.cell == kNone) return Status::kNotPlanar;
   }
-  const Edge o = opposite(s);
+  const CellEdge o = opposite(s);
   cells_[s.cell].constraint[s.edge] = name;
   cells_[o.cell].constraint[o.edge] = name;
   return Status::kDone;
@@ -154,24 +154,24 @@ std::int64_t LocalTriangulation::orientation(std::uint32_t c, std::uint32_t i,
                                              LatticePoint p) const noexcept {
   return orient2d(points_[cells_[c].vertex[i]], points_[cells_[c].vertex[next_corner(i)]], p);
 }
-std::uint32_t LocalTriangulation::apex(Edge s) const noexcept {
+std::uint32_t LocalTriangulation::apex(CellEdge s) const noexcept {
   return cells_[s.cell].vertex[previous_corner(s.edge)];
 }
 
 // The same edge, of the cell beyond it, which must exist.
-LocalTriangulation::Edge LocalTriangulation::opposite(Edge s) const noexcept {
+LocalTriangulation::CellEdge LocalTriangulation::opposite(CellEdge s) const noexcept {
   const std::uint32_t u = cells_[s.cell].across[s.edge];
   const std::uint32_t to = cells_[s.cell].vertex[next_corner(s.edge)];
   return {u, corner_of(cells_[u].vertex, to)};
 }
 
-void LocalTriangulation::link(Edge s, std::uint32_t other, std::uint32_t constraint) noexcept {
+void LocalTriangulation::link(CellEdge s, std::uint32_t other, std::uint32_t constraint) noexcept {
   cells_[s.cell].across[s.edge] = other;
   cells_[s.cell].constraint[s.edge] = constraint;
 }
 
 // `s` is now what edge i of the cell `old` was; updates the neighbour.
-void LocalTriangulation::adopt(Edge s, const Cell& old, std::uint32_t i) noexcept {
+void LocalTriangulation::adopt(CellEdge s, const Cell& old, std::uint32_t i) noexcept {
   link(s, old.across[i], old.constraint[i]);
   if (old.across[i] == kNone) return;
   Cell& beyond = cells_[old.across[i]];
@@ -208,7 +208,7 @@ void LocalTriangulation::split_cell(std::uint32_t c, std::uint32_t v) noexcept {
 
 // v lies inside edge i of cell c, which is never an edge of the box.
 void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept {
-  const Edge o = opposite({c, i});
+  const CellEdge o = opposite({c, i});
   const std::uint32_t u = o.cell, j = o.edge;
   const Cell oc = cells_[c], ou = cells_[u];
   const std::uint32_t a = oc.vertex[i], b = oc.vertex[next_corner(i)];
@@ -236,8 +236,8 @@ void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint3
 }
 
 // Exchanges the diagonal of the two cells at s. Afterwards s.cell is (p, a, q).
-void LocalTriangulation::flip(Edge s) noexcept {
-  const Edge o = opposite(s);
+void LocalTriangulation::flip(CellEdge s) noexcept {
+  const CellEdge o = opposite(s);
   const Cell oc = cells_[s.cell], ou = cells_[o.cell];
   const std::uint32_t a = oc.vertex[s.edge], b = oc.vertex[next_corner(s.edge)];
   const std::uint32_t p = oc.vertex[previous_corner(s.edge)],
@@ -252,7 +252,7 @@ void LocalTriangulation::flip(Edge s) noexcept {
   link({o.cell, 2}, s.cell, kNone);
 }
 
-bool LocalTriangulation::is_delaunay(Edge s) const noexcept {
+bool LocalTriangulation::is_delaunay(CellEdge s) const noexcept {
   const Cell& c = cells_[s.cell];
   return is_locally_delaunay(points_[apex(s)], points_[c.vertex[s.edge]],
                              points_[c.vertex[next_corner(s.edge)]], points_[apex(opposite(s))]);
@@ -262,7 +262,7 @@ bool LocalTriangulation::is_delaunay(Edge s) const noexcept {
 // is the point.
 void LocalTriangulation::legalise() noexcept {
   while (!suspects_.empty()) {
-    const Edge s = suspects_.back();
+    const CellEdge s = suspects_.back();
     suspects_.pop_back();
     if (cells_[s.cell].across[s.edge] == kNone || is_delaunay(s)) continue;
     const std::uint32_t u = cells_[s.cell].across[s.edge];
@@ -274,8 +274,9 @@ void LocalTriangulation::legalise() noexcept {
 }
 
 // The edge from v to w, of the cell on its left; of cell kNone if there is none.
-LocalTriangulation::Edge LocalTriangulation::find(std::uint32_t v, std::uint32_t w) const noexcept {
-  Edge found{kNone, 0};
+LocalTriangulation::CellEdge LocalTriangulation::find(std::uint32_t v,
+                                                      std::uint32_t w) const noexcept {
+  CellEdge found{kNone, 0};
   around(v, [&](std::uint32_t c, std::uint32_t i) {
     if (cells_[c].vertex[next_corner(i)] == w) found = {c, i};
     return found.cell == kNone;
@@ -310,7 +311,7 @@ bool LocalTriangulation::crosses(std::uint32_t a, std::uint32_t b, std::uint32_t
 
 // Walks from a to b and lists the edges that it crosses, right end first.
 bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcept {
-  Edge at{kNone, 0};
+  CellEdge at{kNone, 0};
   around(a, [&](std::uint32_t c, std::uint32_t i) {
     const LatticePoint right = points_[cells_[c].vertex[next_corner(i)]];
     const LatticePoint left = points_[cells_[c].vertex[previous_corner(i)]];
@@ -322,14 +323,14 @@ bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcep
     if (!push_within(crossing_, {cells_[at.cell].vertex[at.edge],
                                  cells_[at.cell].vertex[next_corner(at.edge)]}))
       return false;
-    const Edge o = opposite(at);
+    const CellEdge o = opposite(at);
     const std::uint32_t ahead = apex(o);
     if (ahead == b) return true;
     const std::int64_t side = orient2d(points_[a], points_[b], points_[ahead]);
     if (side == 0) return false;  // a point on the constraint
     // o runs from the left end to the right end; continue through the edge between `ahead` and the
     // end on the other side of ab.
-    at = Edge{o.cell, side > 0 ? next_corner(o.edge) : previous_corner(o.edge)};
+    at = CellEdge{o.cell, side > 0 ? next_corner(o.edge) : previous_corner(o.edge)};
     if (cells_[at.cell].across[at.edge] == kNone) return false;
   }
   return false;

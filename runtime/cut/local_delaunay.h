@@ -53,34 +53,34 @@ class LocalTriangulation {
   std::uint32_t cell_at(std::uint32_t point) const noexcept { return cell_at_[point]; }
 
  private:
-  struct Edge {
+  struct CellEdge {
     std::uint32_t cell, edge;
   };
   void enclose(int first_corner) noexcept;
   bool insert(std::uint32_t v) noexcept;
   bool find_crossing(std::uint32_t a, std::uint32_t b) noexcept;
-  Edge find(std::uint32_t v, std::uint32_t w) const noexcept;
+  CellEdge find(std::uint32_t v, std::uint32_t w) const noexcept;
   template <typename Visit>
   void around(std::uint32_t v, Visit visit) const noexcept;
   bool crosses(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) const noexcept;
 
   std::int64_t orientation(std::uint32_t c, std::uint32_t i, LatticePoint p) const noexcept;
-  std::uint32_t apex(Edge s) const noexcept;
-  Edge opposite(Edge s) const noexcept;
-  bool is_delaunay(Edge s) const noexcept;
-  void link(Edge s, std::uint32_t other, std::uint32_t constraint) noexcept;
-  void adopt(Edge s, const Cell& old, std::uint32_t i) noexcept;
+  std::uint32_t apex(CellEdge s) const noexcept;
+  CellEdge opposite(CellEdge s) const noexcept;
+  bool is_delaunay(CellEdge s) const noexcept;
+  void link(CellEdge s, std::uint32_t other, std::uint32_t constraint) noexcept;
+  void adopt(CellEdge s, const Cell& old, std::uint32_t i) noexcept;
   void set(std::uint32_t c, std::uint32_t v0, std::uint32_t v1, std::uint32_t v2) noexcept;
   std::uint32_t new_cell() noexcept;
   void split_cell(std::uint32_t c, std::uint32_t v) noexcept;
   void split_edge(std::uint32_t c, std::uint32_t i, std::uint32_t v) noexcept;
-  void flip(Edge s) noexcept;
+  void flip(CellEdge s) noexcept;
   void legalise() noexcept;
 
   std::vector<LatticePoint> points_;
   std::vector<Cell> cells_;
   std::vector<std::uint32_t> cell_at_;                  ///< one cell at each point
-  std::vector<Edge> suspects_;                          ///< scratch
+  std::vector<CellEdge> suspects_;                      ///< scratch
   std::vector<std::uint8_t> waits_;                     ///< scratch, by cell
   std::vector<std::array<std::uint32_t, 2>> crossing_;  ///< scratch: edges in the way
   std::uint32_t last_ = 0;

@@ -156,7 +156,7 @@ class OverlayBuilder {
     if (!push_within(pending, strand)) full_ = true;
   }
 
-  // Resolves one strand after the other, each with the first of those that it meets.
+  // Resolves one strand after the other, each with the first of those that it touches or crosses.
   void resolve_crossings() {
     std::sort(out_.pending.begin(), out_.pending.end(), [this](std::uint32_t s, std::uint32_t t) {
       return comes_before(out_.strands[s], out_.strands[t]);

@@ -17,8 +17,7 @@
 //     cavity.
 //  4. Without a crossing nothing moves.
 //  5. Sheet and tool moved by lattice steps, rotated by right angles or listed in another order
-//  give
-//     the same overlay, moved and rotated: the order of strands and ties between corners are
+//     give the same overlay, moved and rotated: the order of strands and ties between corners are
 //     decided in the canonical orientation of rim and tool (rotation_by_moments). This does not
 //     hold where that is undecided, as where a rotation maps them onto themselves.
 #pragma once

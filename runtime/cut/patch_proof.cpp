@@ -158,13 +158,13 @@ Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavit
   Proof proof;
   space.fresh.clear();
   space.old.clear();
-  proof.full = !list_rim(cavity, overlay, space);
-  if (proof.full) return proof;
-  proof.bug = find_defect(mesh, overlay, patch, space, proof.full);
-  if (proof.full || proof.bug != nullptr) return proof;
+  proof.capacity_exceeded = !list_rim(cavity, overlay, space);
+  if (proof.capacity_exceeded) return proof;
+  proof.bug = find_defect(mesh, overlay, patch, space, proof.capacity_exceeded);
+  if (proof.capacity_exceeded || proof.bug != nullptr) return proof;
   if (!space.fresh.empty()) {
-    proof.full = !list_kept_boundary(mesh, grid, cavity, space);
-    if (proof.full) return proof;
+    proof.capacity_exceeded = !list_kept_boundary(mesh, grid, cavity, space);
+    if (proof.capacity_exceeded) return proof;
     if (any_crossing(space)) proof.bug = "edges of the new boundary cross";
   }
   proof.doubled_area_removed = doubled_area_removed(mesh, cavity, overlay, patch);

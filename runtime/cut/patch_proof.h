@@ -33,7 +33,7 @@ struct ProofSpace {
 
 struct Proof {
   const char* bug = nullptr;              ///< null if all is proved; else what does not hold
-  bool full = false;                      ///< the workspace was too small for the proof
+  bool capacity_exceeded = false;         ///< the workspace was too small for the proof
   std::int64_t doubled_area_removed = 0;  ///< of (cavity minus patch); only if all is proved
 };
 Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,

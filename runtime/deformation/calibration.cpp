@@ -97,7 +97,7 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double reach_m, const Ri
       for (std::size_t i = 0; i < w.size(); ++i)
         beds += region.network.bed_N_per_m[i] * w[i] * w[i];
       stiffness[k] = region.solution.stiffness_N_per_m + out.membrane.bed_N_per_m3 *
-                                                             region.mesh.borne.area_steps2 *
+                                                             region.mesh.under_tool.area_steps2 *
                                                              lattice.step_m() * lattice.step_m();
       mean += stiffness[k] / kPlaces;
       slope += (region.solution.stiffness_N_per_m - beds) / out.membrane.tension_N_per_m / kPlaces;

@@ -3,11 +3,12 @@
 //
 // Finite elements of a given size are stiffer than the continuum. Under a tool the excess arises
 // mostly along its outline and at its corners, and is nearly the same at every place: 4 to 5 % with
-// the default grading, within 0.3 % from place to place (deformation_accuracy_test.cpp). It is in
-// the springs, not in the bed. So f is taken from the exact solution (a tool that covers the whole
-// sheet feels exactly f times the area), and T is lowered until meshes of the same grading, in an
-// unbounded sheet, have K on average: by 5 to 8 %, which shortens the reach by 2 to 4 % (for lambda
-// >= 1.5 circumradii).
+// the default grading, within 0.3 % from place to place
+// (tests/runtime/deformation/deformation_accuracy_test.cpp). It is in the springs, not in the bed.
+// So f is taken from the exact solution (under a tool that covers the whole sheet the stiffness is
+// exactly f times the area), and T is lowered until meshes of the same grading, in an unbounded
+// sheet, have K on average: by 5 to 8 %, which shortens the reach by 2 to 4 % (for lambda >= 1.5
+// circumradii).
 #pragma once
 
 #include "formats/base/result.h"

@@ -4,7 +4,9 @@
 //
 // Let w be the equilibrium of the whole network, v that of the region (0 on the ring), both for
 // depth 1; F_w and F_v the forces on the tool; g_m the force that holds ring node m at 0, down
-// positive: g_m = sum over the free neighbours j of k_mj v_j. Laws (deformation_local_test.cpp):
+// positive: g_m = sum over the free neighbours j of k_mj v_j.
+//
+// Laws (tests/runtime/deformation/deformation_local_test.cpp):
 //  1. F_w <= F_v: the ring is an additional support. F_w >= F_n, where F_n is the force with the
 //     ring nodes free and everything beyond the ring left out. Both hold for springs of any sign:
 //     omitting whole triangles omits energy that is never negative.

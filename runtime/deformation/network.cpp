@@ -8,7 +8,7 @@ namespace trocar::runtime {
 namespace {
 
 /// An edge of a triangle, with the cotangent of the opposite angle as an exact fraction.
-struct Edge {
+struct WeightedEdge {
   std::uint32_t high;         ///< the node with the higher index
   std::int64_t dot;           ///< scalar product of the two other edges
   std::int64_t doubled_area;  ///< their cross product, positive
@@ -17,7 +17,7 @@ struct Edge {
 /// All edges, ordered by their node of lower index, then by the higher.
 struct Edges {
   std::vector<std::uint32_t> first;
-  std::vector<Edge> edges;
+  std::vector<WeightedEdge> edges;
 };
 
 Edges edges_of(const SliceMesh& mesh) {
@@ -44,12 +44,12 @@ Edges edges_of(const SliceMesh& mesh) {
   out.first.pop_back();
   for (std::size_t i = 0; i + 1 < out.first.size(); ++i) {
     std::sort(out.edges.begin() + out.first[i], out.edges.begin() + out.first[i + 1],
-              [](const Edge& a, const Edge& b) { return a.high < b.high; });
+              [](const WeightedEdge& a, const WeightedEdge& b) { return a.high < b.high; });
   }
   return out;
 }
 
-double cotangent(const Edge& edge) {
+double cotangent(const WeightedEdge& edge) {
   return static_cast<double>(edge.dot) / static_cast<double>(edge.doubled_area);
 }
 
@@ -59,10 +59,10 @@ SpringSigns for_each_edge(const Edges& all, Visit&& visit) {
   SpringSigns signs;
   for (std::uint32_t low = 0; low + 1 < all.first.size(); ++low) {
     for (std::uint32_t k = all.first[low]; k < all.first[low + 1]; ++k) {
-      const Edge& a = all.edges[k];
+      const WeightedEdge& a = all.edges[k];
       const bool interior = k + 1 < all.first[low + 1] && all.edges[k + 1].high == a.high;
       if (interior) {
-        const Edge& b = all.edges[++k];
+        const WeightedEdge& b = all.edges[++k];
         ++signs.interior;
         if (Int128{a.dot} * b.doubled_area + Int128{b.dot} * a.doubled_area < 0)
           ++signs.negative_interior;

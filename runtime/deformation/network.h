@@ -6,7 +6,7 @@
 // linear finite elements of a membrane of tension T on a bed f, with the bed lumped (Pinkall and
 // Polthier 1993 for the cotangents; MacNeal 1949 for the network).
 //
-// Laws (deformation_network_test.cpp tests each):
+// Laws (tests/runtime/deformation/deformation_network_test.cpp tests each):
 //  1. sum of f_i = f times the mesh's area.
 //  2. The springs' energy is the membrane's: 1/2 T times the integral of |grad w|^2 for the w that
 //     is linear in each triangle. So it is positive semidefinite for any angles, and positive

@@ -61,14 +61,15 @@ void ensure_capacity(const SheetMesh& mesh, RegionWorkspace& work) {
 }
 
 /// Cuts the tool out of the part; without overlap the part is unchanged. False: too few free slots.
-Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, Borne& borne) {
+Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work,
+                      MaterialUnderTool& under_tool) {
   work.edit.begin(mesh);
   const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work.cut, work.edit);
   switch (report.outcome) {
     case CutOutcome::kCut:
-    case CutOutcome::kNothingMet:
+    case CutOutcome::kNoOverlap:
       break;
-    case CutOutcome::kNotATool:
+    case CutOutcome::kInvalidTool:
       return refused("tool polygon: not simple, counter-clockwise and on the lattice, of 3 to " +
                      std::to_string(kMaxToolCorners) + " corners");
     case CutOutcome::kBug:
@@ -76,7 +77,7 @@ Result<bool> cut_tool(SheetMesh& mesh, const Ring& tool, RegionWorkspace& work, 
     case CutOutcome::kCapacity:
       return false;
   }
-  borne.area_steps2 = static_cast<double>(report.doubled_area_removed) / 2;
+  under_tool.area_steps2 = static_cast<double>(report.doubled_area_removed) / 2;
   return true;
 }
 
@@ -133,7 +134,7 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   // From here on coordinates are relative to the tool and in a canonical rotation by right angles.
   // Rounding then does not depend on the place in the slice, nor on the rotation of the slice
   // (contract 5).
-  const CanonicalRotation turn = rotation_by_moments([&](auto&& visit) {
+  const CanonicalRotation rotation = rotation_by_moments([&](auto&& visit) {
     for (const LatticePoint p : part.mesh.vertices)
       visit(p);
     for (const LatticePoint p : tool_in_sheet)
@@ -141,17 +142,17 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
   });
   Ring tool;
   for (const LatticePoint p : tool_in_sheet)
-    tool.push_back(turn(p));
+    tool.push_back(rotation(p));
   const LatticePoint here = box_around(tool).low;
   move_by({-here.x, -here.y}, tool);
   const Circle circle = circle_around(tool);
   const LatticePoint middle{static_cast<std::int32_t>(std::lround(circle.centre.x())),
                             static_cast<std::int32_t>(std::lround(circle.centre.y()))};
-  region.origin = turn.back(LatticePoint{here.x + middle.x, here.y + middle.y});
+  region.origin = rotation.back(LatticePoint{here.x + middle.x, here.y + middle.y});
   if (under.empty()) return region;
 
   const auto to_canonical = [&](LatticePoint p) {
-    const LatticePoint q = turn(p);
+    const LatticePoint q = rotation(p);
     return LatticePoint{q.x - here.x, q.y - here.y};
   };
   for (LatticePoint& p : part.mesh.vertices)
@@ -164,19 +165,19 @@ Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint
        spare <= kMostSpare; spare *= 8) {
     SheetMesh mesh = to_sheet(part, spare, 2 * spare);
     ensure_capacity(mesh, workspace);
-    region.borne.moment_steps3 = moment(mesh, middle);
-    const auto done = cut_tool(mesh, tool, workspace, region.borne);
+    region.under_tool.moment_steps3 = moment(mesh, middle);
+    const auto done = cut_tool(mesh, tool, workspace, region.under_tool);
     if (!done) return done.error();
     if (!*done) continue;
-    region.borne.moment_steps3 -= moment(mesh, middle);
+    region.under_tool.moment_steps3 -= moment(mesh, middle);
     const BoundaryEdges edges = classified_boundary(mesh, part.outer, tool, circle);
     if (options.grading.graded)
       refine(mesh, edges, tool, circle.radius, options.grading, workspace);
     compact(mesh, node_kinds(mesh, edges, tool, circle), region);
     move_by(here, region.mesh.vertices);
     for (LatticePoint& p : region.mesh.vertices)
-      p = turn.back(p);
-    region.borne.moment_steps3 = turn.back(region.borne.moment_steps3);
+      p = rotation.back(p);
+    region.under_tool.moment_steps3 = rotation.back(region.under_tool.moment_steps3);
     return region;
   }
   return bug("region: no capacity suffices for the cut");
@@ -193,7 +194,7 @@ std::vector<std::uint32_t> seeds_under_tool(const SheetMesh& sheet,
   std::vector<std::uint32_t> out;
   for (std::uint32_t t : seeds) {
     if (t < sheet.triangles.size() && sheet.in_use(t) &&
-        contact(corners(sheet, t), edges) == Contact::kOverlaps)
+        intersect_tool(corners(sheet, t), edges) == ToolIntersection::kOverlaps)
       out.push_back(t);
   }
   return out;

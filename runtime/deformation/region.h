@@ -3,7 +3,8 @@
 // outline cut out as for a puncture (the tool is rigid: the sheet under it does not bend), and
 // refined towards the tool, where the sheet is steepest. A worker makes it for one response.
 //
-// Contract (deformation_region_test.cpp and properties_sheet_test.cpp test each point):
+// Contract (tests/runtime/deformation/deformation_region_test.cpp and
+// tests/properties/properties_sheet_test.cpp test each point):
 //  1. With radius R, the mesh has every point of the sheet that is nearer than R to the tool's
 //     circumscribed circle and connected with the tool through such points, less the tool.
 //  2. Its boundary edges lie on the tool (their nodes are kTool), on the sheet's outline (kFree,
@@ -12,7 +13,7 @@
 //     circumradius from the tool are kTool as well (the tip of a wedge between the two). All others
 //     are kFree. With infinite R there is no ring. Edges on the ring are edges of the sheet, so
 //     that the mesh conforms to the rest of the sheet.
-//  3. `borne` is the part of the sheet under the tool: its area is exactly the area that the cut
+//  3. `under_tool` is the material under the tool: its area is exactly the area that the cut
 //     removed.
 //  4. The time is proportional to the region, not to the sheet.
 //  5. Sheet and tool moved by lattice steps or rotated by right angles give the same region, moved
@@ -54,7 +55,7 @@ struct RegionOptions {
 
 /// The part of the sheet under the tool. Its bed acts on the tool directly. Relative to the
 /// region's `origin`.
-struct Borne {
+struct MaterialUnderTool {
   double area_steps2 = 0;
   Eigen::Vector2d moment_steps3 = Eigen::Vector2d::Zero();  ///< area times its centroid
 };
@@ -63,7 +64,7 @@ struct RegionMesh {
   SliceMesh mesh;              ///< valid; empty if the tool covers the whole sheet
   std::vector<NodeKind> kind;  ///< of each vertex
   LatticePoint origin;         ///< near the tool; reference point of moments
-  Borne borne;
+  MaterialUnderTool under_tool;
 };
 
 /// Kept from one region to the next, so that only the first ones allocate much. For one thread at a
@@ -78,7 +79,7 @@ struct RegionWorkspace {
 
 /// `sheet` must be valid. `seeds`: slots that include every triangle with a point of the tool in it
 /// (triangle_grid.h finds them); others are ignored. `tool` as for cut() (runtime/cut/cut.h). A
-/// tool beside all material gives an empty mesh and an empty `borne`. Errors: as cut().
+/// tool beside all material gives an empty mesh and an empty `under_tool`. Errors: as cut().
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,
                                const RegionOptions& options, RegionWorkspace& workspace);

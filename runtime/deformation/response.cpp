@@ -23,8 +23,8 @@ Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& re
   const double bed_per_step2 = membrane.bed_N_per_m3 * step_m * step_m;
   RegionResponse& out = region.response;
   out.stiffness_N_per_m =
-      solution.stiffness_N_per_m + bed_per_step2 * region.mesh.borne.area_steps2;
-  Vector2d moment = bed_per_step2 * region.mesh.borne.moment_steps3;
+      solution.stiffness_N_per_m + bed_per_step2 * region.mesh.under_tool.area_steps2;
+  Vector2d moment = bed_per_step2 * region.mesh.under_tool.moment_steps3;
   for (std::size_t i = 0; i < region.network.size(); ++i) {
     if (region.mesh.kind[i] == NodeKind::kFree) ++out.free_nodes;
     if (region.mesh.kind[i] != NodeKind::kTool) continue;

@@ -23,15 +23,15 @@ struct Panel {
 };
 
 /// Gauss and Legendre's rule of six points on [0, 1].
-struct Node {
+struct QuadratureNode {
   double at, weight;
 };
-constexpr std::array<Node, 6> kGauss{{{0.0337652428984240, 0.0856622461895852},
-                                      {0.1693953067668677, 0.1803807865240693},
-                                      {0.3806904069584015, 0.2339569672863455},
-                                      {0.6193095930415985, 0.2339569672863455},
-                                      {0.8306046932331323, 0.1803807865240693},
-                                      {0.9662347571015760, 0.0856622461895852}}};
+constexpr std::array<QuadratureNode, 6> kGauss{{{0.0337652428984240, 0.0856622461895852},
+                                                {0.1693953067668677, 0.1803807865240693},
+                                                {0.3806904069584015, 0.2339569672863455},
+                                                {0.6193095930415985, 0.2339569672863455},
+                                                {0.8306046932331323, 0.1803807865240693},
+                                                {0.9662347571015760, 0.0856622461895852}}};
 
 /// Panels of each edge, graded towards its ends with the third power of the distance.
 std::vector<Panel> make_panels(std::span<const Vector2d> outline, int panels_per_side) {
@@ -76,7 +76,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
   }
   const double height = (a - x).dot(normal);  // distance of x from the piece's line
   const bool beside = std::abs(height) > 1e-14 * length;
-  for (const Node& node : kGauss) {
+  for (const QuadratureNode& node : kGauss) {
     const double r = (a + node.at * (b - a) - x).norm();
     const double weight = node.weight * length / (2 * std::numbers::pi);
     sum.single += weight * std::cyl_bessel_k(0.0, r / lambda);
@@ -88,7 +88,7 @@ void add(const Vector2d& x, const Vector2d& a, const Vector2d& b, const Vector2d
 double own_potential(double length, double lambda) {
   double sum = 0;
   for (int half = 0; half < 2; ++half) {
-    for (const Node& node : kGauss) {
+    for (const QuadratureNode& node : kGauss) {
       const double t = (half + node.at) / 2;
       sum += node.weight / 2 * 3 * t * t * std::cyl_bessel_k(0.0, length / 2 * t * t * t / lambda);
     }

@@ -60,8 +60,8 @@ void UdpDevice::close() {
 }
 
 void UdpDevice::restore() noexcept {
-  if (!is_away_ || given_up_) return;
-  is_away_ = false;
+  if (!is_lost_ || given_up_) return;
+  is_lost_ = false;
   restoring_.store(true, std::memory_order_release);
 }
 
@@ -205,14 +205,14 @@ DeviceStatus UdpDevice::read(DeviceState& state) noexcept {
   if (restoring_.load(std::memory_order_acquire)) return DeviceStatus::kLinkLost;
   const bool open = drain();
   if (!fresh_state_) {
-    is_away_ =
-        !open || options_.clock == LinkClock::kLockStep || since_s(newest_ns_) > options_.silence_s;
-    return is_away_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
+    is_lost_ = !open || options_.clock == LinkClock::kLockStep ||
+               since_s(newest_ns_) > options_.no_state_s;
+    return is_lost_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
   }
   fresh_state_ = false;
   if (queued_ >= kLongQueue) return DeviceStatus::kNoData;
   const DeviceStatus status = status_of_newest();
-  is_away_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
+  is_lost_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;
   state.t_s = static_cast<double>(newest_.time_ns) * 1e-9;
   state.encoder_rad = newest_.encoder_rad;
@@ -226,7 +226,7 @@ DeviceStatus UdpDevice::status_of_newest() const noexcept {
   // The state says which of our commands the drive has received.
   const std::uint64_t not_received = last_command_ - std::min(last_command_, newest_.command_taken);
   const bool receives_nothing = static_cast<double>(not_received) * options_.period_s >
-                                std::max(options_.silence_s, 2.5 * options_.period_s);
+                                std::max(options_.no_state_s, 2.5 * options_.period_s);
   return receives_nothing || newest_.mode == DriveMode::kWatchdog ? DeviceStatus::kLinkLost
                                                                   : DeviceStatus::kOk;
 }
@@ -252,7 +252,7 @@ bool UdpDevice::wait_for_answer() noexcept {
     return !given_up_;
   }
   const std::int64_t start_ns = now_ns();
-  const double longest_s = answers_come_ ? options_.answer_s : options_.silence_s;
+  const double longest_s = answers_come_ ? options_.answer_s : options_.no_state_s;
   answers_come_ = false;
   while (newest_.command_taken != last_command_ || !fresh_state_) {
     const double left_s = longest_s - since_s(start_ns);

@@ -3,9 +3,9 @@
 // haptic thread it only makes non-blocking receive and send calls: no allocation, lock or
 // exception. Packets that are not authentic, or old, are counted and otherwise ignored.
 //
-// restore() requests a new session after the old one is lost. With the real clock a thread of its
-// own makes it, and uses the socket alone meanwhile; in lock-step, where the drive's time stands
-// still, advance() makes it.
+// restore() requests a new session after the old one is lost. With the real clock a separate
+// thread makes it, and is the only user of the socket meanwhile; in lock-step, where the drive's
+// time does not advance, advance() makes it.
 #pragma once
 
 #include <atomic>
@@ -28,9 +28,9 @@ struct UdpDeviceOptions {
   LinkClock clock = LinkClock::kReal;  ///< must be the drive's
   bool fresh = true;                   ///< a simulated world starts again
   double connect_timeout_s = 5;
-  double silence_s = 0.01;  ///< real clock: without a state for so long, the link is lost
-  double answer_s = 2;      ///< lock-step: longest wait for an answer; silence_s after an answer
-                            ///< was missed, until the next one comes
+  double no_state_s = 0.01;  ///< real clock: without a state for so long, the link is lost
+  double answer_s = 2;       ///< lock-step: longest wait for an answer; no_state_s after an answer
+                             ///< was missed, until the next one comes
 };
 
 class UdpDevice final : public Device {
@@ -47,14 +47,15 @@ class UdpDevice final : public Device {
   /// Hello, welcome and a first state. Blocks for at most connect_timeout_s. Errors: device fault
   /// (no answer); usage (the drive has another clock).
   Result<void> start() override;
-  /// Tells the drive that the session is over, and ends a restore(). The counts can still be read.
+  /// Sends the drive the end of the session, and ends a restore(). The counts can still be read.
   void close() override;
 
   /// The newest state since the last call.
-  ///  - kNoData: no new state, for less than silence_s; or, after a slow start of the loop, so many
-  ///    are queued that the socket may have dropped the newest.
-  ///  - kLinkLost: no state for silence_s; the other end is closed; the drive has received none of
-  ///    the torques of the last silence_s (2.5 periods if that is longer); or its watchdog tripped.
+  ///  - kNoData: no new state, for less than no_state_s; or, after a slow start of the loop, so
+  ///    many are queued that the socket may have dropped the newest.
+  ///  - kLinkLost: no state for no_state_s; the other end is closed; the drive has received none of
+  ///    the torques of the last no_state_s (2.5 periods if that is longer); or its watchdog
+  ///    tripped.
   ///  - kEmergencyStop, kMotorFault: as the drive reports.
   DeviceStatus read(DeviceState& state) noexcept override;
   /// kLinkLost: the other end is closed. kNoData: not sent, since a torque is not finite or too
@@ -116,7 +117,7 @@ class UdpDevice final : public Device {
   std::uint64_t states_missed_ = 0, sessions_ = 0;
   bool counts_missed_ = false;  ///< states missed from now on are counted
   bool answers_come_ = true;    ///< lock-step
-  bool is_away_ = false;        ///< the last read() gave kLinkLost or kMotorFault
+  bool is_lost_ = false;        ///< the last read() gave kLinkLost or kMotorFault
   bool given_up_ = false;       ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
   /// While it is set, all other members belong to the restoring thread, else to the haptic thread.

@@ -110,7 +110,7 @@ InverseResult inverse_kinematics(const DeviceDescription& device,
   const LegBranch branch{device.geometry.branch_theta1, device.geometry.branch_theta4};
   for (int m = 0; m < kLegs; ++m) {
     const Vector3d C = T_device_plate * leg::plate_joint(device.geometry, m);
-    const leg::Status status =
+    const leg::LegStatus status =
         leg::inverse(device, leg::to_leg(m, C), branch, result.joints.theta_rad[m]);
     if (!status) {
       result.status = failure(status.failure, m, status.joint);

@@ -68,8 +68,8 @@ Arms arms(const DeviceGeometry& g, const Vector3d& C, double th1, double th4) no
 
 }  // namespace
 
-Status inverse(const DeviceDescription& device, const Vector3d& C, LegBranch branch,
-               std::array<double, kJointsPerLeg>& theta) noexcept {
+LegStatus inverse(const DeviceDescription& device, const Vector3d& C, LegBranch branch,
+                  std::array<double, kJointsPerLeg>& theta) noexcept {
   const DeviceGeometry& g = device.geometry;
   ChainAngles angles;
   bool lift_failed = false;
@@ -101,8 +101,8 @@ LegBranch branch_of(const DeviceGeometry& g, const Vector3d& C, double th1, doub
   return {-sign(a.upper_arm_m2), -sign(a.lower_arm_m2)};
 }
 
-Status motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4, Vector3d& w1,
-                   Vector3d& w4) noexcept {
+LegStatus motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4,
+                      Vector3d& w1, Vector3d& w4) noexcept {
   const Arms a = arms(g, C, th1, th4);
   if (!(std::abs(a.upper_arm_m2) > kSmallestSine * g.l1_m * g.l2_m)) {
     return {KinematicsFailure::kSingular, 1};

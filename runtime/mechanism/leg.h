@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One leg of the mechanism in its own frame: x radially outward, y tangential, z up, origin at {B}.
 // Points A, B, C, D, E, F as in README.md. Internal to the kinematics and the simulation. Called
-// from the haptic thread: no allocation, no exception. The device's legs stand at kAzimuth; the
+// from the haptic thread: no allocation, no exception. The device's legs are at kAzimuth; the
 // functions take any azimuth, for comparison with other numbers of legs
 // (tests/reference/mechanism/leg_ring.h).
 #pragma once
@@ -86,7 +86,7 @@ inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d
 }
 
 /// The failure of one leg, and its joint (1..6, theta's index).
-struct Status {
+struct LegStatus {
   KinematicsFailure failure = KinematicsFailure::kOk;
   int joint = 0;
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
@@ -94,8 +94,8 @@ struct Status {
 
 /// theta1..theta6 for the ball joint at C (leg frame) on the assembly `branch`, each within half a
 /// turn of the middle of its limits.
-Status inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
-               std::array<double, kJointsPerLeg>& theta) noexcept;
+LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
+                  std::array<double, kJointsPerLeg>& theta) noexcept;
 
 /// The branch on which each chain is assembled, from the positions of its links: the branch whose
 /// inverse gives these th1 and th4. 0 where the chain is stretched or folded, so that both branches
@@ -105,8 +105,8 @@ LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th
 
 /// th1' = w1 . C' and th4' = w4 . C', all in the leg's frame. kSingular: the chain is stretched or
 /// folded.
-Status motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
-                   Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
+LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
+                      Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
 /// Distance in m of a chain's end point to the nearest point at which its branches meet (the acos
 /// saturates). (px, py) lie in the first link's plane, pn along its normal, from the motor's axis;

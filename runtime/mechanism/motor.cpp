@@ -110,7 +110,7 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
   if (!bias_Nm.allFinite()) return {};
   AllocationResult result =
       allocate_torques(G, wrench_device, MotorVector(limit_Nm - bias_Nm.cwiseAbs()));
-  if (result.kind == Allocation::kRefused) return result;
+  if (result.kind == AllocationKind::kRefused) return result;
   // Only rounding can exceed the limits here.
   result.tau_motor_Nm = (result.tau_motor_Nm + bias_Nm).cwiseMin(limit_Nm).cwiseMax(-limit_Nm);
   return result;

@@ -149,12 +149,12 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
   MotorVector& tau = result.tau_motor_Nm;
   result.scale = 1;
   if ((minimum_norm.array().abs() <= working.array()).all()) {
-    result.kind = Allocation::kMinimumNorm;
+    result.kind = AllocationKind::kMinimumNorm;
     tau = minimum_norm;
   } else {
     const NullSpace N = Q.rightCols<2>();
     const double load = least_load(minimum_norm, N, working);  // exact: 1 is just feasible
-    result.kind = load <= 1 ? Allocation::kNullSpace : Allocation::kScaled;
+    result.kind = load <= 1 ? AllocationKind::kNullSpace : AllocationKind::kScaled;
     if (load > 1) result.scale = 1 / load;
     const MotorVector part = result.scale * minimum_norm;
     const MotorVector stiffness =
@@ -162,7 +162,7 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
     tau = part + N * least_cost({part, N, working, stiffness});
     if (!(tau.array().abs() <= limit_Nm.array()).all()) {
       // Law 1 despite rounding: the minimum-norm torques, scaled down, are feasible.
-      result.kind = Allocation::kScaled;
+      result.kind = AllocationKind::kScaled;
       result.scale = 1 / (minimum_norm.array().abs() / working.array()).maxCoeff();
       tau = result.scale * minimum_norm;
     }

@@ -12,7 +12,7 @@
 //     largest for which some do.
 //  5. tau minimises |tau|^2 + sum_i stiffness_i max(0, |tau_i| - working_i)^2 among the torques
 //     of scale * wanted, with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), whatever the pose, with
+//  6. Along any path tau moves no faster than K (|dc| + |limit| |dP|), at any pose, with
 //     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min); where scale = 1 and the pose
 //     stays, no faster than sqrt(1 + max stiffness / 4) |dc|: 142 for eight equal motors.
 //
@@ -35,7 +35,7 @@ namespace trocar::runtime {
 /// Share of every limit that is held back so that torques change at a bounded rate (laws 4 to 6).
 inline constexpr double kTorqueReserve = 0.01;
 
-enum class Allocation : std::uint8_t {
+enum class AllocationKind : std::uint8_t {
   kMinimumNorm,  ///< law 3
   kNullSpace,    ///< law 4, scale = 1
   kScaled,       ///< law 4, scale < 1: the device cannot render the wrench in full
@@ -44,11 +44,11 @@ enum class Allocation : std::uint8_t {
 };
 
 struct AllocationResult {
-  Allocation kind = Allocation::kRefused;
+  AllocationKind kind = AllocationKind::kRefused;
   MotorVector tau_motor_Nm = MotorVector::Zero();
   Wrench wrench_device = Wrench::Zero();  ///< delivered: G^T tau
   double scale = 0;                       ///< delivered over wanted
-  bool limited() const noexcept { return kind >= Allocation::kScaled; }
+  bool limited() const noexcept { return kind >= AllocationKind::kScaled; }
 };
 
 /// `wrench_device`: wanted [f; n] on the plate about its origin in {B}; `G`: at the current pose;

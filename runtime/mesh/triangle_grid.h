@@ -25,8 +25,8 @@ inline LatticeBox bounding_box(const SheetMesh& mesh, std::uint32_t t) noexcept 
 }
 
 /// Contract (tests/runtime/mesh/triangle_grid_test.cpp compares with a search of all triangles):
-///  1. for_each() visits every triangle in use whose box meets the given one, once, and no other;
-///     the order depends only on the mesh at the start and on the edits since.
+///  1. for_each() visits every triangle in use whose box is not apart() from the given one, once,
+///     and no other; the order depends only on the mesh at the start and on the edits since.
 ///  2. Only the constructor and add_slots() allocate.
 class TriangleGrid {
  public:

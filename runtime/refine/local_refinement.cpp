@@ -127,7 +127,7 @@ class LocalRefiner {
     return options_.size ? options_.size(x, y) : std::numeric_limits<double>::infinity();
   }
 
-  // ---- what is wrong with a triangle ----
+  // ---- sharp or large triangles, long or obtuse edges ----
 
   bool is_obtuse(TriangleEdge e) const noexcept {
     return encroaches(start_of(e), end_of(e), apex_of(e));
@@ -222,15 +222,15 @@ class LocalRefiner {
     look_at(t);
   }
 
-  // ---- what is done about it ----
+  // ---- insertion, removal, splits ----
 
   Step insert(LatticePoint p, std::uint32_t split) noexcept {
     switch (insertion_.insert(mesh_, edit_, p, split)) {
-      case Insertion::kNotVisible:
+      case InsertionOutcome::kNotVisible:
         return Step::kLattice;
-      case Insertion::kCapacity:
+      case InsertionOutcome::kCapacity:
         return Step::kCapacity;
-      case Insertion::kDone:
+      case InsertionOutcome::kDone:
         break;
     }
     ++result_.vertices_added;
@@ -422,7 +422,7 @@ class LocalRefiner {
     return growth;
   }
 
-  // ---- the end ----
+  // ---- the result ----
 
   void count(std::span<const std::uint32_t> seeds) noexcept {
     for (const std::uint32_t t : seeds) {

@@ -6,7 +6,7 @@
 //
 // Contract (tests/runtime/refine/local_refinement_test.cpp), for a mesh that is a valid SheetMesh:
 //  1. It stays one; if every inner edge was locally Delaunay, every one still is.
-//  2. The area is unchanged, exactly, but for `doubled_area_lost`; that is 0 without
+//  2. The area is unchanged, exactly, except for `doubled_area_lost`; that is 0 without
 //     `split_outline`. No material is added anywhere.
 //  3. Vertices on the boundary stay; inner ones may be removed if they make a boundary edge obtuse
 //     (the angle opposite it above 90 degrees, its spring's stiffness negative) or a triangle
@@ -48,7 +48,7 @@ struct GradedSize {
 
 struct LocalRefinementOptions {
   /// Smallest angle of a triangle, where the outline permits; 0: any. More than 30 is taken as 30,
-  /// with which the method still ends by itself.
+  /// with which the method still terminates.
   double min_angle_deg = 20;
   /// Wanted length of edges, in steps, at a point in steps, for example a GradedSize; empty: any.
   /// Triangles get circumradii up to kLargestRadius times it, and slightly more at the outline.

@@ -6,7 +6,7 @@
 namespace trocar::runtime {
 namespace {
 
-bool holds(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) noexcept {
+bool circumcircle_contains(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) noexcept {
   const auto [a, b, c] = corners(mesh, t);
   return in_circle(a, b, c, p) > 0;
 }
@@ -23,7 +23,7 @@ PointInsertion::PointInsertion(std::size_t vertex_slots, std::size_t triangle_sl
 bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept {
   cavity_.clear();
   rim_.clear();
-  if (!holds(mesh, start, p)) return false;
+  if (!circumcircle_contains(mesh, start, p)) return false;
   if (++search_ == 0) {  // the counter has wrapped around: old marks could equal new ones
     std::fill(visited_.begin(), visited_.end(), 0);
     search_ = 1;
@@ -35,7 +35,7 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t beyond = mesh.across[t][i];
       if (beyond != kNone && visited_[beyond] == search_) continue;
-      if (beyond != kNone && holds(mesh, beyond, p)) {
+      if (beyond != kNone && circumcircle_contains(mesh, beyond, p)) {
         if (cavity_.size() == kMaxCavity) return false;
         visited_[beyond] = search_;
         cavity_.push_back(beyond);
@@ -48,18 +48,18 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
   return true;
 }
 
-Insertion PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
-                                 std::uint32_t split) noexcept {
+InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
+                                        std::uint32_t split) noexcept {
   // A rim that is one loop has two edges more than the cavity has triangles.
-  if (rim_.size() != cavity_.size() + 2) return Insertion::kNotVisible;
+  if (rim_.size() != cavity_.size() + 2) return InsertionOutcome::kNotVisible;
   for (std::uint32_t k = 0; k < rim_.size(); ++k) {
     if (k == split) continue;
     if (orient2d(mesh.vertices[rim_[k].from], mesh.vertices[rim_[k].to], p) <= 0)
-      return Insertion::kNotVisible;
+      return InsertionOutcome::kNotVisible;
   }
   const std::size_t star_size = rim_.size() - (split == kNone ? 0 : 1);
   if (mesh.free_vertices.empty() || mesh.free_triangles.size() + cavity_.size() < star_size)
-    return Insertion::kCapacity;
+    return InsertionOutcome::kCapacity;
 
   vertex_ = edit.take_vertex(mesh, p);
   star_.clear();
@@ -91,7 +91,7 @@ Insertion PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint 
     mesh.across[star_[k]][1] = next;
     mesh.across[next][2] = star_[k];
   }
-  return Insertion::kDone;
+  return InsertionOutcome::kDone;
 }
 
 }  // namespace trocar::runtime

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inserts a point into a SheetMesh that is constrained Delaunay, and keeps it so: the star of the
-// point replaces the triangles whose circumcircles hold it (Bowyer; Watson, 1981). Exact integers.
+// point replaces the triangles whose circumcircles contain it (Bowyer; Watson, 1981). Exact
+// integers.
 #pragma once
 
 #include <cstddef>
@@ -20,7 +21,7 @@ struct CavityEdge {
   TriangleEdge inside;     ///< the same edge, of the triangle in the cavity
 };
 
-enum class Insertion {
+enum class InsertionOutcome {
   kDone,
   kNotVisible,  ///< part of the rim cannot be seen from the point
   kCapacity,    ///< no free slots
@@ -36,7 +37,7 @@ class PointInsertion {
   PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots);
 
   /// The cavity of `p`, searched from triangle `start`. False if the circumcircle of `start` does
-  /// not hold p, or the cavity is too large. The mesh is only read.
+  /// not contain p, or the cavity is too large. The mesh is only read.
   bool find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept;
   std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
@@ -45,7 +46,8 @@ class PointInsertion {
   /// edge that p splits, where p lies on the edge or on its inner side: two edges to p replace it,
   /// and what lies between the three is no longer part of the sheet. Changes nothing unless the
   /// result is kDone.
-  Insertion insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p, std::uint32_t split) noexcept;
+  InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
+                          std::uint32_t split) noexcept;
   /// After insert(): the star's triangles, each with p as its last corner.
   std::span<const std::uint32_t> star() const noexcept { return star_; }
   std::uint32_t vertex() const noexcept { return vertex_; }

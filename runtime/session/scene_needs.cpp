@@ -125,7 +125,7 @@ Result<std::string> describe_needs(const Scene& scene, const DeviceDescription& 
       continue;
     }
     const ResponderReport& report = responder->report();
-    out += line("           the network feels %.0f N/m there: %u free nodes, %.0f us to prepare\n",
+    out += line("           the network has %.0f N/m there: %u free nodes, %.0f us to prepare\n",
                 response->stiffness_N_per_m, report.free_nodes_last, report.prepare.max_us());
   }
   return out;

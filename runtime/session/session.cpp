@@ -45,11 +45,12 @@ bool same_bits(const std::array<double, 8>& a, const std::array<double, 8>& b) n
   });
 }
 
-class Session {
+class SessionLoop {
  public:
-  Session(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
-          Device& device, const std::function<void(double)>& advance, const SessionOptions& options,
-          Recorder* recorder, Responder* responder, BlackBox* black_box)
+  SessionLoop(const Scene& scene, const DeviceDescription& description, Remesher& remesher,
+              Device& device, const std::function<void(double)>& advance,
+              const SessionOptions& options, Recorder* recorder, Responder* responder,
+              BlackBox* black_box)
       : remesher_(remesher),
         responder_(responder),
         device_(device),
@@ -273,7 +274,7 @@ class Session {
     return responder_ == nullptr ? nullptr : responder_->shape();
   }
 
-  /// Real clock, on a thread of its own.
+  /// Real clock, on a separate thread.
   void show_frames(const std::atomic<bool>& done) {
     if (!options_.on_frame) return;
     RecordingRow row;
@@ -409,9 +410,9 @@ SessionReport run_session(const Scene& scene, const DeviceDescription& descripti
                           Remesher& remesher, Device& device,
                           const std::function<void(double dt_s)>& advance,
                           const SessionOptions& options, SessionWorkers workers) {
-  auto session = std::make_unique<Session>(scene, description, remesher, device, advance, options,
-                                           workers.recorder.get(), workers.responder.get(),
-                                           workers.black_box.get());
+  auto session = std::make_unique<SessionLoop>(scene, description, remesher, device, advance,
+                                               options, workers.recorder.get(),
+                                               workers.responder.get(), workers.black_box.get());
   const std::uint64_t allocations_before = allocations_in_scopes();
   if (options.clock == Clock::kReal && options.replay.empty()) {
     session->run_real();
@@ -454,8 +455,8 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
   if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside the range of the loop");
   }
-  // Rates are typed by people: the shortest decimal that gives every row's time is taken. `exact`
-  // may be off by a few roundings.
+  // Rates are set by users, as short decimals: the shortest decimal that gives every row's time is
+  // taken. `exact` may be off by a few roundings.
   std::size_t most_rows = 0;  // whose times a candidate matched
   const auto fits = [&](double rate_Hz) {
     std::size_t k = 0;

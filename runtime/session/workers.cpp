@@ -148,7 +148,7 @@ void Remesher::serve_one(const CutRequest& request) {
     record.error = bug("a cut before this one failed");
   } else {
     record.cut = cut_with_capacity(pair, next, request.outline);
-    if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNothingMet) {
+    if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNoOverlap) {
       if (record.cut.outcome == CutOutcome::kCut) improve(pair, next, record);
       next.grid.update(pair.edit, next.mesh);
       next.cuts = cuts + 1;

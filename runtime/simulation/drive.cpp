@@ -87,7 +87,7 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
   // Several offers are kept: a replayed hello must not replace the offer to the true host.
   auto& offered = known != offers_.end() ? *known : offers_[next_offer_++ % kOffers];
   if (known == offers_.end()) {
-    Session made;
+    LinkSession made;
     made.host_nonce = hello.host_nonce;
     made.drive_nonce = random_nonce();
     made.key = session_key(options_.key, made.host_nonce, made.drive_nonce);
@@ -107,7 +107,7 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
 }
 
 /// `offered` is a copy, since this clears the offers.
-void Drive::begin(Session offered) noexcept {
+void Drive::begin(LinkSession offered) noexcept {
   session_ = offered;
   offers_.fill(std::nullopt);
   ++report_.sessions;

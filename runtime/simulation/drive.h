@@ -103,7 +103,7 @@ class Drive {
   const DriveReport& report() const noexcept { return report_; }
 
  private:
-  struct Session {
+  struct LinkSession {
     LinkKey key;
     LinkNonce host_nonce{}, drive_nonce{};
     std::uint64_t number = 0;
@@ -118,7 +118,7 @@ class Drive {
   };
   bool is_alive(std::int64_t now_ns) const noexcept;
   void offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept;
-  void begin(Session offered) noexcept;
+  void begin(LinkSession offered) noexcept;
   void take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept;
   void end_session() noexcept;
   void advance(double dt_s) noexcept;
@@ -134,8 +134,8 @@ class Drive {
 
   DriveOptions options_;
   SimulatedDevice fresh_, model_;
-  std::optional<Session> session_;
-  std::array<std::optional<Session>, kOffers> offers_;
+  std::optional<LinkSession> session_;
+  std::array<std::optional<LinkSession>, kOffers> offers_;
   std::size_t next_offer_ = 0;
   DeviceCommand command_;
   std::array<double, kMotors> not_following_s_{};

@@ -163,8 +163,9 @@ void FaultyLink::hold(const Datagram& datagram, std::int64_t due_ns,
   held_[held_count_++] = {datagram, due_ns, until_overtaken};
 }
 
-FaultyLink::Fate FaultyLink::decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept {
-  Fate fate;
+FaultyLink::Delivery FaultyLink::decide(Datagram& datagram, double t_s,
+                                        std::int64_t now_ns) noexcept {
+  Delivery delivery;
   for (const PlannedFault& fault : plan_) {
     if (!fault.is_on(t_s) || !happens(fault.probability)) continue;
     switch (fault.kind) {
@@ -177,7 +178,7 @@ FaultyLink::Fate FaultyLink::decide(Datagram& datagram, double t_s, std::int64_t
         }
         break;
       case FaultKind::kDuplicate:
-        ++fate.now;
+        ++delivery.copies;
         break;
       case FaultKind::kDelay:
         hold(datagram, now_ns + std::llround(fault.delay_s * 1e9), false);
@@ -189,7 +190,7 @@ FaultyLink::Fate FaultyLink::decide(Datagram& datagram, double t_s, std::int64_t
         break;
     }
   }
-  return fate;
+  return delivery;
 }
 
 }  // namespace trocar::runtime

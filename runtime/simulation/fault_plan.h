@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults to inject into a simulated drive and its link: kind, time and probability. Random choices
-// are seeded: the same plan and seed treat the same packets alike.
+// are seeded: the same plan, seed and packets give the same faults.
 //
 // The text: items separated by commas, each KIND[:VALUE[:VALUE]][@FROM[..TO]], times in s of the
 // session, P a probability per packet.
@@ -75,11 +75,11 @@ class FaultyLink {
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;
-    const Fate fate = decide(changed, t_s, now_ns);
-    for (int i = 0; i < fate.now; ++i)
+    const Delivery delivery = decide(changed, t_s, now_ns);
+    for (int i = 0; i < delivery.copies; ++i)
       deliver(changed);
     // This datagram has overtaken those that wait for it.
-    if (fate.now > 0) release(now_ns, true, deliver);
+    if (delivery.copies > 0) release(now_ns, true, deliver);
   }
   /// Delivers the delayed datagrams that are due.
   template <typename Deliver>
@@ -89,15 +89,15 @@ class FaultyLink {
   bool holds_any() const noexcept { return held_count_ > 0; }
 
  private:
-  struct Fate {
-    int now = 1;  ///< deliveries at once
+  struct Delivery {
+    int copies = 1;  ///< delivered at once
   };
   struct Held {
     Datagram datagram;
     std::int64_t due_ns = 0;
     bool until_overtaken = false;
   };
-  Fate decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept;
+  Delivery decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept;
   bool happens(double probability) noexcept;
   void hold(const Datagram& datagram, std::int64_t due_ns, bool until_overtaken) noexcept;
 

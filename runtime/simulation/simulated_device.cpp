@@ -177,7 +177,7 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   moved.q = (from_rotation_vector(h_s * after.tail<3>()) * T.q).normalized();
 
   const Twist middle = 0.5 * (before + after);
-  EnergyBook& work = truth_.work;
+  EnergyBalance& work = truth_.work;
   work.hand_J += h_s * hand.dot(middle);
   work.motors_J += h_s * truth_.wrench_motors.dot(middle);
   work.friction_J += h_s * friction.dot(middle);
@@ -266,7 +266,7 @@ void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
   const Pose T_after = moved(middle, h_s);
   const InverseResult joints_after = inverse_kinematics(device_, T_after);
 
-  EnergyBook& work = truth_.work;
+  EnergyBalance& work = truth_.work;
   work.hand_J += h_s * half.hand.dot(middle);
   work.motors_J += h_s * half.motors.dot(middle);
   work.friction_J += h_s * half.friction.dot(middle);

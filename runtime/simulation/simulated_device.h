@@ -31,7 +31,7 @@ inline constexpr double kSimulatedHomeHeight_m = 0.15;
 
 /// Work since the start, by midpoint velocities. The energy balance of the light model closes to
 /// rounding for translation, and to first order in the substep for rotation.
-struct EnergyBook {
+struct EnergyBalance {
   double hand_J = 0;      ///< done by the hand on the plate
   double motors_J = 0;    ///< done by the motors on the plate
   double friction_J = 0;  ///< done by joint friction on the plate; not positive, except for energy
@@ -51,7 +51,7 @@ struct SimulatedTruth {
   Wrench wrench_motors = Wrench::Zero();  ///< on the plate about its origin, at the last substep
   Wrench wrench_hand = Wrench::Zero();    ///< on the tool about its tip, at the last substep
   double kinetic_J = 0;                   ///< of all moving masses, including the hand's
-  EnergyBook work;
+  EnergyBalance work;
   bool torque_limited = false;   ///< the last command exceeded a motor's peak
   bool command_refused = false;  ///< the last command was not finite; zero torques are applied
   bool at_stop = false;          ///< the last step ended at the end of reach

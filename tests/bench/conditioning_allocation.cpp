@@ -271,7 +271,7 @@ json allocation_rows(int inputs) {
       const Input in = make(random);
       const AllocationResult got = allocate_torques(in.G, in.wanted, in.limit);
       const auto exact = exact_allocation(in.G, in.wanted, in.limit);
-      if (got.kind == Allocation::kRefused || !exact) {
+      if (got.kind == AllocationKind::kRefused || !exact) {
         ++unanswered;
         continue;
       }
@@ -296,7 +296,7 @@ json allocation_rows(int inputs) {
       // What a relative change of every number by eps moves at most (law 6).
       const double condition = inverse_condition_of(in.G);
       const double spread = in.limit.norm() / in.limit.minCoeff();
-      const bool direct = got.kind == Allocation::kMinimumNorm;
+      const bool direct = got.kind == AllocationKind::kMinimumNorm;
       const double slope = direct ? 1 : (2 + 1.5 * spread / kTorqueReserve) * (1 + spread);
       const double unit = kRoundings * kEpsilon / condition;
       least_condition = std::min(least_condition, condition);

@@ -164,14 +164,14 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     const AllocationResult result = allocate_torques(G, wanted, limit);
     ASSERT_TRUE(result.tau_motor_Nm.allFinite());
     ASSERT_TRUE(result.wrench_device.allFinite());
-    if (result.kind == Allocation::kRefused) {
+    if (result.kind == AllocationKind::kRefused) {
       EXPECT_EQ(result.tau_motor_Nm, MotorVector::Zero());
       return;
     }
     EXPECT_TRUE((result.tau_motor_Nm.cwiseAbs().array() <= limit.array()).all());
     EXPECT_GE(result.scale, 0);
     EXPECT_LE(result.scale, 1);
-    if (result.kind == Allocation::kMinimumNorm && wanted.norm() > 1e-150) {
+    if (result.kind == AllocationKind::kMinimumNorm && wanted.norm() > 1e-150) {
       // The pseudo-inverse by another decomposition; rotation scaled to metres, as for its rank.
       Jacobian in_metres = G;
       in_metres.rightCols<3>() /= kCharacteristicLength_m;

@@ -37,7 +37,7 @@ READY_S = 20  # until a background command has said what the page shows of it
 STATED_CODES = re.compile(r"#\s*exit code (\d+(?: or \d+)*)\s*$")
 STALLS = ("no_data", "link_lost", "deadline_missed")
 # What the tutorial is about: a page that no longer shows these lines has lost a step.
-REQUIRED = ("valid", '"slice": 101', "identical", "the hand felt")
+REQUIRED = ("valid", '"slice": 101', "identical", "largest force on the hand")
 
 
 @dataclass

@@ -69,7 +69,7 @@ void check_allocation(const Jacobian& G, const Wrench& wanted, const MotorVector
   const AllocationResult got = allocate_torques(G, wanted, limit);
   if (!got.tau_motor_Nm.allFinite() || !got.wrench_device.allFinite())
     fail("allocation: not finite");
-  if (got.kind == Allocation::kRefused) {
+  if (got.kind == AllocationKind::kRefused) {
     if (got.tau_motor_Nm != MotorVector::Zero())
       fail("allocation: refused with torques that are not zero");
     return;

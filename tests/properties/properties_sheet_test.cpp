@@ -301,7 +301,7 @@ SliceMesh improved(const SliceMesh& sheet, const Ring& tool) {
   SheetEdit edit(mesh);
   const CutReport report = cut_in_place(mesh, TriangleGrid(mesh), tool, work, edit);
   RC_ASSERT(report.outcome != CutOutcome::kBug);
-  RC_ASSERT(report.outcome != CutOutcome::kNotATool);
+  RC_ASSERT(report.outcome != CutOutcome::kInvalidTool);
   RC_ASSERT(report.outcome != CutOutcome::kCapacity);
   LocalRefinementWorkspace refinement(mesh);
   LocalRefinementOptions options;
@@ -349,8 +349,8 @@ Result<Region> region(const SliceMesh& sheet, const Ring& tool, double radius_m)
                         workspace);
 }
 
-// For another order of the sheet: the borne area is equal exactly; the force is equal up to
-// rounding if the triangles are the same, else within the error of grading (region.h).
+// For another order of the sheet: the area under the tool is equal exactly; the force is equal up
+// to rounding if the triangles are the same, else within the error of grading (region.h).
 RC_GTEST_PROP(Region, HasTheSameForceInEveryOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
@@ -359,7 +359,7 @@ RC_GTEST_PROP(Region, HasTheSameForceInEveryOrderOfTheSheet, ()) {
              there = region(permuted(sheet).mesh, tool, radius_m);
   const bool both = here && there;
   RC_ASSERT(both);
-  RC_ASSERT(there->mesh.borne.area_steps2 == here->mesh.borne.area_steps2);
+  RC_ASSERT(there->mesh.under_tool.area_steps2 == here->mesh.under_tool.area_steps2);
   const bool same = canonical(there->mesh.mesh) == canonical(here->mesh.mesh);
   RC_TAG(std::string(same ? "the same triangles" : "other triangles"));
   const double is = there->response.stiffness_N_per_m, right = here->response.stiffness_N_per_m;

@@ -23,7 +23,7 @@ RegionPart part_within(const RegionMesh& region, const Ring& tool, const Lattice
                        double radius_m) {
   RegionPart out;
   out.region.origin = region.origin;
-  out.region.borne = region.borne;
+  out.region.under_tool = region.under_tool;
   const auto sheet = make_sheet_mesh(region.mesh, 0, 0);
   if (!sheet) return out;  // never: the mesh is valid
   std::vector<std::uint32_t> seeds, queue;

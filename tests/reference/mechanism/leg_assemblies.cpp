@@ -23,7 +23,7 @@ std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription&
       continue;
     }
     const Eigen::Vector3d C = T_device_plate * leg::plate_joint(device.geometry, leg);
-    const leg::Status status =
+    const leg::LegStatus status =
         leg::inverse(device, leg::to_leg(leg, C), each.branch, each.theta_rad);
     if (!status) {
       each.status = {status.failure, static_cast<std::int8_t>(leg + 1),

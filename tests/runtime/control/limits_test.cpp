@@ -48,7 +48,7 @@ TEST(Limits, SpeedIsDetectedAtEveryRateAndOneCountIsNotASpeed) {
   const SafetyLimits limits;
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
     for (const double turns : {0.0, 1.0}) {
-      const double most = turns > 0 ? limits.turn_rate_max_rad_per_s : limits.speed_max_m_per_s;
+      const double most = turns > 0 ? limits.rotation_rate_max_rad_per_s : limits.speed_max_m_per_s;
       const auto at = [&](double way) {
         Pose pose;
         if (turns > 0) {
@@ -218,7 +218,7 @@ TEST(Limits, ALimitOfNanOrANegativeLimitAlwaysTrips) {
   for (const auto& [limit, fault] :
        {std::pair<Limit, Fault>{&SafetyLimits::plate_tilt_max_rad, Fault::kWorkspace},
         {&SafetyLimits::speed_max_m_per_s, Fault::kSpeed},
-        {&SafetyLimits::turn_rate_max_rad_per_s, Fault::kSpeed},
+        {&SafetyLimits::rotation_rate_max_rad_per_s, Fault::kSpeed},
         {&SafetyLimits::speed_window_s, Fault::kSpeed},
         {&SafetyLimits::overload_time_max_s, Fault::kMotorOverload},
         {&SafetyLimits::torque_max_Nm, Fault::kTorqueLimit},

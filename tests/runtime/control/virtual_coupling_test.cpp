@@ -24,7 +24,7 @@ TEST(VirtualCoupling, InFreeSpaceTheProxyIsTheTool) {
     Pose pose;
     pose.p_m = {1e-3 * i, 0, 0.1};
     EXPECT_EQ(move_proxy(options, 1e-3, pose, state).p_m, pose.p_m);
-    EXPECT_EQ(felt_wrench(options, {}, state).norm(), 0);
+    EXPECT_EQ(coupling_wrench(options, {}, state).norm(), 0);
   }
 }
 
@@ -66,7 +66,7 @@ TEST(VirtualCoupling, ADamperInTheSheetAddsItsOwnForceOnly) {
       sheet.wrench_device[2] =
           std::max(0.0, kSheet_N_per_m * depth_m + damping * sheet.rate_m_per_s);
       last_depth_m = depth_m;
-      const double felt_N = felt_wrench(options, sheet, state)[2];
+      const double felt_N = coupling_wrench(options, sheet, state)[2];
       if (i == 1) continue;  // the coupling acts from the next tick on
       ASSERT_NEAR(felt_N, sheet.wrench_device[2], 1e-6 * felt_N) << damping << ", " << i;
       if (i < 500) continue;

@@ -108,10 +108,10 @@ TEST_F(Outcomes, NothingMetAndNotAToolLeaveTheSheetUnchanged) {
   const SheetMesh start = sheet(60, 120);
   const CutCapacity enough = capacity_for(start);
   EXPECT_EQ(cut_with(enough, start, {{3000, 0}, {3100, 0}, {3050, 90}}).outcome,
-            CutOutcome::kNothingMet);
+            CutOutcome::kNoOverlap);
   EXPECT_TRUE(same(mesh_, start));
   EXPECT_EQ(cut_with(enough, start, {{2000, 0}, {2100, 0}, {2050, 90}}).outcome,
-            CutOutcome::kNothingMet)
+            CutOutcome::kNoOverlap)
       << "touches";
   EXPECT_TRUE(same(mesh_, start));
   Random random(3);
@@ -121,7 +121,7 @@ TEST_F(Outcomes, NothingMetAndNotAToolLeaveTheSheetUnchanged) {
   } while (ring_33.size() != 33);
   for (const Ring& tool :
        {Ring{}, Ring{{0, 0}, {10, 0}}, Ring{{0, 0}, {0, 10}, {10, 0}}, ring_33}) {
-    EXPECT_EQ(cut_with(enough, start, tool).outcome, CutOutcome::kNotATool);
+    EXPECT_EQ(cut_with(enough, start, tool).outcome, CutOutcome::kInvalidTool);
     EXPECT_TRUE(same(mesh_, start));
   }
   ring_33.pop_back();

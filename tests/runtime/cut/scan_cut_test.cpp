@@ -305,7 +305,7 @@ class Cutter {
       ASSERT_TRUE(same(subject.mesh, subject.replica));
       return;
     }
-    if (report.outcome == CutOutcome::kNothingMet) {
+    if (report.outcome == CutOutcome::kNoOverlap) {
       ++count.nothing;
       ASSERT_TRUE(subject.edit.triangles().empty());
       ASSERT_LT(static_cast<double>(common), 1.0);

@@ -156,8 +156,8 @@ TEST_P(Auto, ErrorAgainstTheWholeSliceIsWithinTheBound) {
       }
       const auto global = solve_global(make_network(back->mesh, lattice, membrane), back->kind);
       ASSERT_TRUE(global);
-      const double borne = r.stiffness_N_per_m - region->solution.stiffness_N_per_m;
-      const double force = 1 - (global->stiffness_N_per_m + borne) / r.stiffness_N_per_m;
+      const double under_tool = r.stiffness_N_per_m - region->solution.stiffness_N_per_m;
+      const double force = 1 - (global->stiffness_N_per_m + under_tool) / r.stiffness_N_per_m;
       double displacement = 0, out_of_region = 0;
       std::vector<std::uint8_t> inside(back->kind.size(), 0);
       for (std::size_t v = 0; v < back->of_region.size(); ++v) {

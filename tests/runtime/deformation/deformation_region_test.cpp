@@ -83,7 +83,7 @@ TEST(Region, HasAllTrianglesNearTheToolLessTheTool) {
         perimeter +=
             std::sqrt(static_cast<double>(distance2(ring[k], ring[(k + 1) % ring.size()])));
     }
-    EXPECT_NEAR(area_steps2(region->mesh), area_steps2(expected) - region->borne.area_steps2,
+    EXPECT_NEAR(area_steps2(region->mesh), area_steps2(expected) - region->under_tool.area_steps2,
                 c.options.grading.graded ? perimeter : 0.01)
         << i;
     for (std::size_t v = 0; v < region->kind.size(); ++v) {
@@ -99,14 +99,16 @@ TEST(Region, HasAllTrianglesNearTheToolLessTheTool) {
   }
 }
 
-// Wholly over material: the borne area is the tool's, its moment that of the tool's centroid.
+// Wholly over material: the area under the tool is the tool's, its moment that of the tool's
+// centroid.
 TEST(Region, BorneAreaIsTheToolOverMaterial) {
   Case c({100, -300});
   const auto region = c.region();
   ASSERT_TRUE(region);
-  EXPECT_DOUBLE_EQ(region->borne.area_steps2, static_cast<double>(doubled_area(c.tool)) / 2);
-  const Eigen::Vector2d centroid = region->borne.moment_steps3 / region->borne.area_steps2 +
-                                   Eigen::Vector2d(region->origin.x, region->origin.y);
+  EXPECT_DOUBLE_EQ(region->under_tool.area_steps2, static_cast<double>(doubled_area(c.tool)) / 2);
+  const Eigen::Vector2d centroid =
+      region->under_tool.moment_steps3 / region->under_tool.area_steps2 +
+      Eigen::Vector2d(region->origin.x, region->origin.y);
   EXPECT_NEAR(centroid.x(), 100, 0.5);
   EXPECT_NEAR(centroid.y(), -300, 0.5);
   for (NodeKind kind : region->kind)
@@ -119,7 +121,7 @@ TEST(Region, BorneAreaIsTheMaterialUnderAToolOverTheRim) {
   const auto region = c.region();
   ASSERT_TRUE(region);
   const double whole = static_cast<double>(doubled_area(c.tool)) / 2;
-  EXPECT_NEAR(region->borne.area_steps2 / whole, 0.5, 2e-3);
+  EXPECT_NEAR(region->under_tool.area_steps2 / whole, 0.5, 2e-3);
   // The centroid of half a regular hexagon, by quadrature.
   double area = 0, moment = 0;
   for (int k = 0; k < 768; ++k) {
@@ -128,8 +130,9 @@ TEST(Region, BorneAreaIsTheMaterialUnderAToolOverTheRim) {
     area += 2 * half_height;
     moment += 2 * half_height * x;
   }
-  EXPECT_NEAR(region->borne.moment_steps3.x() / region->borne.area_steps2, moment / area, 1);
-  EXPECT_NEAR(region->borne.moment_steps3.y() / region->borne.area_steps2, 0, 1);
+  EXPECT_NEAR(region->under_tool.moment_steps3.x() / region->under_tool.area_steps2, moment / area,
+              1);
+  EXPECT_NEAR(region->under_tool.moment_steps3.y() / region->under_tool.area_steps2, 0, 1);
 }
 
 // Contract 2, for every boundary edge of the mesh.
@@ -195,7 +198,7 @@ TEST(Region, IsEmptyBesideAllMaterial) {
   const auto region = c.region();
   ASSERT_TRUE(region);
   EXPECT_TRUE(region->mesh.triangles.empty());
-  EXPECT_EQ(region->borne.area_steps2, 0);
+  EXPECT_EQ(region->under_tool.area_steps2, 0);
   RegionWorkspace workspace;
   const auto response = prepare_region(c.sheet, {}, c.tool, kLattice, kMembrane, {}, workspace);
   ASSERT_TRUE(response);

@@ -124,7 +124,7 @@ UdpDeviceOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
   options.clock = clock;
   options.connect_timeout_s = 5;
   // Other processes may stall this test for as long as that.
-  options.silence_s = 0.5;
+  options.no_state_s = 0.5;
   return options;
 }
 
@@ -226,7 +226,7 @@ TEST(UdpDevice, InLockStepEachWriteIsAnswered) {
 TEST(UdpDevice, LinkIsLostAfterTheTimeoutWithoutStates) {
   Peer peer(LinkClock::kReal);
   UdpDeviceOptions options = to(peer);
-  options.silence_s = 0.3;
+  options.no_state_s = 0.3;
   const auto device = connected(options);
   ASSERT_TRUE(device);
   peer.mute = true;
@@ -270,7 +270,7 @@ TEST(UdpDevice, RestoreConnectsToARestartedDrive) {
   const Endpoint at = peer->endpoint;
   const LinkKey key = peer->key;
   UdpDeviceOptions options = to(*peer);
-  options.silence_s = 0.05;
+  options.no_state_s = 0.05;
   options.connect_timeout_s = 0.1;  // one attempt of many
   const auto device = connected(options);
   ASSERT_TRUE(device);
@@ -415,7 +415,7 @@ int commands_until_lost(Peer& peer, const UdpDeviceOptions& options, int most) {
 TEST(UdpDevice, LinkIsLostIfTheDriveReceivesNoCommands) {
   Peer patient(LinkClock::kReal, "", 1000);
   UdpDeviceOptions options = to(patient);
-  options.silence_s = 0.4;
+  options.no_state_s = 0.4;
   options.period_s = 1e-3;
   const int until = commands_until_lost(patient, options, 3000);
   EXPECT_GE(until, 200) << "lost before 400 ms of commands were dropped";
@@ -425,14 +425,14 @@ TEST(UdpDevice, LinkIsLostIfTheDriveReceivesNoCommands) {
 TEST(UdpDevice, LinkIsLostIfTheWatchdogTrips) {
   Peer peer(LinkClock::kReal, "", 0.01);
   UdpDeviceOptions options = to(peer);
-  options.silence_s = 10;
+  options.no_state_s = 10;
   EXPECT_LE(commands_until_lost(peer, options, 2000), 2000);
 }
 
 TEST(UdpDevice, AClosedPortIsReportedAtOnce) {
   auto peer = std::make_unique<Peer>(LinkClock::kReal);
   UdpDeviceOptions options = to(*peer);
-  options.silence_s = 1000;
+  options.no_state_s = 1000;
   const auto device = connected(options);
   ASSERT_TRUE(device);
   peer.reset();

@@ -186,7 +186,7 @@ TEST(Compensation, AllocationWithBiasKeepsDirectionAndLimits) {
       limit[i] = random.between(3, 6);
     }
     const AllocationResult result = allocate_torques_with_bias(G, wanted, limit, bias);
-    ASSERT_NE(result.kind, Allocation::kRefused);
+    ASSERT_NE(result.kind, AllocationKind::kRefused);
     ASSERT_TRUE((result.tau_motor_Nm.cwiseAbs().array() <= limit.array()).all());
     const Wrench rendered = G.transpose() * (result.tau_motor_Nm - bias);
     ASSERT_LT((rendered - result.scale * wanted).norm(), 1e-9 * wanted.norm());
@@ -197,7 +197,7 @@ TEST(Compensation, AllocationWithBiasKeepsDirectionAndLimits) {
   const Jacobian G = Jacobian::Identity();
   EXPECT_EQ(
       allocate_torques_with_bias(G, Wrench::Ones(), MotorVector::Ones(), MotorVector::Ones()).kind,
-      Allocation::kRefused);
+      AllocationKind::kRefused);
   EXPECT_EQ(allocate_torques_with_bias(G, Wrench::Ones(), MotorVector::Ones(),
                                        MotorVector::Constant(std::nan("")))
                 .tau_motor_Nm,

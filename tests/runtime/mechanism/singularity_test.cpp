@@ -53,7 +53,7 @@ TEST(Singularity, SmallestSingularValueIsThatOfTheWeakestDirection) {
     weakest.tail<3>() *= kCharacteristicLength_m;
     const AllocationResult result = allocate_torques(at.G, weakest, 1e9);
     if (smallest > 1e-4 * largest) {
-      ASSERT_EQ(result.kind, Allocation::kMinimumNorm);
+      ASSERT_EQ(result.kind, AllocationKind::kMinimumNorm);
       EXPECT_NEAR(result.tau_motor_Nm.norm() * s.smallest_singular_value_per_m, 1, 1e-3);
     }
   }

@@ -114,7 +114,7 @@ TEST(TorqueAllocation, WithinTheLimitsItIsThePseudoInverse) {
     const Jacobian G = jacobian_at(device, random_workspace_pose(random));
     const Wrench wanted = random_wrench(random, random.between(0, 15));
     const AllocationResult result = allocate_torques(G, wanted, device.motor_peak_torque_Nm);
-    if (result.kind != Allocation::kMinimumNorm) continue;
+    if (result.kind != AllocationKind::kMinimumNorm) continue;
     ASSERT_EQ(result.scale, 1);
     ASSERT_FALSE(result.limited());
     worst = std::max(worst, (result.wrench_device - wanted).norm() / wanted.norm());
@@ -139,7 +139,7 @@ TEST(TorqueAllocation, ThirtyFiveNewtonsInAnyDirectionAreWithinThePeak) {
     Wrench wanted = Wrench::Zero();
     wanted.head<3>() = 35 * random.direction();
     const AllocationResult result = allocate_torques(G, wanted, device.motor_peak_torque_Nm);
-    ASSERT_EQ(result.kind, Allocation::kMinimumNorm);
+    ASSERT_EQ(result.kind, AllocationKind::kMinimumNorm);
     ASSERT_LE((result.wrench_device - wanted).norm(), 1e-9 * wanted.norm());
   }
 }
@@ -216,7 +216,7 @@ TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
     const Reference expected = reference(G, wanted);
     const MotorVector excess = expected.minimum_norm.cwiseAbs() - working;
     clipping_exact += ((expected.minimum_norm.cwiseAbs() - limit).array() <= 0).all();
-    if (result.kind == Allocation::kMinimumNorm) {
+    if (result.kind == AllocationKind::kMinimumNorm) {
       ASSERT_LE(excess.maxCoeff(), 1e-9);
       ASSERT_LT((result.tau_motor_Nm - expected.minimum_norm).norm(), 1e-10);
       ASSERT_EQ(result.scale, 1);
@@ -225,7 +225,7 @@ TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
     ASSERT_GE(excess.maxCoeff(), -1e-9);
     ASSERT_NEAR(result.scale, largest_scale(expected.minimum_norm, expected.null_space, working),
                 1e-7);
-    ASSERT_EQ(result.kind == Allocation::kScaled, result.scale < 1);
+    ASSERT_EQ(result.kind == AllocationKind::kScaled, result.scale < 1);
     ASSERT_EQ(result.limited(), result.scale < 1);
   }
   std::printf(
@@ -256,7 +256,7 @@ TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
     const Wrench wanted =
         most_N * (n % 2 == 0 ? random.between(0.4, 1.5) : random.between(0.95, 1.05)) * direction;
     const AllocationResult result = allocate_torques(G, wanted, limit);
-    if (result.kind == Allocation::kMinimumNorm) continue;
+    if (result.kind == AllocationKind::kMinimumNorm) continue;
     ++compared;
     const MotorVector expected = by_enumeration(G, result.scale * wanted, limit);
     worst = std::max(worst, (result.tau_motor_Nm - expected).cwiseAbs().maxCoeff());
@@ -392,11 +392,11 @@ TEST(TorqueAllocation, LargeSmallAndInvalidInputs) {
     expect_law_1_and_2(allocate_torques(G, wanted, 6.0), G, wanted, limit);
   }
   const AllocationResult none = allocate_torques(G, Wrench::Zero(), 6.0);
-  EXPECT_EQ(none.kind, Allocation::kMinimumNorm);
+  EXPECT_EQ(none.kind, AllocationKind::kMinimumNorm);
   EXPECT_EQ(none.tau_motor_Nm, MotorVector::Zero());
 
   const auto expect_refused = [](const AllocationResult& result) {
-    EXPECT_EQ(result.kind, Allocation::kRefused);
+    EXPECT_EQ(result.kind, AllocationKind::kRefused);
     EXPECT_TRUE(result.limited());
     EXPECT_EQ(result.tau_motor_Nm, MotorVector::Zero());
     EXPECT_EQ(result.scale, 0);

@@ -63,7 +63,7 @@ TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
 
       edit.begin(mesh);
       ASSERT_TRUE(insertion.find(mesh, t, p));
-      ASSERT_EQ(insertion.insert(mesh, edit, p, kNone), Insertion::kDone) << "seed " << seed;
+      ASSERT_EQ(insertion.insert(mesh, edit, p, kNone), InsertionOutcome::kDone) << "seed " << seed;
       ++inserted;
       ASSERT_TRUE(check_sheet_mesh(mesh)) << "seed " << seed;
       ASSERT_TRUE(is_constrained_delaunay(to_slice_mesh(mesh))) << "seed " << seed;
@@ -96,7 +96,7 @@ TEST(PointInsertion, WithoutFreeSlotsNothingChanges) {
     edit.begin(mesh);
     PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
     ASSERT_TRUE(insertion.find(mesh, 0, {60, 20}));
-    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), Insertion::kCapacity);
+    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), InsertionOutcome::kCapacity);
     EXPECT_TRUE(same(mesh, before));
   }
 }
@@ -109,13 +109,13 @@ TEST(PointInsertion, PointsOnOrBeyondTheOutlineAreNotVisible) {
   PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
   EXPECT_FALSE(insertion.find(mesh, 0, {50, 40})) << "not in the circumcircle";
   ASSERT_TRUE(insertion.find(mesh, 0, {50, -10}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), Insertion::kNotVisible);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), InsertionOutcome::kNotVisible);
   ASSERT_TRUE(insertion.find(mesh, 0, {50, 0}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), Insertion::kNotVisible);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), InsertionOutcome::kNotVisible);
   EXPECT_TRUE(same(mesh, before));
   // But the edge can be split there.
   ASSERT_EQ(insertion.rim()[0].from, 0U);
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, 0), Insertion::kDone);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, 0), InsertionOutcome::kDone);
   EXPECT_TRUE(check_sheet_mesh(mesh));
   EXPECT_EQ(mesh.triangles_in_use(), 2U);
 }

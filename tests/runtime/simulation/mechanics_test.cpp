@@ -175,7 +175,7 @@ TEST(Mechanics, EnergyBalanceClosesToSecondOrder) {
       EXPECT_TRUE(simulated.step(1e-3));
       most = std::max(most, simulated.truth().kinetic_J);
     }
-    const EnergyBook& work = simulated.truth().work;
+    const EnergyBalance& work = simulated.truth().work;
     EXPECT_LT(work.friction_J, -1e-3);
     EXPECT_GT(std::abs(work.motors_J), 1e-3);
     EXPECT_NE(work.hand_J, 0);

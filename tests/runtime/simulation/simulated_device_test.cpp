@@ -154,7 +154,7 @@ TEST(SimulatedDevice, EnergyBalanceCloses) {
       EXPECT_TRUE(simulated.step(1e-3));
       most_kinetic = std::max(most_kinetic, simulated.truth().kinetic_J);
     }
-    const EnergyBook& work = simulated.truth().work;
+    const EnergyBalance& work = simulated.truth().work;
     EXPECT_LT(work.friction_J, 0);
     EXPECT_GT(most_kinetic, 0.01);
     EXPECT_EQ(work.stop_J, 0);
@@ -240,7 +240,7 @@ TEST(SimulatedDevice, StopsAtTheEndOfReach) {
     ASSERT_TRUE(is_finite(simulated.truth().T_device_plate));
   }
   EXPECT_TRUE(stopped);
-  const EnergyBook& work = simulated.truth().work;
+  const EnergyBalance& work = simulated.truth().work;
   EXPECT_LT(work.stop_J, 0);
 }
 
