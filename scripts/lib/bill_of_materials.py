@@ -3,7 +3,7 @@
 
 Read from the build itself: Debian packages of the shared libraries that each program loads
 (ldd) and of the headers that its objects were compiled from (`ninja -t deps`), each with its
-version and package URL. Header-only libraries and the compiler's own are in it for that reason.
+version and package URL. The headers are read so that header-only libraries and the compiler's own are listed.
 The same build gives the same file, apart from `timestamp`, which is SOURCE_DATE_EPOCH's if set.
 """
 import datetime

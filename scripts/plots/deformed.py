@@ -128,7 +128,7 @@ def main():
         axes.set_box_aspect((2 * WINDOW_MM, 2 * WINDOW_MM, numpy.ptp(axes.get_zlim())))
         axes.view_init(elev=30, azim=-62)
     figure.subplots_adjust(left=0, right=0.97, bottom=0.02, top=0.95, wspace=0.1)
-    figure.text(1.01, 0, " ")  # room for the last panel's z label
+    figure.text(1.01, 0, " ")  # space for the last panel's z label
     save(figure, sys.argv[3])
 
 

@@ -10,7 +10,7 @@ from style import GREY, HOLE, OUTER, THRESHOLD, plt, read_json, read_recording, 
 
 
 def time_axis(axes, t):
-    """The same for both pictures; on the right there is room for the slices' heights and the last puncture's text."""
+    """The same for both pictures; on the right there is space for the slices' heights and the last puncture's text."""
     axes.set(xlabel="time (s)", xlim=(t[0], t[-1] + 0.1 * (t[-1] - t[0])))
     axes.grid(True)
 

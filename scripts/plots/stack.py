@@ -68,7 +68,7 @@ def main():
         axes = figure.add_subplot(1, 2, column + 1, projection="3d", computed_zorder=False)
         draw_stack(axes, stack, low, high, name)
     figure.subplots_adjust(left=0.02, right=0.98, bottom=0.04, top=0.93, wspace=0.14)
-    figure.text(-0.02, 0, " ")  # room for the first panel's z label
+    figure.text(-0.02, 0, " ")  # space for the first panel's z label
     save(figure, sys.argv[5], stretch=STRETCH, island=reports[1]["parameters"]["min_region_mm2"])
 
 

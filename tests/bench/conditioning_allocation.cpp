@@ -148,7 +148,7 @@ Row torques(const Exact& e, const std::array<Precise, 2>& y) {
   return tau;
 }
 
-/// The fifth law of torque_allocation.h, by Newton's method with halved steps until the slope is
+/// Law 5 of torque_allocation.h, by Newton's method with halved steps until the slope is
 /// zero.
 bool take_least_cost(Exact& e) {
   const auto excess = [&](const Row& tau, std::size_t i) {

@@ -102,7 +102,7 @@ Points nearly_collinear(Inputs& in) {
 }
 
 // As near to a line as lattice points of this extent can be: c with p_x q_y - p_y q_x = 1, 0 or -1
-// for p = b - a, q = c - a; d likewise.
+// for p = b - a, q = c - a; the same for d.
 Points next_to_collinear(Inputs& in) {
   const LatticePoint a{-kMaxCoordinate + 4 + in.within(3), -kMaxCoordinate + 4 + in.within(3)};
   std::int64_t px = kHalf / 2 + 1 + in.within(kHalf / 2), py = kHalf / 2 + 1 + in.within(kHalf / 2);

@@ -33,7 +33,7 @@ namespace {
 using namespace trocar::runtime;
 
 constexpr int kSpacing = 512;        // steps: 2 mm
-constexpr double kToolRadius = 900;  // steps; meets about 30 triangles
+constexpr double kToolRadius = 900;  // steps; overlaps about 30 triangles
 constexpr double kMinAngle_deg = 20;
 constexpr int kPasses = 3, kCutsPerPass = 20'000;
 
@@ -151,7 +151,7 @@ class Subject {
   }
 
   // The same cuts kPasses times: the median of each one's times.
-  Samples cuts_of_their_own() {
+  Samples medians_of_repeated_cuts() {
     std::vector<std::array<double, kPasses>> of(kCutsPerPass);
     for (std::size_t pass = 0; pass < kPasses; ++pass) {
       random_.seed(11);
@@ -177,7 +177,7 @@ class Subject {
   }
 
   SliceMesh sheet;
-  Samples own_us, machine_us;  // cuts_of_their_own(), plain_arithmetic()
+  Samples own_us, machine_us;  // medians_of_repeated_cuts(), plain_arithmetic()
   Samples cut_us, refine_us, cut_refine_us, grid_us, replica_us, all_us, triangles, added,
       cavity_us, slice_us;
 
@@ -254,11 +254,12 @@ void write_rows(const std::string& file, const std::map<int, std::unique_ptr<Sub
   std::ofstream(file) << nlohmann::json{{"rows", rows}, {"sheets", sheets}}.dump(1) << '\n';
 }
 
-int run(int count, char** words) {
-  benchmark::Initialize(&count, words);
+int run(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv);
   std::string out;
-  for (int i = 1; i < count; ++i) {
-    if (const std::string word = words[i]; word.rfind("--out=", 0) == 0) out = word.substr(6);
+  for (int i = 1; i < argc; ++i) {
+    if (const std::string argument = argv[i]; argument.rfind("--out=", 0) == 0)
+      out = argument.substr(6);
   }
   std::map<int, std::unique_ptr<Subject>> subjects;
   for (const int vertices : {10'000, 200'000}) {
@@ -279,7 +280,7 @@ int run(int count, char** words) {
   benchmark::RunSpecifiedBenchmarks();
 
   for (auto& [vertices, subject] : subjects) {
-    subject->own_us = subject->cuts_of_their_own();
+    subject->own_us = subject->medians_of_repeated_cuts();
     subject->machine_us = plain_arithmetic(subject->own_us.at(0.5));
     std::printf(
         "\n%zu vertices, %zu triangles; a cut replaces %.0f, the quality pass adds %.1f "
@@ -303,6 +304,6 @@ int run(int count, char** words) {
 }  // namespace
 }  // namespace trocar::bench
 
-int main(int count, char** words) {
-  return trocar::bench::run(count, words);
+int main(int argc, char** argv) {
+  return trocar::bench::run(argc, argv);
 }

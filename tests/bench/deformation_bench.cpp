@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the force law `network` costs: a region from sheet to answer, stage by stage; a whole
+// What the force law `network` costs: a region from sheet to response, stage by stage; a whole
 // slice's factorisation; one solve with 200 free nodes. Medians:
 // --benchmark_repetitions=9 --benchmark_report_aggregates_only=true.
 //
@@ -68,7 +68,7 @@ struct Setting {
   }
 };
 
-/// Benchmarks are called several times each; what they look at is made once.
+/// A benchmark is called several times; its input is made once.
 Setting& setting(std::int64_t free_nodes) {
   static std::map<std::int64_t, Setting> made;
   return made.try_emplace(free_nodes, static_cast<std::uint32_t>(free_nodes)).first->second;
@@ -195,7 +195,7 @@ void PrepareRegionNetwork(benchmark::State& state) {
 }
 BENCHMARK(PrepareRegionNetwork)->Unit(benchmark::kMicrosecond);
 
-// What a cut in the sheet asks for once the mesh is there; the bounds are included.
+// After a cut, on a mesh that exists: the solution and its bounds.
 void RefactorRegion(benchmark::State& state) {
   const Setting& s = setting(200);
   LocalSolution solution;

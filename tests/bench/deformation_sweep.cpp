@@ -205,7 +205,7 @@ Result<json> sweep(const json& plan, const std::string& name, const std::string&
     global.displacement_error.push_back(0);
     global.nodes.push_back(static_cast<double>(
         std::count(place.mesh.kind.begin(), place.mesh.kind.end(), NodeKind::kFree)));
-    if (!(place.exact.stiffness_N_per_m > 0)) continue;  // the tool covers all there is
+    if (!(place.exact.stiffness_N_per_m > 0)) continue;  // the tool covers the whole slice
 
     sweep_propagation(place, repetitions, propagation);
     for (int k = 1; k <= kSteps; ++k) {

@@ -49,7 +49,7 @@ double median_us(const std::vector<Sample>& samples, Call&& call) {
                  static_cast<double>(samples.size()));
   }
   std::nth_element(us.begin(), us.begin() + kPasses / 2, us.end());
-  return sink == sink ? us[kPasses / 2] : 0;  // the sum is looked at, so that the calls are made
+  return sink == sink ? us[kPasses / 2] : 0;  // uses the sum, so that the compiler keeps the calls
 }
 
 }  // namespace

@@ -2,8 +2,8 @@
 """path_ratios.py BIN SCAN [REPETITIONS]: from the sample's PNG and DICOM files (SCAN/png, SCAN/dicom) to a verified asset,
 over OpenCV's decoding of the same PNGs, and two threads over one: medians of one run of BIN/pipeline_sweep.
 
-CPU time is for a machine that is busy with other things; the bounds are on the wall clock of a quiet one. Two threads also
-gain from a second core being free at all: their ratio means nothing unless the load was low."""
+The bounds are for wall-clock time on an idle machine; on a busy one, use CPU time. The ratio of two threads to one is
+meaningful only if a second core was idle."""
 import json
 import os
 import pathlib

@@ -73,7 +73,7 @@ def check_sections():
                      for n in (10000, 200000) for k, w in enumerate(what)]}
     page = html.Page("t")
     remeshing.show(data, page)
-    assert "<svg" in page.text() and "meets 30 triangles" in page.text() and len(remeshing.results(data)) == 1
+    assert "<svg" in page.text() and "overlaps 30 triangles" in page.text() and len(remeshing.results(data)) == 1
 
 
 def check_recommendation():

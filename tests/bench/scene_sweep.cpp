@@ -178,8 +178,8 @@ Result<json> count(const Case& c) {
   return row;
 }
 
-/// Loads the scenes of one size in turn, in another order each time. A load leaves its traces in
-/// caches and heap for the next one, so that on average these are the same for all.
+/// Loads the scenes of one size in turn, in another order each time. A load changes
+/// caches and heap for the next one; the random order averages this.
 Result<void> measure_times(std::vector<Case>& cases, int repetitions) {
   std::mt19937_64 random(1);
   for (std::size_t begin = 0, end = 0; begin < cases.size(); begin = end) {

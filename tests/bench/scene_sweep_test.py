@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """scene_sweep_test.py PROGRAM REPORT_LIBRARY PLOTS: scenes of 1, 3 and 35 slices of assets of 35 and 350, made of the
-sample's slices (and the real scans', where there): what is read, decoded, factored and kept follows the scene and not the
-asset, the processor time of one slice too. And the report makes a page of it."""
+sample's slices (and of the real scans', if available): what is read, decoded, factored and kept depends on the scene and not on the
+asset, and so does the processor time of one slice. The report makes a page of the results."""
 import json
 import os
 import pathlib

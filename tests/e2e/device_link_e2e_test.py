@@ -210,7 +210,7 @@ def other_implementation(source, programs, work):
             if state is not None:
                 modes.add(state["mode"])
         check(link.TORQUE_ON in modes, f"modes under torque: {modes}")
-        # A second host gets no welcome while the session is alive. Without commands the watchdog trips.
+        # A second host gets no welcome while the session is active. Without commands the watchdog trips.
         try:
             end = time.monotonic() + 0.3
             while time.monotonic() < end:

@@ -33,10 +33,10 @@ from e2e import check, failures, outcome
 
 ATTEMPTS = 4
 TIMEOUT_S = 120
-READY_S = 20  # until a background command has said what the page shows of it
+READY_S = 20  # until a background command has printed what the page shows
 STATED_CODES = re.compile(r"#\s*exit code (\d+(?: or \d+)*)\s*$")
 STALLS = ("no_data", "link_lost", "deadline_missed")
-# What the tutorial is about: a page that no longer shows these lines has lost a step.
+# Lines that the tutorial must show: without one of them a step is missing.
 REQUIRED = ("valid", '"slice": 101', "identical", "largest force on the hand")
 
 
@@ -172,7 +172,7 @@ class Runner:
                     if code != 0 and not any(name in text_of(log) for name in STALLS):
                         refused = [f"{started[2]}: ended with {code} for another reason than a slow machine"]
                 wrong += [f"{line}\n{text_of(log)[-2000:]}" for line in refused]
-            if block is not blocks[-1]:  # the next block's commands need what these have begun
+            if block is not blocks[-1]:  # the next block's commands need these background commands
                 end = time.monotonic() + READY_S
                 while missing(self.here(block.expected), text_of(log)) and time.monotonic() < end:
                     time.sleep(0.02)
@@ -207,7 +207,7 @@ def run_page(page, runner):
             continue
         wrong += runner.run(step)
         if wrong:
-            break  # what follows needs this step's files
+            break  # later steps need this step's files
     return wrong
 
 

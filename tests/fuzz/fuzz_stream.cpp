@@ -3,8 +3,8 @@
 // delays, reorders, changes and forges packets. In: operations of a few bytes each, see run(). For
 // every stream: changed and forged packets are refused, and so are repeated ones and ones older
 // than the last accepted; torques follow the newest command, and are zero after a time without
-// packets until a command that knows of it asks for zero torques; packets of the drive are
-// authentic, in order, and of its session.
+// packets until a command of zero torques acknowledges this; packets of the drive are authentic, in
+// order, and of its session.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -240,18 +240,19 @@ class Stream {
     StatePacket state;
     if (decode(answer.view(), session.key, session.number, session.last_state, state) !=
         LinkRefusal::kNone)
-      fail("a state that its host refuses");
+      fail("the host refuses a state of its drive");
     if (state.mode == DriveMode::kWatchdog && watchdog_state_ == 0) {
-      if (now_ns_ - newest_ns_ <= 10'000'000) fail("a watchdog that was not kept waiting");
+      if (now_ns_ - newest_ns_ <= 10'000'000) fail("the watchdog tripped too early");
       watchdog_state_ = state.sequence;
     }
-    if (state.command_taken != accepted_) fail("another command was taken than the drive says");
+    if (state.command_taken != accepted_)
+      fail("the drive reports another command than the accepted one");
     for (const double angle : state.encoder_rad) {
-      if (!std::isfinite(angle)) fail("an angle that is none");
+      if (!std::isfinite(angle)) fail("an angle that is not finite");
     }
   }
 
-  // Law 1 of drive.h, when the drive has just been told the time.
+  // Contract 1 of drive.h. The drive must know the current time.
   void expect_torques() const {
     const auto& applied = drive_.model().truth().tau_motor_Nm;
     const bool silent = clock_ == LinkClock::kReal && now_ns_ - newest_ns_ > 10'000'000;

@@ -81,7 +81,7 @@ void mutate_once(Bytes& b, const std::vector<Bytes>& seeds, Random& random) {
                                                    0x7fffffffffffffff,
                                                    0x8000000000000000,
                                                    0xffffffffffffffff};
-  // Mostly in the header, which has more influence than pixels.
+  // Mostly in the header, where changes have more effect than in pixels.
   const std::size_t at = random.below(4) != 0 ? random.below(std::min<std::size_t>(b.size(), 1024))
                                               : random.below(b.size());
   const std::size_t length = 1 + random.below(random.below(2) == 0 ? 8 : 128);

@@ -64,7 +64,7 @@ class Rig {
     model_.rate_Hz = options.rate_Hz;
     model_.passivity.on = options.passivity;
     model_.coupling = options.coupling;
-    // Limits are off: the tests look at the loop, not at when it stops.
+    // Limits are off: these tests are about the loop's stability.
     model_.limits.speed_max_m_per_s = model_.limits.rotation_rate_max_rad_per_s = 1e6;
     model_.limits.encoder_rate_max_rad_per_s = 1e6;
     model_.limits.torque_rise_time_max_s = 1e6;

@@ -139,7 +139,7 @@ inline Real distance(Real x, Real y, LatticePoint a, LatticePoint b) {
   return std::hypot(x - a.x - t * dx, y - a.y - t * dy);
 }
 
-// How often the rings wind around a point that is not on them.
+// The winding number of the rings around a point that is not on them.
 inline int winding(Real x, Real y, const std::vector<Ring>& rings) {
   int sum = 0;
   for (const Ring& ring : rings) {

@@ -100,7 +100,7 @@ TEST_P(AssetPartOf, EqualsTheSlicesOfTheWhole) {
       ASSERT_EQ(part->asset.slices.size(), 1U);
       expect_same(part->asset.slices[0], slice);
     }
-    // Slices ascend, in whatever order and however often they are requested.
+    // The slices are in ascending order for any order and number of repetitions in the request.
     const auto some = decode_asset_part(file, "test", {3, -7, 3, 0});
     ASSERT_TRUE(some);
     ASSERT_EQ(some->asset.slices.size(), 3U);
@@ -237,7 +237,7 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   EXPECT_FALSE(decode_asset(extras, "test"));
 }
 
-// Contract 4: whichever byte changes, a part is refused or unchanged.
+// Contract 4: after a change of any byte, a part is refused or unchanged.
 TEST(AssetPart, AChangedByteIsDetected) {
   const Bytes glb = *encode_asset(discs(3, 0));
   const auto whole = decode_asset(glb, "test");

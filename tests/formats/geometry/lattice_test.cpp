@@ -74,7 +74,7 @@ TEST(Predicates, TheCornersOfASquareAreCocircular) {
   EXPECT_EQ(in_circle({-m, -m + 1}, {m, -m}, {m, m}, {-m, m}), -1);
 }
 
-TEST(SegmentsCross, CountsAllCommonPointsButSharedEnds) {
+TEST(SegmentsCross, CountsAllCommonPointsExceptSharedEnds) {
   EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {0, 4}, {4, 0}));   // proper
   EXPECT_FALSE(segments_cross({0, 0}, {4, 4}, {4, 4}, {8, 0}));  // shared end
   EXPECT_TRUE(segments_cross({0, 0}, {4, 4}, {2, 2}, {8, 0}));   // end in the other's inside

@@ -138,7 +138,7 @@ TEST(CheckPslg, ChecksNestingInAnyOrderOfTheRings) {
   EXPECT_GT(most, 100U);
 }
 
-TEST(BoundaryRings, SplitWhereTheBoundaryMeetsItself) {
+TEST(BoundaryRings, SplitWhereTheBoundaryTouchesItself) {
   // An annulus whose hole touches the outer boundary in (0, 0): two simple rings.
   const SliceMesh m{{{0, 0}, {8, 0}, {8, 8}, {0, 8}, {2, 4}, {4, 2}, {0, 0}},
                     {{0, 1, 5}, {1, 2, 5}, {5, 2, 4}, {4, 2, 3}, {6, 4, 3}}};

@@ -247,7 +247,7 @@ TEST_F(DeviceProtocol, PacketsOfAnotherSessionDirectionOrKeyAreRefused) {
   EXPECT_EQ(decode(encoded(welcome()), kKey, read_hello), LinkRefusal::kKind);
   WelcomePacket read_welcome;
   EXPECT_EQ(decode(encoded(welcome()), kKey, {1, 1, 1}, read_welcome), LinkRefusal::kContents)
-      << "a welcome to somebody else's hello";
+      << "a welcome to another host's hello";
   // Every byte of both nonces changes the session key.
   const LinkKey key = session_key(kKey, {}, {});
   for (std::size_t i = 0; i < kLinkNonceBytes; ++i) {

@@ -24,7 +24,7 @@ Field field_of(int width, int height, const std::string& pixels) {  // '#' is ma
 
 // At 64 positions of the disc on the pixel grid, among them symmetric ones, where the errors of all
 // four quadrants are equal.
-TEST(SubpixelContour, AreaOfDiscs) {
+TEST(SubpixelContour, AreaOfDiscsIsAccurate) {
   struct Case {
     double radius, worst;
   };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// stack_dump OUT AXIS SPACING INPUT...: what the readers give, for tests in Python: every slice's
-// values as float32 in OUT, the rest as JSON on stdout. SPACING is X,Y,Z in mm, or - for none.
-// Errors and exit codes are those of trocar-mesh.
+// stack_dump OUT AXIS SPACING INPUT...: prints what the readers give, for tests in Python: every
+// slice's values as float32 in OUT, the rest as JSON on stdout. SPACING is X,Y,Z in mm, or - for
+// none. Errors and exit codes are those of trocar-mesh.
 #include <array>
 #include <cstdio>
 #include <fstream>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A network's equilibrium under arbitrary loads, with a factor that is there already. The programs
-// need one load only, a tool at depth 1, and scale its answer.
+// A network's equilibrium under arbitrary loads, with a given factor. The programs need only one
+// load, a tool at depth 1, and scale its solution.
 #pragma once
 
 #include <span>

@@ -9,8 +9,7 @@
 
 namespace trocar::runtime {
 
-/// How many springs a valid mesh has, and how many of them are negative; whatever the membrane.
-/// O(n).
+/// How many springs a valid mesh has, and how many of them are negative, for any membrane. O(n).
 SpringSigns spring_signs(const SliceMesh& mesh);
 
 /// The energy E(w) of network.h in J; w has network.size() elements, in m. O(springs).

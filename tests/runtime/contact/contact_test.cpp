@@ -177,7 +177,7 @@ TEST_F(ContactTest, Contract2TheForceActsInTheCentroidOfTheOverlap) {
   tick(at(0, 0, 0.125));
   ContactOutput output = tick(at(0.001, 0.002, kTop_m - 4e-3));
   EXPECT_LT((output.wrench_device - (Wrench() << 0, 0, 20, 0, 0, 0).finished()).norm(), 1e-4)
-      << "the middle of the tool is the plate's origin, but for the corners' rounding";
+      << "the middle of the tool is the plate's origin, up to rounding of the corners";
   // Half over the edge: half a hexagon is a rectangle (to r / 2) and a triangle (from there to r).
   output = tick(at(0.02, 0, kTop_m - 4e-3));
   const double r = 0.003;

@@ -175,7 +175,7 @@ TEST(Limits, ThermalLimitIsExceededAfterThePeakTime) {
   }
 }
 
-TEST(Limits, OverloadIsTooLittleForTooLongFromDeratedMotors) {
+TEST(Limits, DeratedMotorsThatRenderTooLittleForTooLongAreOverloaded) {
   const SafetyLimits limits;
   const MotorModel motor = make_motor_model(default_device_description());
   for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {

@@ -112,7 +112,7 @@ TEST_F(NoAllocation, OnlyTheScopesOwnThreadAndDurationAreCounted) {
 class Clocks : public NoAllocation, public testing::WithParamInterface<Clock> {};
 INSTANTIATE_TEST_SUITE_P(NoAllocation, Clocks, testing::Values(Clock::kVirtual, Clock::kReal));
 
-TEST_P(Clocks, NoneInASessionWithPunctures) {
+TEST_P(Clocks, ASessionWithPuncturesDoesNotAllocate) {
   Scene scene = test::descent_scene({0.13, 0.12}, 0.133, 0.1, 0.06);
   // Down through both, up and down again beside the holes: contact, partial contact, four cuts.
   const double down_s = scene.hand.trajectory.back().t_s;
@@ -139,7 +139,7 @@ TEST_P(Clocks, NoneInASessionWithPunctures) {
   EXPECT_EQ(*report->allocations_in_loop, 0U);
 }
 
-TEST_F(NoAllocation, NoneInFaultsRecoveriesAndBlackBoxes) {
+TEST_F(NoAllocation, FaultsRecoveriesAndBlackBoxesDoNotAllocate) {
   // Twice out of a low workspace and back, with the virtual coupling.
   Scene scene = test::descent_scene({0.13}, 0.133, 0.1, 0.06);
   scene.hand.trajectory = {{0, {0, 0, 0.133}, {}},   {0.2, {0, 0, 0.126}, {}},

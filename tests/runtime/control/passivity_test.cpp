@@ -76,7 +76,7 @@ TEST(Passivity, TheBalanceIsTheAbsorbedWorkLessTheStoredEnergy) {
   }
 }
 
-TEST(Passivity, ADamperHoldsItsForceWithoutANewPoseAndUsesTheWholeTime) {
+TEST(Passivity, WithoutANewPoseTheForceIsHeldAndDampingUsesTheTimeBetweenPoses) {
   PassivityOptions options;
   PassivityInput input;
   const auto damping = [&](int ticks) {  // of a step over `ticks` ticks, along the force

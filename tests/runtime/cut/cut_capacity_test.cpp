@@ -104,7 +104,7 @@ TEST_F(Outcomes, TooFewFreeSlotsAreReportedAndLeaveTheSheetUnchanged) {
   }
 }
 
-TEST_F(Outcomes, NothingMetAndNotAToolLeaveTheSheetUnchanged) {
+TEST_F(Outcomes, InvalidToolsAndToolsBesideTheSheetLeaveItUnchanged) {
   const SheetMesh start = sheet(60, 120);
   const CutCapacity enough = capacity_for(start);
   EXPECT_EQ(cut_with(enough, start, {{3000, 0}, {3100, 0}, {3050, 90}}).outcome,

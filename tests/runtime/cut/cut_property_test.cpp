@@ -129,7 +129,7 @@ struct Count {
 
 void report(const Count& n) {
   std::printf(
-      "           %d cuts: %d met nothing, %d lay inside, %d crossed a boundary; "
+      "           %d cuts: %d found no material, %d lay inside, %d crossed a boundary; "
       "%d outlines not simple; %d points\n",
       n.cuts, n.empty, n.inside, n.crossing, n.outline_broken, n.points);
 }

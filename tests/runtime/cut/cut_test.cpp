@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cut on small meshes: every way in which a tool can meet a sheet, with hand-computed results.
+// The cut on small meshes: every position of a tool on a sheet, with hand-computed results.
 #include "runtime/cut/cut.h"
 
 #include <gtest/gtest.h>
@@ -96,7 +96,7 @@ TEST(Cut, OverManyTriangles) {
 }
 
 TEST(Cut, KeepsVerticesInTheCavityThatAreNotUnderTheTool) {
-  // A U around the middle vertex meets all of its triangles and does not cover it.
+  // A U around the middle vertex overlaps all of its triangles and does not cover it.
   const Ring u = {{30, 30}, {70, 30}, {70, 70}, {60, 70}, {60, 40}, {40, 40}, {40, 70}, {30, 70}};
   const CutResult r = whole_cut(grid(2, 2, 50), u);
   EXPECT_EQ(r.triangles_removed, 6U);  // all of its triangles, not the two that it lacks
@@ -132,7 +132,7 @@ TEST(Cut, ThinnestTool) {
   EXPECT_EQ(r.doubled_area_removed, 1);
 }
 
-TEST(Cut, LeavesTheSheetUnchangedWhereTheToolMeetsNothing) {
+TEST(Cut, LeavesTheSheetUnchangedWithoutMaterialUnderTheTool) {
   const SliceMesh sheet = grid(3, 3, 10);
   for (const Ring& tool : {box(100, 100, 110, 110), box(31, 0, 40, 10), box(-20, -20, -1, -1)}) {
     const CutResult r = good_cut(sheet, tool);

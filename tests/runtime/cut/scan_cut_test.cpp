@@ -3,8 +3,8 @@
 // sheet is checked as a whole, its area is compared with the sum of the cuts, patches with CGAL's
 // constrained Delaunay triangulation, and replicas with the sheets that they follow.
 //
-// TROCAR_ASSETS names the folder of sample.glb, l3.glb and head.glb. TROCAR_CUTS: how many cuts in
-// all; TROCAR_SEED: other ones.
+// TROCAR_ASSETS names the folder of sample.glb, l3.glb and head.glb. TROCAR_CUTS: total
+// number of cuts; TROCAR_SEED: their seed.
 #include <CGAL/Constrained_Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Triangulation_face_base_with_info_2.h>
@@ -319,7 +319,8 @@ class Cutter {
     }
     if (look_at_area) {
       ++count.areas;
-      // What bends may move: a diagonal of the lattice along every edge of the cavity's outline.
+      // The most that bends may move: a diagonal of the lattice along every edge of the cavity's
+      // outline.
       Real bound = 1;
       for (const Strand& s : work.overlay.strands)
         bound += s.gone ? 3 * length(s.first, s.second) : 0;
@@ -377,7 +378,7 @@ TEST(ScanCuts, EveryCutIsValidAndExact) {
     }
     const Count& n = cutter.count;
     std::printf(
-        "%-6s %d cuts: %d met nothing, %d found no free slot, %d lay inside; %lld triangles "
+        "%-6s %d cuts: %d found no material, %d found no free slot, %d lay inside; %lld triangles "
         "replaced (at most %lld) by %lld, %lld flips, %d quality passes, %lld obtuse boundary "
         "edges; %d checked as a whole, %d areas, %d by CGAL\n",
         name, n.cuts, n.nothing, n.out_of_slots, n.inside, static_cast<long long>(n.removed),

@@ -106,7 +106,7 @@ TEST(Accuracy, AnUndamagedSheetFarFromAnyEdgeHasStiffnessK) {
 }
 
 // A reach below the tool's size, other tools and lattices.
-TEST(Accuracy, OtherToolsReachesAndLattices) {
+TEST(Accuracy, HoldsForOtherToolsReachesAndLattices) {
   for (const int bits : {6, 10}) {
     const Lattice lattice{bits};
     const double per_m = 1 / lattice.step_m();
@@ -155,7 +155,7 @@ TEST(Accuracy, CalibrationRefusesInvalidArguments) {
 }
 
 // Real slices, near rims and over holes: compared with a calibrated mesh of a fifth of the size.
-TEST(Accuracy, OfRealSlicesAgainstAVeryFineMesh) {
+TEST(Accuracy, HoldsOnRealSlicesAgainstAVeryFineMesh) {
   const std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
   const Grading fine{true, 0.06, 0.2, 30000};

@@ -92,7 +92,7 @@ double stiffness(const std::vector<Vector2d>& outline, double lambda, int panels
   return found ? *found : 0;
 }
 
-TEST(Unbounded, AFinePolygonIsADisc) {
+TEST(Unbounded, AFinePolygonHasTheStiffnessOfItsDisc) {
   for (const double lambda : {0.0015, 0.008, 0.02}) {
     const Membrane unit{lambda * lambda, 1};
     const double a = 0.003;

@@ -258,7 +258,7 @@ TEST_F(DriveLink, WatchdogAllowsASlowHostTwoAndAHalfPeriods) {
   EXPECT_EQ(torque_of(drive), 0);
 }
 
-TEST_F(DriveLink, ASecondHostCannotTakeOverALivingSession) {
+TEST_F(DriveLink, ASecondHostCannotTakeOverAnActiveSession) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_), other(drive, key_);
   Drive::Answer state;

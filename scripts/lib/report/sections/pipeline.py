@@ -149,7 +149,7 @@ def show_tolerance(data, page):
               "Each point is a tolerance, labelled in mm; down and to the left is better. Mean distance both ways to the exact "
               "cross-section (phantom) or to the full-resolution sub-pixel contour (L3, head).")
     page.plot(plots.errors(curves), "Distances against tolerance. The grey line is the tolerance itself; short strokes at the left: tolerance 0. "
-              "Chains through pixel centres start half a pixel inside the material, whatever the tolerance, and lose every wall thinner than a pixel.")
+              "Chains through pixel centres start half a pixel inside the material, at every tolerance, and lose every wall thinner than a pixel.")
     page.plot(plots.area_errors(curves), "Area error over all slices, signed.")
     for scan in scans:
         listed = [row for contour in ("subpixel", "pixel") for row in data["rows"] if row["scan"] == scan and row["point"] in

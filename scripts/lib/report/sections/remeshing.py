@@ -27,7 +27,7 @@ def of(data, vertices, what):
 def show(data, page):
     small, large = (of(data, n, READY) for n in (10000, 200000))
     page.text_block(
-        f"A hexagonal hole that meets {data['sheets'][0]['triangles_removed_median']:.0f} triangles is cut, verified and refined in "
+        f"A hexagonal hole that overlaps {data['sheets'][0]['triangles_removed_median']:.0f} triangles is cut, verified and refined in "
         f"{small['median_us']:.0f} us in a sheet of 10,000 vertices and {large['median_us']:.0f} us in one of 200,000. CGAL takes "
         f"{of(data, 10000, CAVITY)['to_cut_ratio']:.1f} times as long as the cut for the cavity alone, whose outline it gets as input (the cut also finds it and verifies the mesh), and "
         f"{of(data, 200000, SLICE)['to_cut_ratio']:,.0f} times for the whole larger slice.", verdict=True)

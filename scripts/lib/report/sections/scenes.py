@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scene loading: what a session reads, decodes, factors and stores of an asset, by the size of the scene and the asset.
 
-Measured by the program scene_sweep, in one process: the same slices in an asset of their own and within
+Measured by the program scene_sweep, in one process: the same slices in a separate asset and within
 larger assets."""
 import json
 import subprocess
@@ -35,7 +35,7 @@ def show(data, page):
     worst = {key: max(row[key] for row in one) for key in RATIOS}
     slowest_ms = max(row["load_ms"] for row in one)
     page.text_block(
-        f"One slice of {max(ASSET_SLICES)}, against the same slice in an asset of its own: {worst['read_bytes_relative']:.3f} times the bytes "
+        f"One slice of {max(ASSET_SLICES)}, against the same slice in a separate asset: {worst['read_bytes_relative']:.3f} times the bytes "
         f"read, {worst['load_peak_bytes_relative']:.3f} times the memory, {worst['load_time_ratio']:.2f} times the time at most "
         f"(bound: {RATIO_BOUND}), and {slowest_ms:.2f} ms (bound: {ONE_SLICE_BOUND_MS} ms): "
         f"{'both bounds are kept' if max(worst.values()) <= RATIO_BOUND and slowest_ms <= ONE_SLICE_BOUND_MS else 'NOT KEPT'}.", verdict=True)
