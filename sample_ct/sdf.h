@@ -74,13 +74,6 @@ inline double sphere_distance(Vec3 p, Vec3 centre, double radius) {
   return norm(p - centre) - radius;
 }
 
-/// Distance to the segment ab, less the radius.
-inline double capsule_distance(Vec3 p, Vec3 a, Vec3 b, double radius) {
-  const Vec3 ab = b - a, ap = p - a;
-  const double t = std::clamp(dot(ap, ab) / dot(ab, ab), 0.0, 1.0);
-  return norm(ap - t * ab) - radius;
-}
-
 /// The convex hull of two spheres (radius_a at a, radius_b at b), exact.
 /// The radii must differ by less than the distance of the centres.
 inline double round_cone_distance(Vec3 p, Vec3 a, Vec3 b, double radius_a, double radius_b) {

@@ -3,9 +3,9 @@
 // sheets stacked along z. (Paper, II.C, Fig. 11 and 12.)
 //
 // Contract (tests/runtime/contact/contact_test.cpp tests each point):
-//  1. Contact begins when the tip passes from above to below a sheet with material under the tool.
-//     Without material the tool passes beside the sheet, without force, until the tip has been
-//     above it again.
+//  1. Contact begins when the tip passes from above to below a sheet with at least `least_overlap`
+//     of the tool outline over material. With less the tool passes beside the sheet, without force,
+//     until the tip has been above it again. It does so too if it slides off the material later.
 //  2. In contact F = k dx + s b dx', at least 0, where dx = z_sheet - z_tip, s is the share of the
 //     tool outline over material, and dx' the backward difference of dx over the time since the
 //     previous new pose. Without a new pose dx' is held, and the next pose causes no force spike.
@@ -17,7 +17,7 @@
 //     a hole with the tool's outline is requested. In later ticks the sheet exerts only the force
 //     of its hole on the shaft (shaft.h), until the tip has been above it.
 //  4. The topmost sheet in contact bears the force. Those below are shielded from the tool until
-//     the tick after its puncture.
+//     the tick after its puncture, or until the tool slides off it.
 //  5. A requested hole counts as open at once, whether its mesh is there or not.
 //  6. The tool's outline in a sheet is the section of its prism with the undeformed sheet: a tool
 //     that moves along its own axis keeps its outline, however much it is tilted.
@@ -45,7 +45,7 @@ inline constexpr double kBlend_s = 0.005;
 struct ContactModel {
   Tool tool;
   double dt_s = 1e-3;  ///< of a tick
-  ForceLaw law;  ///< with its parameters
+  ForceLaw law;        ///< with its parameters
   /// Least share of the outline over material with which contact begins. Without this bound a tool
   /// that goes back through its own hole slightly off centre would be in contact with the rim.
   double least_overlap = 0.05;

@@ -32,7 +32,7 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
   // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
   const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
   return no_data_s < model.limits.no_data_max_s - 0.5 / model.rate_Hz ? Fault::kNone
-                                                                     : Fault::kNoData;
+                                                                      : Fault::kNoData;
 }
 
 /// A fault of the clock or of the caller.
@@ -320,7 +320,9 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   // Write.
   DeviceCommand command;
   std::copy(tau_motor_Nm.data(), tau_motor_Nm.data() + kMotors, command.tau_motor_Nm.begin());
-  const DeviceStatus written = device.write(command);
+  DeviceStatus written = device.write(command);
+  // The end of data is an answer of read() only.
+  if (written == DeviceStatus::kEndOfData) written = DeviceStatus::kLinkLost;
   row.device_write = written;
   if (written != DeviceStatus::kOk) {
     // The device may or may not have applied these torques; the ramp starts from them.

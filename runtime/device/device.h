@@ -43,16 +43,17 @@ class Device {
  public:
   virtual ~Device() = default;
 
-  /// Begins a session with the device, which from then on may expect ticks. May block.
+  /// Begins a session with the device, which from then on may expect ticks. May block. Called once.
   virtual Result<void> start() { return {}; }
   /// The latest state. `state` changes only on kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
-  /// Torques to hold until the next write.
+  /// Torques to hold until the next write. Never gives kEndOfData.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
   /// After a read() of kLinkLost or kMotorFault: requests a new connection. Returns at once; read()
   /// gives kLinkLost until the connection is there.
   virtual void restore() {}
-  /// Ends a tick of `dt_s`: moves the time of a device that is paced by the loop. May block.
+  /// Ends a tick of `dt_s`: moves the time of a device that is paced by the loop.
+  /// Called on the thread of read() and write(); may block only if is_paced_by_loop().
   virtual void advance(double /*dt_s*/) {}
   /// Ends the session.
   virtual void close() {}

@@ -41,6 +41,7 @@ Result<std::unique_ptr<UdpDevice>> UdpDevice::connect(const UdpDeviceOptions& op
 }
 
 Result<void> UdpDevice::start() {
+  if (restorer_.joinable()) return bug("a device is started once");
   if (Result<void> done = shake_hands(options_.fresh); !done) return done;
   if (options_.clock == LinkClock::kReal) {
     restorer_ = std::thread([this] { restore_when_requested(); });

@@ -34,7 +34,7 @@ trocar_program(trocar-run trocar-runtime)
 trocar_program(trocar-device-sim trocar-runtime)
 
 # --- data ---------------------------------------------------------------------------------------
-# Scenes name the device description by a relative path: both keep their places to each other.
+# The scenes name the demo's asset; --asset names another, as the man page says.
 install(DIRECTORY runtime/scenes DESTINATION ${share} COMPONENT trocar-runtime FILES_MATCHING PATTERN *.json)
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json
@@ -59,11 +59,13 @@ install(EXPORT trocar_formats_targets NAMESPACE Trocar:: FILE trocar-formats-tar
 install(DIRECTORY formats/base formats/geometry formats/asset formats/session
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar/formats COMPONENT trocar-formats-dev
   FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
-  PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE PATTERN command_line.h EXCLUDE)
+  PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE
+  # Their code is in libraries of their own, which are not installed.
+  PATTERN command_line.h EXCLUDE PATTERN device_protocol.h EXCLUDE)
 install(FILES formats/asset/asset.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev COMPONENT trocar-formats-dev)
-install(DIRECTORY formats/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev
-  COMPONENT trocar-formats-dev)
+install(FILES formats/examples/CMakeLists.txt formats/examples/list_slices.cpp formats/examples/README.md
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev/examples COMPONENT trocar-formats-dev)
 configure_package_config_file(scripts/cmake/TrocarConfig.cmake.in ${CMAKE_BINARY_DIR}/TrocarConfig.cmake
   INSTALL_DESTINATION ${config})
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/TrocarConfigVersion.cmake COMPATIBILITY SameMinorVersion)
@@ -78,6 +80,11 @@ add_custom_target(trocar-changelog ALL DEPENDS ${CMAKE_BINARY_DIR}/changelog.gz)
 foreach(package trocar-mesh trocar-sample-ct trocar-runtime trocar-formats-dev)
   install(FILES scripts/debian/${package}.copyright RENAME copyright
     DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
+  if(package STREQUAL trocar-mesh)
+    install(FILES pipeline/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
+  else()
+    install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
+  endif()
   install(FILES ${CMAKE_BINARY_DIR}/changelog.gz
     DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
 endforeach()
@@ -88,7 +95,6 @@ set(CPACK_PACKAGE_VENDOR "Trocar")
 set(CPACK_PACKAGE_CONTACT "The Trocar developers <trocar@localhost>" CACHE STRING "Who maintains the packages")
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
-set(CPACK_OUTPUT_FILE_PREFIX ${CMAKE_BINARY_DIR}/packages)
 set(CPACK_COMPONENTS_ALL trocar-mesh trocar-sample-ct trocar-runtime trocar-formats-dev)
 set(CPACK_COMPONENTS_GROUPING ONE_PER_GROUP)
 set(CPACK_DEB_COMPONENT_INSTALL ON)

@@ -36,6 +36,15 @@ TEST_F(Loop, LinkLostInWriting) {
   expect_fault(Fault::kLinkLost);
 }
 
+TEST_F(Loop, EndOfDataInWritingIsALostLinkAndCanBeRecorded) {
+  device_.on_write = DeviceStatus::kEndOfData;
+  expect_fault(Fault::kLinkLost);
+  device_.on_write = DeviceStatus::kEndOfData;
+  tick();
+  EXPECT_EQ(result_.row.device_write, DeviceStatus::kLinkLost);
+  EXPECT_STREQ(to_string(result_.row.device_write), "link_lost");
+}
+
 TEST_F(Loop, WriteFailed) {
   device_.on_write = DeviceStatus::kNoData;
   expect_fault(Fault::kWriteFailed);

@@ -20,6 +20,7 @@
 
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/session.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/loop_rig.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
@@ -42,9 +43,7 @@ std::uint64_t counted(Act&& act) {
 
 class NoAllocation : public testing::Test {
  protected:
-  void SetUp() override {
-    if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
-  }
+  void SetUp() override { TROCAR_NEEDS_COUNTED_ALLOCATIONS(); }
 };
 
 TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {

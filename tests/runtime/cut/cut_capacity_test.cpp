@@ -6,6 +6,7 @@
 #include "runtime/cut/cut.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/workers.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -143,7 +144,7 @@ std::uint64_t counted(Act&& act) {
 }
 
 TEST(CutAllocations, NoOutcomeAllocates) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   SheetMesh mesh = sheet(2000, 4000), replica = mesh;
   TriangleGrid grid(mesh), replica_grid(replica);
   SheetEdit edit(mesh);
@@ -175,7 +176,7 @@ TEST(CutAllocations, NoOutcomeAllocates) {
 }
 
 TEST(CutAllocations, TheRemesherDoesNotAllocate) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   const Tool tool = make_tool(scene.tool);

@@ -8,13 +8,14 @@
 #include "runtime/deformation/propagation.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "tests/reference/deformation/general_load.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/deformation_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
 TEST(DeformationSolve, DoesNotAllocate) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   const Network network =
       make_network(test::triangular_mesh({0, 0}, 256, 20), Lattice{8}, {320, 5e6});
   std::vector<NodeKind> kind(network.size(), NodeKind::kFree);

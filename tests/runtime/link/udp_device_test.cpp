@@ -20,6 +20,7 @@
 #include "runtime/link/link_key.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/simulation/drive.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
@@ -528,7 +529,7 @@ TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
 }
 
 TEST(UdpDevice, ReadAndWriteAllocateNothing) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   Peer peer(LinkClock::kReal);
   const auto device = connected(to(peer));
   ASSERT_TRUE(device);

@@ -9,6 +9,7 @@
 #include "runtime/mechanism/leg.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/realtime/allocation_counter.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -143,7 +144,7 @@ TEST(Singularity, IsZeroWhereTheInverseBeginsToFail) {
 }
 
 TEST(Singularity, FunctionsOfTheHapticThreadDoNotAllocate) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   const DeviceDescription device = default_device_description();
   const MotorModel motors = make_motor_model(device);
   Random random(44);

@@ -18,6 +18,7 @@
 #include "formats/asset/asset.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "tests/runtime/refine/refinement_checks.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/delaunay_fixture.h"
 
 namespace trocar::runtime {
@@ -377,7 +378,7 @@ TEST(LocalRefinement, ASheetThatIsNotDelaunayStaysValid) {
 }
 
 TEST(LocalRefinement, DoesNotAllocate) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   Random random(29);
   std::uint32_t added = 0;
   for (int round = 0; round < 30; ++round) {

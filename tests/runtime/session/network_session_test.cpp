@@ -15,6 +15,7 @@
 #include "runtime/session/replay_device.h"
 #include "runtime/session/session.h"
 #include "tests/reference/hooks/lock_counter.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -216,7 +217,7 @@ INSTANTIATE_TEST_SUITE_P(NetworkSession, HundredPunctures,
                          testing::Values(Clock::kVirtual, Clock::kReal));
 
 TEST_P(HundredPunctures, NeedNoAllocationAndNoLock) {
-  if (!allocations_are_counted()) GTEST_SKIP() << "this build has the sanitizer's allocator";
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   {
     std::mutex mutex;
     const std::uint64_t before = locks_in_scopes();

@@ -59,4 +59,4 @@ def results(data):
 
 def headline(data):
     speed, share = (statistics.median(row[key] for row in data["rows"]) for key in ("cgal_over_ours_ratio", "triangles_over_cgal"))
-    return f"Meshing: CGAL's Delaunay_mesher_2 takes {speed:.1f} times as long to the same angle bound; our meshes have {share:.2f} of its triangles (medians)."
+    return f"Meshing: CGAL's Delaunay_mesher_2 takes {speed:.1f} times as long to the same angle bound; our meshes have {share:.0%} as many triangles (medians)."
