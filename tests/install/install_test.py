@@ -2,7 +2,8 @@
 """install_test.py SOURCE BUILD ASSET WORK: the installed tree, used without the source tree.
 
 Installs all components below WORK, then: every program answers --version with the project's
-version; the installed scenes load with their device description; the man pages render and name
+version; the installed scenes load with the installed device description; every
+installed header compiles by itself; the man pages render and name
 every option of --help; the example program builds against find_package(Trocar) and lists the
 slices that `trocar-mesh info` lists; the bill of materials names the libraries that are used.
 """
@@ -29,7 +30,8 @@ def check_scenes(usr, asset):
     scenes = sorted((usr / "share/trocar/scenes").glob("*.json"))
     check(len(scenes) >= 4, f"installed scenes: {scenes}")
     for scene in scenes:
-        run(usr / "bin/trocar-run", scene, "--asset", asset, "--check")
+        run(usr / "bin/trocar-run", scene, "--asset", asset, "--device-description",
+            usr / "share/trocar/device/four_legs.json", "--check")
 
 
 def check_man_pages(usr):
@@ -69,6 +71,26 @@ def check_example(usr, asset, work):
     check(failed.returncode != 0, "find_package(Trocar COMPONENTS nothing) is accepted")
 
 
+def check_headers(usr, work):
+    """Every installed header compiles by itself, with the dependencies of the package alone."""
+    folder = work / "headers"
+    folder.mkdir()
+    headers = sorted(p.relative_to(usr / "include/trocar") for p in (usr / "include/trocar").rglob("*.h"))
+    check(len(headers) > 10, f"installed headers: {headers}")
+    unit = folder / "unit.cpp"
+    for header in headers:
+        unit.write_text(f'#include "{header}"\n#include "{header}"\nint main() {{ return 0; }}\n')
+        done = subprocess.run(["c++", "-std=c++20", "-fsyntax-only", f"-I{usr / 'include/trocar'}", "-isystem",
+                               "/usr/include/eigen3", unit], stderr=subprocess.PIPE, text=True, check=False)
+        check(done.returncode == 0, f"{header} does not compile by itself: {done.stderr[:500]}")
+
+
+def check_versions(source, version):
+    """One version everywhere."""
+    check(f"\nversion: {version}\n" in (source / "CITATION.cff").read_text(), f"CITATION.cff is not of {version}")
+    check(f"## [{version}]" in (source / "CHANGELOG.md").read_text(), f"CHANGELOG.md has no section {version}")
+
+
 def check_bill_of_materials(source, build, work):
     bill = work / "trocar.cdx.json"
     run(sys.executable, "-B", source / "scripts/lib/bill_of_materials.py", build, bill)
@@ -95,6 +117,8 @@ def main():
     check_scenes(usr, asset)
     check_man_pages(usr)
     check_example(usr, asset, work)
+    check_headers(usr, work)
+    check_versions(source, version)
     check_bill_of_materials(source, build, work)
     return outcome()
 
