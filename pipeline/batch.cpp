@@ -15,6 +15,7 @@
 
 #include "formats/base/json_text.h"
 #include "pipeline/for_each_piece.h"
+#include "pipeline/no_material.h"
 #include "pipeline/report.h"
 
 namespace trocar::pipeline {
@@ -230,6 +231,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     file_digests.push_back(*digest);
   }
   out.input_digest = asset.input_digest = digest_input(file_digests);
+
+  if (std::all_of(encoded.begin(), encoded.end(),
+                  [](const EncodedSlice& slice) { return slice.triangles == 0; }))
+    return no_material(stack, first, last, options.mesh);
 
   const auto assemble_start = std::chrono::steady_clock::now();
   AssetSizes sizes;

@@ -69,9 +69,57 @@ def one_clear_line(programs, scan, work):
     check(not (work / "never.glb").exists(), "something was written")
 
 
+def label_map(scan, file, values):
+    """Writes a label map of 20 x 20 pixels; slice k holds a square of each label in `values[k]`, side by side."""
+    header = bytearray(gzip.decompress((scan / "sample.nii.gz").read_bytes())[:352])
+    struct.pack_into("<4h", header, 40, 3, 20, 20, len(values))
+    struct.pack_into("<2h", header, 70, 4, 16)  # int16
+    struct.pack_into("<3f", header, 108, 352, 1, 0)  # first voxel, slope, intercept
+    struct.pack_into("<3f", header, 80, 1, 1, 1)
+    struct.pack_into("<2h", header, 252, 0, 0)
+    voxels = [0] * (400 * len(values))
+    for k, labels in enumerate(values):
+        for i, label in enumerate(labels):
+            for y in range(5, 15):
+                for x in range(1 + 4 * i, 4 + 4 * i):
+                    voxels[400 * k + 20 * y + x] = label
+    file.write_bytes(bytes(header) + struct.pack(f"<{len(voxels)}h", *voxels))
+    return file
+
+
+def refuses_an_empty_asset(programs, scan, work):
+    """No material in any slice: refused with the values and labels found, and what to try; nothing is written."""
+    mesh, volume, out, report = programs / "trocar-mesh", scan / "sample.nii.gz", work / "empty.glb", work / "empty.json"
+    whole = ("-o", out, "--report", report)
+    low, high = -1024, 863  # HU of the sample
+    found = f"the values found are {low} to {high} HU"
+    labelled = label_map(scan, work / "labels.nii", ((), (20, 21), (22, 23), (24,), ()))
+    nothing = label_map(scan, work / "nothing.nii", ((), ()))
+    for words, texts in (
+            ((volume, "--threshold", "30000"),
+             ("sample.nii.gz, slices 0-34: nothing is at or above the threshold of 30000", found, "try --threshold 226")),
+            ((scan / "dicom", "--threshold", "30000", "--slices", "3:3"), (f"{scan / 'dicom'}, slice 3: ", "try --threshold 226")),
+            ((volume, "--labels", "99"), (found, "no label map", "try it without --labels")),
+            ((labelled,), ("the threshold of 226", "the values found are 0 to 24, ", "labels 20-24", "try --labels 20-24 ")),
+            ((labelled, "--labels", "99"), ("the label 99 is not there", "0 to 24", "labels 20-24", "try --labels 20-24 ")),
+            ((labelled, "--labels", "20,24", "--slices", "2:2"), ("slice 2: ", "labels 20, 24 are not there", "labels 22-23")),
+            ((labelled, "--labels", "20", "--crop", "0:19,0:3"), ("no label", "a larger --crop")),
+            ((nothing, "--labels", "1"), ("slices 0-1: ", "the values found are all 0")),
+            ((labelled, "--labels", "22", "--min-region", "1000"), ("smaller than --min-region 1000 mm^2", "try a smaller --min-region")),
+            ((scan / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "32000"), ("the values found are 0 to 223 (grey levels)", "try a --threshold from 0 to 223")),
+    ):
+        said = run(mesh, *words, *whole, expect=3).stderr
+        check(len(said.splitlines()) == 1 and all(text in said for text in texts), f"{words}: {said!r} lacks one of {texts}")
+        check(not out.exists() and not report.exists(), f"{words}: something was written")
+    # Slices without material beside others are fine.
+    said = run(mesh, labelled, *whole, "--labels", "22").stderr
+    check("empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}")
+
+
 def warns(programs, scan, work):
     mesh, out, report = programs / "trocar-mesh", ("-o", work / "warned.glb"), work / "warned.json"
-    said = warned(mesh, report, scan / "sample.nii.gz", *out, "--slices", "3:4", "--labels", "99999")
+    labelled = label_map(scan, work / "warned.nii", ((22,), (23, 24)))
+    said = warned(mesh, report, labelled, *out, "--labels", "22,99999")
     check("99999" in said.get("label_absent", ""), f"an absent label: {said}")
     folder = work / "numbered"
     folder.mkdir()
@@ -80,9 +128,9 @@ def warns(programs, scan, work):
     grey = ("--spacing", "0.3125,0.3125,1")
     said = warned(mesh, report, folder, *out, *grey, "--threshold", "95.2")
     check("a1_004_x2.png" in said.get("missing_slice", "") and "a1_006_x2.png" in said["missing_slice"], f"{said}")
-    said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "32000")
+    said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "-5")
     check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
-    said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "255")
+    said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "0")
     check(set(said) <= {"empty_slice"}, f"unexpected warnings: {said}")
 
 
@@ -208,11 +256,12 @@ def main():
     check(json.loads(answer.stdout)["valid"], "verify of an odd name: " + answer.stdout)
 
     # Options before and after the input.
-    for words in (("--labels", "1,2", scan / "sample.nii.gz"), (scan / "sample.nii.gz", "--labels", "1,2")):
-        run(mesh, *words, "-o", work / "labels.glb", "--slices", "3:4", "--quiet")
+    labelled = label_map(scan, work / "order.nii", ((1, 2), (1,)))
+    for words in (("--labels", "1,2", labelled), (labelled, "--labels", "1,2")):
+        run(mesh, *words, "-o", work / "labels.glb", "--slices", "0:1", "--quiet")
 
     # The parameters in the asset include those of the input.
-    run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "60:62", "--quiet")
+    run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "250:252", "--quiet")
     for file, key, value in ((good, "spacing_mm", [0.3125, 0.3125, 1.0]), (work / "coronal.glb", "axis", "coronal")):
         info = json.loads(run(mesh, "info", file, "--json").stdout)
         check(info["parameters"].get(key) == value, f"{file.name}: {info['parameters']}")
@@ -240,7 +289,7 @@ def main():
         check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
     check(not (work / "export").exists(), "a part of an invalid asset was exported")
 
-    for part in (one_clear_line, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
+    for part in (one_clear_line, refuses_an_empty_asset, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
                  export_complete_and_of_one_asset):
         part(programs, scan, work)
     shutil.rmtree(work)
