@@ -82,7 +82,7 @@ void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
 
 std::set<int> wanted_labels(const Segmentation& how) {
   const auto* labels = std::get_if<Labels>(&how);
-  return labels == nullptr ? std::set<int>() : labels->labels;
+  return labels == nullptr || labels->all ? std::set<int>() : labels->labels;
 }
 
 // The quantisation grid of all slices: every vertex lies in the image, or in its crop.
@@ -202,7 +202,8 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     return unwritable("interrupted; nothing was written");
   }
   BatchResult out;
-  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(parameters), {}};
+  json used = parameters;  // with the labels found, if all are wanted
+  std::set<int> found;
   json warnings = json::array();
   for (const Warning& w : stack.warnings)
     warnings.push_back(to_json(w));
@@ -218,6 +219,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
       warnings.push_back(to_json(w));
     for (const int label : one.labels)
       absent.erase(label);
+    found.merge(one.labels);
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   done = {};
@@ -225,6 +227,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     warnings.push_back(to_json(
         {"label_absent", "label " + std::to_string(label), "not in the slices that were meshed"}));
   }
+  const auto* labels = std::get_if<Labels>(&options.mesh.segmentation);
+  if (labels != nullptr && labels->all) used["labels"] = found;
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used), {}};
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();
@@ -250,7 +255,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     return sizes.triangles == 0 ? 0.0
                                 : static_cast<double>(bytes) / static_cast<double>(sizes.triangles);
   };
-  out.report = {{"parameters", parameters},
+  out.report = {{"parameters", std::move(used)},
                 {"slices", std::move(slices)},
                 {"asset",
                  {{"bytes", out.glb.size()},

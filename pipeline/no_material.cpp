@@ -79,7 +79,8 @@ std::string reason(const Found& found, const MeshOptions& options) {
     return "nothing is at or above the threshold of " + text_of(threshold->value);
   if (const auto* paper = std::get_if<Equalize>(&options.segmentation))
     return "nothing is at or above the level of " + text_of(paper->level) + " after equalisation";
-  const std::set<int>& wanted = std::get<Labels>(options.segmentation).labels;
+  const auto& [wanted, all] = std::get<Labels>(options.segmentation);
+  if (all) return "nothing is labelled";
   return "the " + named_ranges("label", wanted) + (wanted.size() == 1 ? " is" : " are") +
          " not there";
 }

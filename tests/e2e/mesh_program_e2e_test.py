@@ -116,6 +116,82 @@ def refuses_an_empty_asset(programs, scan, work):
     check("empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}")
 
 
+def refuses_other_outputs_than_glb(programs, scan, work):
+    """GLB bytes never go into a file that is named as something else."""
+    mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
+    for name in ("x.stl", "x", "glb", "x.glb.gz"):
+        refuses(2, f"-o {work / name}: an asset is a .glb", mesh, volume, "-o", work / name, "--slices", "3:3")
+        check(not (work / name).exists(), f"{name} was written")
+    run(mesh, volume, "-o", work / "x.GLB", "--slices", "3:3", "--quiet")
+
+
+def suggests_a_command(programs, _, work):
+    """A mistyped command is not taken for an input; a file of such a name is."""
+    mesh = programs / "trocar-mesh"
+    for wrong, right in (("verfy", "verify"), ("Verify", "verify"), ("inf", "info"), ("exprot", "export")):
+        for words in ((work / "good.glb",), (work / "good.glb", "-o", work / "x.glb")):
+            refuses(2, f"{wrong}: no such file, folder or command, did you mean {right}?", mesh, wrong, *words)
+    refuses(3, "nowhere: no such file or folder", mesh, "nowhere", "-o", work / "x.glb")
+    (work / "verfy").write_text("no scan")
+    refuses(3, "trocar-mesh: verfy: ", mesh, "verfy", "-o", work / "x.glb", cwd=work)
+
+
+def takes_labels(programs, scan, work):
+    """Lists, ranges, several words and `all` give the same asset as single labels."""
+    mesh, file = programs / "trocar-mesh", label_map(scan, work / "many.nii", ((20, 21, 22), (23, 24, 41), (42,)))
+    made = {}
+    for name, words in (("list", ("20,21,22,23,24,41,42",)), ("range", ("20-24,41-42",)), ("words", ("20-22", "23,24", "41", "42")),
+                        ("all", ("all",)), ("repeated", ("20-24", "--labels", "41,42"))):
+        for order in ((file, "--labels", *words), ("--labels", *words, file)):
+            run(mesh, *order, "-o", work / "many.glb", "--quiet")
+            made.setdefault((work / "many.glb").read_bytes(), []).append(name)
+    check(len(made) == 1, f"different assets: {list(made.values())}")
+    info = json.loads(run(mesh, "info", work / "many.glb", "--json").stdout)
+    check(info["parameters"]["labels"] == [20, 21, 22, 23, 24, 41, 42], f"{info['parameters']}")
+    for text in ("24-20", "20-", "-", "0-70000", "all,3", "a-b", "20-24-26"):
+        refuses(2, "--labels " + text, mesh, file, "-o", work / "none.glb", "--labels=" + text)
+    empty = label_map(scan, work / "zero.nii", ((),))
+    refuses(3, "there is no label", mesh, empty, "-o", work / "none.glb", "--labels", "all")
+
+
+def names_what_is_no_number(programs, scan, work):
+    mesh, words = programs / "trocar-mesh", (scan / "sample.nii.gz", "-o", work / "none.glb")
+    for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
+                               ("--jobs", "1.5", "whole number"), ("--lattice-bits", "x", "whole number")):
+        refuses(2, f"{option}: {text} is not a {kind}", mesh, *words, option, text)
+    refuses(2, "--threshold: Value 1e7 not in range", mesh, *words, "--threshold", "1e7")
+    refuses(2, "--rate: fast is not a number", programs / "trocar-run", work / "scene.json", "--rate", "fast")
+
+
+def says_permission_denied(programs, scan, work):
+    """Inputs that may not be read; as root, the programs run as another user."""
+    mesh, folder = programs / "trocar-mesh", work / "private"
+    keys = {"user": 65534, "group": 65534, "extra_groups": []} if os.geteuid() == 0 else {}
+    (folder / "closed").mkdir(parents=True)
+    (folder / "slices").mkdir()
+    files = [folder / "scan.nii.gz", folder / "scan.png", folder / "slices" / "2.dcm"]
+    for file, source in zip(files, (scan / "sample.nii.gz", scan / "png" / "slice_015.png", sorted((scan / "dicom").iterdir())[3])):
+        shutil.copy(source, file)
+        file.chmod(0)
+    shutil.copy(sorted((scan / "dicom").iterdir())[4], folder / "slices" / "1.dcm")
+    (folder / "closed").chmod(0)
+    said = subprocess.run([mesh, "--version"], check=False, capture_output=True, **keys) if keys else None
+    if said and said.returncode != 0:
+        return  # the other user cannot run the programs
+    writable = work / "writable"
+    writable.mkdir()
+    writable.chmod(0o777)
+    out = ("-o", writable / "none.glb", "--spacing", "1,1,1", "--threshold", "90")
+    for words, where in (((files[0],), files[0]), ((files[1],), files[1]), ((folder / "slices",), files[2]), ((files[2],), files[2]),
+                         ((folder / "closed",), folder / "closed"), ((folder / "closed" / "x.nii",), folder / "closed" / "x.nii"),
+                         (("verify", files[0]), files[0])):
+        writes = words[0] != "verify"
+        refuses(3, f"{where}: Permission denied", mesh, *words, *(out if writes else ()), **keys)
+    refuses(4, f"{folder / 'closed' / 'x.glb'}: ", mesh, files[0], "-o", folder / "closed" / "x.glb", **keys)
+    for place in (folder / "closed", *files):
+        place.chmod(0o700)
+
+
 def warns(programs, scan, work):
     mesh, out, report = programs / "trocar-mesh", ("-o", work / "warned.glb"), work / "warned.json"
     labelled = label_map(scan, work / "warned.nii", ((22,), (23, 24)))
@@ -289,7 +365,8 @@ def main():
         check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
     check(not (work / "export").exists(), "a part of an invalid asset was exported")
 
-    for part in (one_clear_line, refuses_an_empty_asset, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
+    for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
+                 names_what_is_no_number, says_permission_denied, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
                  export_complete_and_of_one_asset):
         part(programs, scan, work)
     shutil.rmtree(work)
