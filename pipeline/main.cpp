@@ -125,15 +125,43 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   return {};
 }
 
+// Reports hold no absolute paths: of one, only the name.
+std::string without_folder(const fs::path& file) {
+  if (!file.is_absolute()) return file.string();
+  return (file.has_filename() ? file : file.parent_path()).filename().string();
+}
+
+// Absolute inputs in the warnings, too.
+json without_folders(json report, const std::vector<fs::path>& inputs) {
+  const auto shorten = [&inputs](json& text) {
+    std::string out = text.get<std::string>();
+    for (const fs::path& input : inputs) {
+      const std::string whole = (input.has_filename() ? input : input.parent_path()).string();
+      const std::string name = without_folder(input);
+      if (!input.is_absolute() || name.empty()) continue;
+      for (std::size_t at = 0; (at = out.find(whole, at)) != std::string::npos; at += name.size())
+        out.replace(at, whole.size(), name);
+    }
+    text = std::move(out);
+  };
+  for (json& warning : report["warnings"]) {
+    shorten(warning["where"]);
+    shorten(warning["sentence"]);
+    if (const auto places = warning.find("places"); places != warning.end())
+      std::for_each(places->begin(), places->end(), shorten);
+  }
+  return report;
+}
+
 // Adds to the report what it says of the input files and of the asset, which has been written.
 Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchResult& result) {
   const auto digest = digest_file(a.output);
   if (!digest) return digest.error();
   result.report["asset"]["digest"] = *digest;
-  result.report["asset"]["file"] = a.output.string();
+  result.report["asset"]["file"] = without_folder(a.output);
   json inputs = json::array();
   for (const fs::path& input : a.inputs)
-    inputs.push_back(input.string());
+    inputs.push_back(without_folder(input));
   result.report["input"] = {{"paths", std::move(inputs)},
                             {"digest", result.input_digest},
                             {"slices", stack.size()},
@@ -146,8 +174,8 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, BatchRes
   if (auto ok = write_file_atomically(a.output, result.glb); !ok) return ok;
   if (auto ok = describe_files(a, stack, result); !ok) return ok;
   if (!a.report.empty()) {
-    if (auto ok = write_file_atomically(a.report, json_text(result.report, 1) + "\n"); !ok)
-      return ok;
+    const json report = without_folders(result.report, a.inputs);
+    if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
   }
   if (!a.dump_stages.empty())
     return write_file_atomically(a.dump_stages, json_text(result.stages) + "\n");

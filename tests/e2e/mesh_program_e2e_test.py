@@ -76,7 +76,8 @@ def label_map(scan, file, values):
     struct.pack_into("<2h", header, 70, 4, 16)  # int16
     struct.pack_into("<3f", header, 108, 352, 1, 0)  # first voxel, slope, intercept
     struct.pack_into("<3f", header, 80, 1, 1, 1)
-    struct.pack_into("<2h", header, 252, 0, 0)
+    struct.pack_into("<2h", header, 252, 0, 1)
+    struct.pack_into("<12f", header, 280, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0)  # sform
     voxels = [0] * (400 * len(values))
     for k, labels in enumerate(values):
         for i, label in enumerate(labels):
@@ -208,6 +209,53 @@ def warns(programs, scan, work):
     check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
     said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "0")
     check(set(said) <= {"empty_slice"}, f"unexpected warnings: {said}")
+
+
+def groups_its_warnings(programs, scan, work):
+    """Warnings of one kind are one line with ranges, and one entry with its slices."""
+    mesh, report = programs / "trocar-mesh", work / "grouped.json"
+    file = label_map(scan, work / "gaps.nii", ((), (), (22,), (), (24,), (), ()))
+    said = run(mesh, file, "-o", work / "grouped.glb", "--labels", "20,22-24", "--report", report).stderr.splitlines()
+    check(said == ["trocar-mesh: warning (empty_slice): slices 0-1, 3, 5-6: no material",
+                   "trocar-mesh: warning (label_absent): labels 20, 23: not in the slices that were meshed"], f"grouped: {said}")
+    entries = json.loads(report.read_bytes())["warnings"]
+    check(entries == [{"code": "empty_slice", "where": "slices 0-1, 3, 5-6", "sentence": "no material", "slices": [0, 1, 3, 5, 6]},
+                      {"code": "label_absent", "where": "labels 20, 23", "sentence": "not in the slices that were meshed",
+                       "labels": [20, 23]}], f"entries: {entries}")
+    folder = work / "stray"
+    folder.mkdir()
+    for k, source in enumerate(sorted((scan / "dicom").iterdir())[3:8]):
+        shutil.copy(source, folder / f"{k}.dcm")
+        (folder / f"note{k}.txt").write_text("a note")
+    said = run(mesh, folder, "-o", work / "grouped.glb", "--report", report).stderr.splitlines()
+    where = ", ".join(str(folder / f"note{k}.txt") for k in range(3)) + " and 2 more"
+    check(said == [f"trocar-mesh: warning (not_dicom): {where}: not a DICOM image; left out"], f"files grouped: {said}")
+    entry = json.loads(report.read_bytes())["warnings"][0]
+    check(entry.get("places") == [f"stray/note{k}.txt" for k in range(5)], f"files of a warning: {entry}")
+    # Values that differ are a range.
+    said = run(mesh, scan / "sample.nii.gz", "-o", work / "grouped.glb", "--slices", "3:5", "--lattice-bits", "5").stderr.splitlines()
+    codes = [line.split("(")[1].split(")")[0] for line in said]
+    check(len(codes) == len(set(codes)), f"two lines of a kind: {said}")
+
+
+def reports_to_be_shared(programs, scan, work):
+    """A report says which program wrote it and what it is, and holds no absolute paths."""
+    mesh, report = programs / "trocar-mesh", work / "shared.json"
+    version = run(mesh, "--version").stdout.split()[1]
+    folder = work / "shared"
+    shutil.copytree(scan / "dicom", folder)
+    (folder / "note.txt").write_text("a note")
+    for scanned in (str(folder), f"{folder}/", str(scan / "sample.nii.gz"), *([str(folder / "CT_004.dcm")],)):
+        words = scanned if isinstance(scanned, list) else [scanned]
+        run(mesh, *words, "-o", work / "shared.glb", "--report", report, "--quiet")
+        text = report.read_text()
+        made = json.loads(text)
+        check(made.get("schema") == "trocar.report/1" and made.get("program") == f"trocar-mesh {version}", f"{made.get('schema')}")
+        check(str(work) not in text and str(scan) not in text, f"{words}: a path in the report: {made['input']} {made['warnings']}")
+        check(made["input"]["paths"] == [pathlib.Path(words[0]).name] and made["asset"]["file"] == "shared.glb", f"{made['input']}")
+    run(mesh, "shared", "-o", "shared.glb", "--report", report, "--quiet", cwd=work)
+    made = json.loads(report.read_bytes())
+    check(made["input"]["paths"] == ["shared"] and made["warnings"][0]["where"] == "shared/note.txt", f"relative: {made['warnings']}")
 
 
 def limits_its_memory(programs, scan, work):
@@ -366,7 +414,8 @@ def main():
     check(not (work / "export").exists(), "a part of an invalid asset was exported")
 
     for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
-                 names_what_is_no_number, says_permission_denied, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
+                 names_what_is_no_number, says_permission_denied, groups_its_warnings,
+                 reports_to_be_shared, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
                  export_complete_and_of_one_asset):
         part(programs, scan, work)
     shutil.rmtree(work)
