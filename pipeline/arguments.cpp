@@ -104,9 +104,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
       app.add_option("--equalize", a.equalize, "histogram equalisation, then this level")
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
-  a.labels_given = app.add_option("--labels", a.labels,
-                                  "the input is a label map; material: L, A-B (several), or all")
-                       ->allow_extra_args(false);
+  a.labels_given =
+      app.add_option("--labels", a.labels, "of a label map; material is L, A-B, several, or all")
+          ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));

@@ -42,9 +42,9 @@ TEST(Warnings, AnEntryForEachCode) {
 }
 
 TEST(Warnings, ManyPlacesAreCounted) {
-  std::vector<Warning> many;
-  for (int k = 0; k < 12; ++k)
-    many.push_back({"stray", std::to_string(k), "left out"});
+  std::vector<Warning> many(12, {"stray", "", "left out"});
+  for (std::size_t k = 0; k < many.size(); ++k)
+    many[k].where = std::to_string(k);
   const nlohmann::json out = warnings_json(many, {});
   EXPECT_EQ(out[0]["where"], "0, 1, 2 and 9 more");
   EXPECT_EQ(out[0]["places"].size(), 12U);
