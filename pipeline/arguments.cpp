@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <sstream>
 #include <utility>
 
@@ -37,19 +38,41 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-// Lists "L[,L]"; the option may be given several times.
+// Adds the labels of a list of L and A-B with commas between.
+Result<void> add_labels(const std::string& list, std::set<int>& labels) {
+  constexpr int kMostOfRange = 65536;
+  const Error wrong = usage("--labels " + list +
+                            ": expected all, or labels L and ranges A-B with commas between them");
+  const char *at = list.data(), *const end = at + list.size();
+  while (true) {
+    int first = 0;
+    auto [rest, error] = std::from_chars(at, end, first);
+    if (error != std::errc()) return wrong;
+    int last = first;
+    if (rest != end && *rest == '-') {
+      const auto range = std::from_chars(rest + 1, end, last);
+      if (range.ec != std::errc()) return wrong;
+      rest = range.ptr;
+    }
+    if (rest != end && *rest != ',') return wrong;
+    if (last < first) return usage("--labels " + list + ": a range ends before it begins");
+    if (static_cast<std::int64_t>(last) - first >= kMostOfRange)
+      return usage("--labels " + list + ": a range has more than 65536 labels");
+    for (std::int64_t label = first; label <= last; ++label)
+      labels.insert(static_cast<int>(label));
+    if (rest == end) return {};
+    at = rest + 1;
+  }
+}
+
+// The option may be given several times.
 Result<Labels> labels(const std::vector<std::string>& lists) {
   Labels out;
   for (const std::string& list : lists) {
-    const char *at = list.data(), *const end = at + list.size();
-    while (true) {
-      int label = 0;
-      const auto [rest, error] = std::from_chars(at, end, label);
-      if (error != std::errc() || (rest != end && *rest != ','))
-        return usage("--labels " + list + ": expected L[,L], whole numbers");
-      out.labels.insert(label);
-      if (rest == end) break;
-      at = rest + 1;
+    if (list == "all") {
+      out.all = true;
+    } else if (auto ok = add_labels(list, out.labels); !ok) {
+      return ok.error();
     }
   }
   return out;
@@ -82,7 +105,7 @@ void add_stage_options(CLI::App& app, Arguments& a) {
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
   a.labels_given =
-      app.add_option("--labels", a.labels, "the input is a label map; these labels are material")
+      app.add_option("--labels", a.labels, "of a label map; material is L, A-B, several, or all")
           ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()

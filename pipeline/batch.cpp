@@ -15,6 +15,8 @@
 
 #include "formats/base/json_text.h"
 #include "pipeline/for_each_piece.h"
+#include "pipeline/no_material.h"
+#include "pipeline/number_ranges.h"
 #include "pipeline/report.h"
 
 namespace trocar::pipeline {
@@ -27,61 +29,56 @@ double ms_since(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
-std::string significant(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.4g", value);
-  return out;
-}
-
 struct FinishedSlice {
   EncodedSlice slice;
   std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the JSON tree's size
   json stages;
-  std::vector<Warning> warnings;
+  std::vector<SliceWarning> warnings;
   std::set<int> labels;
 };
 
 void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
-  const std::string where = "slice " + std::to_string(index);
   if (meshed.refined.mesh.triangles.empty()) {
-    out.warnings.push_back({"empty_slice", where, "no material in this slice"});
+    out.warnings.push_back({"empty_slice", index, "no material"});
   }
   const Refined& refined = meshed.refined;
   if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
-    out.warnings.push_back({"area_not_reached", where,
-                            "the wanted area needs too many vertices here; refined to " +
-                                significant(refined.max_area_mm2) + " mm^2 instead"});
+    out.warnings.push_back({"area_not_reached", index,
+                            "the wanted area needs too many vertices here; refined to # mm^2 "
+                            "instead",
+                            refined.max_area_mm2});
   }
   switch (refined.outcome) {
     case RefinementOutcome::kRefined:
       break;
     case RefinementOutcome::kLatticeTooCoarse:
-      out.warnings.push_back({"lattice_too_coarse", where,
-                              std::to_string(refined.bad_at_lattice_step) +
-                                  " triangles a few lattice steps wide were left as they are"});
+      out.warnings.push_back({"lattice_too_coarse", index,
+                              "# triangles a few lattice steps wide were left as they are",
+                              static_cast<double>(refined.bad_at_lattice_step)});
       break;
     case RefinementOutcome::kAngleNotReached:
-      out.warnings.push_back({"angle_not_reached", where,
-                              "the wanted angle needs too many vertices here; refined to " +
-                                  std::to_string(refined.angle_deg) + " degrees instead"});
+      out.warnings.push_back({"angle_not_reached", index,
+                              "the wanted angle needs too many vertices here; refined to # degrees "
+                              "instead",
+                              static_cast<double>(refined.angle_deg)});
       return;
     case RefinementOutcome::kVertexBudget:
-      out.warnings.push_back({"vertex_budget", where,
+      out.warnings.push_back({"vertex_budget", index,
                               "refinement stopped at its vertex budget; the mesh is valid, but not "
                               "all angles and areas are within bounds"});
       return;
   }
   if (meshed.quality.below_unexplained > 0) {
-    out.warnings.push_back({"angle_not_reached", where,
-                            std::to_string(meshed.quality.below_unexplained) +
-                                " triangles are below the wanted angle although the input has no "
-                                "such small angle there"});
+    out.warnings.push_back({"angle_not_reached", index,
+                            "# triangles are below the wanted angle although the input has no "
+                            "such small angle there",
+                            static_cast<double>(meshed.quality.below_unexplained)});
   }
 }
 
 std::set<int> wanted_labels(const Segmentation& how) {
   const auto* labels = std::get_if<Labels>(&how);
-  return labels == nullptr ? std::set<int>() : labels->labels;
+  return labels == nullptr || labels->all ? std::set<int>() : labels->labels;
 }
 
 // The quantisation grid of all slices: every vertex lies in the image, or in its crop.
@@ -201,10 +198,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     return unwritable("interrupted; nothing was written");
   }
   BatchResult out;
-  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(parameters), {}};
-  json warnings = json::array();
-  for (const Warning& w : stack.warnings)
-    warnings.push_back(to_json(w));
+  json used = parameters;  // with the labels found, if all are wanted
+  std::set<int> found;
+  std::vector<SliceWarning> of_slices;
   std::vector<EncodedSlice> encoded;
   std::vector<std::vector<std::uint8_t>> reports;
   std::set<int> absent = wanted_labels(options.mesh.segmentation);
@@ -213,23 +209,33 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     FinishedSlice one = std::move(**result);
     encoded.push_back(std::move(one.slice));
     reports.push_back(std::move(one.report));
-    for (const Warning& w : one.warnings)
-      warnings.push_back(to_json(w));
+    of_slices.insert(of_slices.end(), one.warnings.begin(), one.warnings.end());
     for (const int label : one.labels)
       absent.erase(label);
+    found.merge(one.labels);
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   done = {};
-  for (const int label : absent) {
-    warnings.push_back(to_json(
-        {"label_absent", "label " + std::to_string(label), "not in the slices that were meshed"}));
+  json warnings = warnings_json(stack.warnings, of_slices);
+  if (!absent.empty()) {
+    warnings.push_back({{"code", "label_absent"},
+                        {"where", named_ranges("label", absent)},
+                        {"sentence", "not in the slices that were meshed"},
+                        {"labels", absent}});
   }
+  const auto* labels = std::get_if<Labels>(&options.mesh.segmentation);
+  if (labels != nullptr && labels->all) used["labels"] = found;
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used), {}};
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();
     file_digests.push_back(*digest);
   }
   out.input_digest = asset.input_digest = digest_input(file_digests);
+
+  if (std::all_of(encoded.begin(), encoded.end(),
+                  [](const EncodedSlice& slice) { return slice.triangles == 0; }))
+    return no_material(stack, first, last, options.mesh);
 
   const auto assemble_start = std::chrono::steady_clock::now();
   AssetSizes sizes;
@@ -245,7 +251,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     return sizes.triangles == 0 ? 0.0
                                 : static_cast<double>(bytes) / static_cast<double>(sizes.triangles);
   };
-  out.report = {{"parameters", parameters},
+  out.report = {{"schema", "trocar.report/1"},
+                {"program", "trocar-mesh " TROCAR_VERSION},
+                {"parameters", std::move(used)},
                 {"slices", std::move(slices)},
                 {"asset",
                  {{"bytes", out.glb.size()},

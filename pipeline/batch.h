@@ -33,8 +33,8 @@ struct BatchResult {
 };
 
 /// The same stack and options give the same glb, with any number of threads. Errors: those of
-/// mesh_slice(), the lowest slice's first; (usage) slices or crop outside the stack; (unwritable)
-/// stopped.
+/// mesh_slice(), the lowest slice's first; (refused) no slice has any material; (usage) slices or
+/// crop outside the stack; (unwritable) stopped.
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
                                const nlohmann::json& parameters);
 

@@ -4,6 +4,8 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cstdio>
 #include <iostream>
@@ -13,6 +15,7 @@
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/nearest_name.h"
 #include "pipeline/arguments.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
@@ -42,7 +45,53 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
     if (!output.file.empty() && is_scan_file(output.file))
       return usage(output.option + " " + output.file.string() + ": would write over a scan");
   }
-  return trocar::check_outputs(outputs, read);
+  if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
+  std::string ending = a.output.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (ending != ".glb") {
+    return usage("-o " + a.output.string() +
+                 ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg");
+  }
+  return {};
+}
+
+// `--labels 41 42` as `--labels 41 --labels 42`: words after it that begin with a digit and hold
+// only digits, commas and hyphens are labels and not inputs.
+std::vector<const char*> with_repeated_labels(int argc, const char* const* argv) {
+  const auto is_list = [](const std::string& word) {
+    return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
+           word.front() != ',' && word.front() != '-';
+  };
+  std::vector<const char*> out;
+  bool after_labels = false;
+  for (int i = 0; i < argc; ++i) {
+    const std::string word = argv[i];
+    if (after_labels && is_list(word)) {
+      out.push_back("--labels");
+    } else {
+      after_labels = word.starts_with("--labels=");
+    }
+    out.push_back(argv[i]);
+    if (word == "--labels" && i + 1 < argc) {
+      out.push_back(argv[++i]);
+      after_labels = true;
+    }
+  }
+  return out;
+}
+
+// A mistyped command is read as an INPUT.
+Result<void> check_command(const CLI::App& app, const Arguments& a) {
+  if (a.inputs.empty() || a.inputs[0].has_parent_path()) return {};
+  std::error_code ignored;
+  if (fs::exists(a.inputs[0], ignored)) return {};
+  std::vector<std::string> commands;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
+    commands.push_back(command->get_name());
+  const std::string meant = did_you_mean(a.inputs[0].string(), commands);
+  if (meant.empty()) return {};
+  return usage(a.inputs[0].string() + ": no such file, folder or command" + meant);
 }
 
 // A bar with the time left.
@@ -76,15 +125,43 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   return {};
 }
 
+// Reports hold no absolute paths: of one, only the name.
+std::string without_folder(const fs::path& file) {
+  if (!file.is_absolute()) return file.string();
+  return (file.has_filename() ? file : file.parent_path()).filename().string();
+}
+
+// Absolute inputs in the warnings, too.
+json without_folders(json report, const std::vector<fs::path>& inputs) {
+  const auto shorten = [&inputs](json& text) {
+    std::string out = text.get<std::string>();
+    for (const fs::path& input : inputs) {
+      const std::string whole = (input.has_filename() ? input : input.parent_path()).string();
+      const std::string name = without_folder(input);
+      if (!input.is_absolute() || name.empty()) continue;
+      for (std::size_t at = 0; (at = out.find(whole, at)) != std::string::npos; at += name.size())
+        out.replace(at, whole.size(), name);
+    }
+    text = std::move(out);
+  };
+  for (json& warning : report["warnings"]) {
+    shorten(warning["where"]);
+    shorten(warning["sentence"]);
+    if (const auto places = warning.find("places"); places != warning.end())
+      std::for_each(places->begin(), places->end(), shorten);
+  }
+  return report;
+}
+
 // Adds to the report what it says of the input files and of the asset, which has been written.
 Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchResult& result) {
   const auto digest = digest_file(a.output);
   if (!digest) return digest.error();
   result.report["asset"]["digest"] = *digest;
-  result.report["asset"]["file"] = a.output.string();
+  result.report["asset"]["file"] = without_folder(a.output);
   json inputs = json::array();
   for (const fs::path& input : a.inputs)
-    inputs.push_back(input.string());
+    inputs.push_back(without_folder(input));
   result.report["input"] = {{"paths", std::move(inputs)},
                             {"digest", result.input_digest},
                             {"slices", stack.size()},
@@ -97,8 +174,8 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, BatchRes
   if (auto ok = write_file_atomically(a.output, result.glb); !ok) return ok;
   if (auto ok = describe_files(a, stack, result); !ok) return ok;
   if (!a.report.empty()) {
-    if (auto ok = write_file_atomically(a.report, json_text(result.report, 1) + "\n"); !ok)
-      return ok;
+    const json report = without_folders(result.report, a.inputs);
+    if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
   }
   if (!a.dump_stages.empty())
     return write_file_atomically(a.dump_stages, json_text(result.stages) + "\n");
@@ -230,8 +307,13 @@ int run(int argc, char** argv) {
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
-  if (const auto done = parse_command_line(app, argc, argv)) return *done;
-  if (app.get_subcommands().empty()) return mesh(a);
+  const std::vector<const char*> words = with_repeated_labels(argc, argv);
+  if (const auto done = parse_command_line(app, static_cast<int>(words.size()), words.data()))
+    return *done;
+  if (app.get_subcommands().empty()) {
+    if (const auto ok = check_command(app, a); !ok) return fail(ok.error());
+    return mesh(a);
+  }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
   if (*verify_command) return verify(asset, as_json);
   if (*info_command) return info(asset, as_json);

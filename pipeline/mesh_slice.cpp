@@ -55,6 +55,12 @@ Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane,
 
 }  // namespace
 
+Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop) {
+  auto image = stack.read(slice);
+  if (image && crop) return cropped(std::move(*image), *crop);
+  return image;
+}
+
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
   const SlicePlane& plane = stack.plane(slice);
   const auto fail = [&](const Error& e) {
@@ -64,7 +70,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
 
   MeshedSlice out;
   Stopwatch watch;
-  auto image = stack.read(slice);
+  auto image = read_cropped(stack, slice, options.crop);
   if (!image) return image.error();
   out.times.read_ms = watch.lap_ms();
 
@@ -72,7 +78,6 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (options.crop) {
     grid.offset_x = options.crop->x0;
     grid.offset_y = options.crop->y0;
-    *image = cropped(std::move(*image), *options.crop);
   }
   Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
   out.labels = std::move(field.labels);

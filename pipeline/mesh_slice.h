@@ -54,6 +54,9 @@ struct MeshedSlice {
   StageTimes times;
 };
 
+/// The slice's values within the crop, if there is one. Errors: those of stack.read().
+Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop);
+
 /// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
 /// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for
 /// the lattice or the image too large for it; (bug) one of these checks failed.

@@ -3,6 +3,12 @@
 
 #include <sys/resource.h>
 
+#include <algorithm>
+#include <cstdio>
+#include <set>
+
+#include "pipeline/number_ranges.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -31,6 +37,73 @@ json rings_json(const Pslg& pslg, const Lattice& lattice) {
 
 json mesh_json(const SliceMesh& mesh, const Lattice& lattice) {
   return {{"vertices_mm", points_json(mesh.vertices, lattice)}, {"triangles", mesh.triangles}};
+}
+
+// One sentence, and where it applies.
+struct Said {
+  std::string sentence;
+  std::set<int> slices;
+  std::vector<std::string> places;
+  double low = 0, high = 0;  // what # stands for
+};
+
+// All that is said under one code.
+struct Kind {
+  std::string code;
+  std::vector<Said> said;
+};
+
+Said& said_of(std::vector<Kind>& kinds, const std::string& code, const std::string& sentence) {
+  auto kind = std::find_if(kinds.begin(), kinds.end(),
+                           [&code](const Kind& other) { return other.code == code; });
+  if (kind == kinds.end()) kind = kinds.insert(kind, {code, {}});
+  auto said = std::find_if(kind->said.begin(), kind->said.end(),
+                           [&sentence](const Said& other) { return other.sentence == sentence; });
+  if (said == kind->said.end()) said = kind->said.insert(said, {sentence, {}, {}});
+  return *said;
+}
+
+// The first three, and the number of the others.
+std::string first_of(const std::vector<std::string>& texts, const char* separator) {
+  constexpr std::size_t kMost = 3;
+  std::string out;
+  for (std::size_t i = 0; i < std::min(texts.size(), kMost); ++i)
+    out.append(i == 0 ? "" : separator).append(texts[i]);
+  if (texts.size() > kMost) out += " and " + std::to_string(texts.size() - kMost) + " more";
+  return out;
+}
+
+std::string where(const std::set<int>& slices, const std::vector<std::string>& places) {
+  return slices.empty() ? first_of(places, ", ") : named_ranges("slice", slices);
+}
+
+std::string sentence(const Said& said) {
+  const std::size_t at = said.slices.empty() ? std::string::npos : said.sentence.find('#');
+  if (at == std::string::npos) return said.sentence;
+  char value[64];
+  if (said.low == said.high) {
+    std::snprintf(value, sizeof value, "%.6g", said.low);
+  } else {
+    std::snprintf(value, sizeof value, "%.6g to %.6g", said.low, said.high);
+  }
+  return said.sentence.substr(0, at) + value + said.sentence.substr(at + 1);
+}
+
+json entry(const Kind& kind) {
+  Said all;
+  std::vector<std::string> sentences;
+  for (const Said& said : kind.said) {
+    all.slices.insert(said.slices.begin(), said.slices.end());
+    all.places.insert(all.places.end(), said.places.begin(), said.places.end());
+    sentences.push_back(sentence(said));
+    if (kind.said.size() > 1) sentences.back() += " (" + where(said.slices, said.places) + ")";
+  }
+  json out = {{"code", kind.code},
+              {"where", where(all.slices, all.places)},
+              {"sentence", first_of(sentences, "; ")}};
+  if (!all.slices.empty()) out["slices"] = all.slices;
+  if (!all.places.empty()) out["places"] = all.places;
+  return out;
 }
 
 }  // namespace
@@ -79,8 +152,21 @@ json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
           {"refined", mesh_json(slice.refined.mesh, lattice)}};
 }
 
-json to_json(const Warning& warning) {
-  return {{"code", warning.code}, {"where", warning.where}, {"sentence", warning.sentence}};
+json warnings_json(const std::vector<Warning>& of_scan,
+                   const std::vector<SliceWarning>& of_slices) {
+  std::vector<Kind> kinds;
+  for (const Warning& w : of_scan)
+    said_of(kinds, w.code, w.sentence).places.push_back(w.where);
+  for (const SliceWarning& w : of_slices) {
+    Said& said = said_of(kinds, w.code, w.sentence);
+    said.low = said.slices.empty() ? w.value : std::min(said.low, w.value);
+    said.high = said.slices.empty() ? w.value : std::max(said.high, w.value);
+    said.slices.insert(w.slice);
+  }
+  json out = json::array();
+  for (const Kind& kind : kinds)
+    out.push_back(entry(kind));
+  return out;
 }
 
 std::uint64_t peak_rss_bytes() {

@@ -4,6 +4,8 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
 
 #include "pipeline/mesh_slice.h"
 
@@ -19,7 +21,19 @@ nlohmann::json slice_measures(const MeshedSlice& slice);
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 
-nlohmann::json to_json(const Warning& warning);
+/// A warning of one slice. A # in the sentence stands for `value`.
+struct SliceWarning {
+  std::string code;
+  int slice = 0;
+  std::string sentence;
+  double value = 0;
+};
+
+/// `warnings[]`: an entry for each code, in the order in which the codes first occur: `code`,
+/// `where`, `sentence`, and all its `slices` (numbers) or `places` (the texts of Warning::where).
+/// Where the values of slices differ, the sentence has the lowest and the highest.
+nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
+                             const std::vector<SliceWarning>& of_slices);
 
 /// Peak resident memory of this process so far.
 std::uint64_t peak_rss_bytes();

@@ -2,6 +2,7 @@
 #include "formats/base/command_line.h"
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -36,6 +37,23 @@ std::string unexpected_argument(const CLI::App& app) {
       names.push_back("--" + name);
   }
   return "not expected: " + argument + did_you_mean(argument.substr(0, argument.find('=')), names);
+}
+
+/// What is wrong with the first value that should be a number and is none, or nothing.
+std::string no_number(const CLI::App& app) {
+  const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
+  for (const CLI::Option* option : command.get_options()) {
+    const std::string type = option->get_type_name();
+    const bool is_whole = type.starts_with("INT") || type.starts_with("UINT");
+    if (!is_whole && !type.starts_with("FLOAT")) continue;
+    for (const std::string& text : option->results()) {
+      double value = 0;
+      if (!CLI::detail::lexical_cast(text, value) || (is_whole && value != std::floor(value)))
+        return option->get_name() + ": " + text + " is not a " + (is_whole ? "whole " : "") +
+               "number";
+    }
+  }
+  return {};
 }
 
 }  // namespace
@@ -75,6 +93,8 @@ std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const
   } catch (const CLI::ExtrasError&) {
     return report_error(program, usage(unexpected_argument(app) + see_help));
   } catch (const CLI::ParseError& error) {
+    if (const std::string wrong = no_number(app); !wrong.empty())
+      return report_error(program, usage(wrong + see_help));
     return report_error(program, usage(error.what() + see_help));
   }
   return std::nullopt;

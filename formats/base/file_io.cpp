@@ -112,7 +112,7 @@ Result<void> check_writable(const std::filesystem::path& file) {
     return unwritable(file.string() + ": there is no folder " + folder.string());
   }
   if (::access(folder.c_str(), W_OK) != 0) {
-    return unwritable(file.string() + ": the folder is read-only");
+    return unwritable(file.string() + ": its folder cannot be written to: " + why(errno));
   }
   return {};
 }

@@ -61,12 +61,12 @@ Field segment(Image image, PixelUnit unit, const Segmentation& how) {
     equalize(field.image, unit);
     field.iso = static_cast<float>(paper->level);
   } else {
-    const auto& labels = std::get<Labels>(how).labels;
+    const auto& [labels, all] = std::get<Labels>(how);
     float last = 0;
     for (float& v : field.image.values) {
       const float nearest = std::rint(v);
-      const bool in =
-          nearest == v && std::abs(v) < 1e9F && labels.contains(static_cast<int>(nearest));
+      const bool is_label = nearest == v && std::abs(v) < 1e9F;
+      const bool in = is_label && (all ? v != 0 : labels.contains(static_cast<int>(nearest)));
       if (in && (field.labels.empty() || v != last))
         field.labels.insert(static_cast<int>(last = v));
       v = in ? 1.0F : 0.0F;

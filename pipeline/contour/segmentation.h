@@ -21,6 +21,7 @@ struct Equalize {
 /// A label map: material is these labels.
 struct Labels {
   std::set<int> labels;
+  bool all = false;  ///< every label but 0, whatever `labels` is
 };
 using Segmentation = std::variant<Threshold, Equalize, Labels>;
 

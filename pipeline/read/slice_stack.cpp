@@ -2,10 +2,13 @@
 #include "pipeline/read/slice_stack.h"
 
 #include <sodium.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <fstream>
+#include <system_error>
 
 #include "pipeline/read/dicom_headers.h"
 
@@ -102,6 +105,8 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   std::vector<fs::path> files;
   for (const fs::path& input : inputs) {
     const fs::file_status status = fs::status(input, error);
+    if (error == std::errc::permission_denied)
+      return refused(input.string() + ": " + error.message());
     if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
     if (fs::is_directory(status)) {
       if (inputs.size() > 1) return usage(input.string() + ": give one folder, or a list of files");
@@ -132,6 +137,11 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   const bool images = std::any_of(files.begin(), files.end(), is_image);
   if (!options.series_uid.empty() && (volume || images))
     return usage(inputs[0].string() + ": --series chooses among DICOM files; there are none");
+  for (const fs::path& file : files) {
+    const bool is_passed_over = images && inputs.size() == 1 && !is_image(file);
+    if (!is_passed_over && ::access(file.c_str(), R_OK) != 0 && errno == EACCES)
+      return refused(file.string() + ": " + std::generic_category().message(EACCES));
+  }
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
   if (volume) {
     stack = open_nifti(files[0], options);

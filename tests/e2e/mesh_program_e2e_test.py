@@ -69,9 +69,134 @@ def one_clear_line(programs, scan, work):
     check(not (work / "never.glb").exists(), "something was written")
 
 
+def label_map(scan, file, values):
+    """Writes a label map of 20 x 20 pixels; slice k holds a square of each label in `values[k]`, side by side."""
+    header = bytearray(gzip.decompress((scan / "sample.nii.gz").read_bytes())[:352])
+    struct.pack_into("<4h", header, 40, 3, 20, 20, len(values))
+    struct.pack_into("<2h", header, 70, 4, 16)  # int16
+    struct.pack_into("<3f", header, 108, 352, 1, 0)  # first voxel, slope, intercept
+    struct.pack_into("<3f", header, 80, 1, 1, 1)
+    struct.pack_into("<2h", header, 252, 0, 1)
+    struct.pack_into("<12f", header, 280, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0)  # sform
+    voxels = [0] * (400 * len(values))
+    for k, labels in enumerate(values):
+        for i, label in enumerate(labels):
+            for y in range(5, 15):
+                for x in range(1 + 4 * i, 4 + 4 * i):
+                    voxels[400 * k + 20 * y + x] = label
+    file.write_bytes(bytes(header) + struct.pack(f"<{len(voxels)}h", *voxels))
+    return file
+
+
+def refuses_an_empty_asset(programs, scan, work):
+    """No material in any slice: refused with the values and labels found, and what to try; nothing is written."""
+    mesh, volume, out, report = programs / "trocar-mesh", scan / "sample.nii.gz", work / "empty.glb", work / "empty.json"
+    whole = ("-o", out, "--report", report)
+    low, high = -1024, 863  # HU of the sample
+    found = f"the values found are {low} to {high} HU"
+    labelled = label_map(scan, work / "labels.nii", ((), (20, 21), (22, 23), (24,), ()))
+    nothing = label_map(scan, work / "nothing.nii", ((), ()))
+    for words, texts in (
+            ((volume, "--threshold", "30000"),
+             ("sample.nii.gz, slices 0-34: nothing is at or above the threshold of 30000", found, "try --threshold 226")),
+            ((scan / "dicom", "--threshold", "30000", "--slices", "3:3"), (f"{scan / 'dicom'}, slice 3: ", "try --threshold 226")),
+            ((volume, "--labels", "99"), (found, "no label map", "try it without --labels")),
+            ((labelled,), ("the threshold of 226", "the values found are 0 to 24, ", "labels 20-24", "try --labels 20-24 ")),
+            ((labelled, "--labels", "99"), ("the label 99 is not there", "0 to 24", "labels 20-24", "try --labels 20-24 ")),
+            ((labelled, "--labels", "20,24", "--slices", "2:2"), ("slice 2: ", "labels 20, 24 are not there", "labels 22-23")),
+            ((labelled, "--labels", "20", "--crop", "0:19,0:3"), ("no label", "a larger --crop")),
+            ((nothing, "--labels", "1"), ("slices 0-1: ", "the values found are all 0")),
+            ((labelled, "--labels", "22", "--min-region", "1000"), ("smaller than --min-region 1000 mm^2", "try a smaller --min-region")),
+            ((scan / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "32000"), ("the values found are 0 to 223 (grey levels)", "try a --threshold from 0 to 223")),
+    ):
+        said = run(mesh, *words, *whole, expect=3).stderr
+        check(len(said.splitlines()) == 1 and all(text in said for text in texts), f"{words}: {said!r} lacks one of {texts}")
+        check(not out.exists() and not report.exists(), f"{words}: something was written")
+    # Slices without material beside others are fine.
+    said = run(mesh, labelled, *whole, "--labels", "22").stderr
+    check("empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}")
+
+
+def refuses_other_outputs_than_glb(programs, scan, work):
+    """GLB bytes never go into a file that is named as something else."""
+    mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
+    for name in ("x.stl", "x", "glb", "x.glb.gz"):
+        refuses(2, f"-o {work / name}: an asset is a .glb", mesh, volume, "-o", work / name, "--slices", "3:3")
+        check(not (work / name).exists(), f"{name} was written")
+    run(mesh, volume, "-o", work / "x.GLB", "--slices", "3:3", "--quiet")
+
+
+def suggests_a_command(programs, _, work):
+    """A mistyped command is not taken for an input; a file of such a name is."""
+    mesh = programs / "trocar-mesh"
+    for wrong, right in (("verfy", "verify"), ("Verify", "verify"), ("inf", "info"), ("exprot", "export")):
+        for words in ((work / "good.glb",), (work / "good.glb", "-o", work / "x.glb")):
+            refuses(2, f"{wrong}: no such file, folder or command, did you mean {right}?", mesh, wrong, *words)
+    refuses(3, "nowhere: no such file or folder", mesh, "nowhere", "-o", work / "x.glb")
+    (work / "verfy").write_text("no scan")
+    refuses(3, "trocar-mesh: verfy: ", mesh, "verfy", "-o", work / "x.glb", cwd=work)
+
+
+def takes_labels(programs, scan, work):
+    """Lists, ranges, several words and `all` give the same asset as single labels."""
+    mesh, file = programs / "trocar-mesh", label_map(scan, work / "many.nii", ((20, 21, 22), (23, 24, 41), (42,)))
+    made = {}
+    for name, words in (("list", ("20,21,22,23,24,41,42",)), ("range", ("20-24,41-42",)), ("words", ("20-22", "23,24", "41", "42")),
+                        ("all", ("all",)), ("repeated", ("20-24", "--labels", "41,42"))):
+        for order in ((file, "--labels", *words), ("--labels", *words, file)):
+            run(mesh, *order, "-o", work / "many.glb", "--quiet")
+            made.setdefault((work / "many.glb").read_bytes(), []).append(name)
+    check(len(made) == 1, f"different assets: {list(made.values())}")
+    info = json.loads(run(mesh, "info", work / "many.glb", "--json").stdout)
+    check(info["parameters"]["labels"] == [20, 21, 22, 23, 24, 41, 42], f"{info['parameters']}")
+    for text in ("24-20", "20-", "-", "0-70000", "all,3", "a-b", "20-24-26"):
+        refuses(2, "--labels " + text, mesh, file, "-o", work / "none.glb", "--labels=" + text)
+    empty = label_map(scan, work / "zero.nii", ((),))
+    refuses(3, "there is no label", mesh, empty, "-o", work / "none.glb", "--labels", "all")
+
+
+def names_what_is_no_number(programs, scan, work):
+    mesh, words = programs / "trocar-mesh", (scan / "sample.nii.gz", "-o", work / "none.glb")
+    for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
+                               ("--jobs", "1.5", "whole number"), ("--lattice-bits", "x", "whole number")):
+        refuses(2, f"{option}: {text} is not a {kind}", mesh, *words, option, text)
+    refuses(2, "--threshold: Value 1e7 not in range", mesh, *words, "--threshold", "1e7")
+    refuses(2, "--rate: fast is not a number", programs / "trocar-run", work / "scene.json", "--rate", "fast")
+
+
+def says_permission_denied(programs, scan, work):
+    """Inputs that may not be read; as root, the programs run as another user."""
+    mesh, folder = programs / "trocar-mesh", work / "private"
+    keys = {"user": 65534, "group": 65534, "extra_groups": []} if os.geteuid() == 0 else {}
+    (folder / "closed").mkdir(parents=True)
+    (folder / "slices").mkdir()
+    files = [folder / "scan.nii.gz", folder / "scan.png", folder / "slices" / "2.dcm"]
+    for file, source in zip(files, (scan / "sample.nii.gz", scan / "png" / "slice_015.png", sorted((scan / "dicom").iterdir())[3])):
+        shutil.copy(source, file)
+        file.chmod(0)
+    shutil.copy(sorted((scan / "dicom").iterdir())[4], folder / "slices" / "1.dcm")
+    (folder / "closed").chmod(0)
+    writable = work / "writable"
+    writable.mkdir()
+    writable.chmod(0o777)
+    if subprocess.run(["test", "-x", mesh, "-a", "-w", writable], check=False, **keys).returncode != 0:
+        print("not tested: the other user has no access to the folder of the programs or of the test")
+        return
+    out = ("-o", writable / "none.glb", "--spacing", "1,1,1", "--threshold", "90")
+    for words, where in (((files[0],), files[0]), ((files[1],), files[1]), ((folder / "slices",), files[2]), ((files[2],), files[2]),
+                         ((folder / "closed",), folder / "closed"), ((folder / "closed" / "x.nii",), folder / "closed" / "x.nii"),
+                         (("verify", files[0]), files[0])):
+        writes = words[0] != "verify"
+        refuses(3, f"{where}: Permission denied", mesh, *words, *(out if writes else ()), **keys)
+    refuses(4, f"{folder / 'closed' / 'x.glb'}: ", mesh, files[0], "-o", folder / "closed" / "x.glb", **keys)
+    for place in (folder / "closed", *files):
+        place.chmod(0o700)
+
+
 def warns(programs, scan, work):
     mesh, out, report = programs / "trocar-mesh", ("-o", work / "warned.glb"), work / "warned.json"
-    said = warned(mesh, report, scan / "sample.nii.gz", *out, "--slices", "3:4", "--labels", "99999")
+    labelled = label_map(scan, work / "warned.nii", ((22,), (23, 24)))
+    said = warned(mesh, report, labelled, *out, "--labels", "22,99999")
     check("99999" in said.get("label_absent", ""), f"an absent label: {said}")
     folder = work / "numbered"
     folder.mkdir()
@@ -80,10 +205,57 @@ def warns(programs, scan, work):
     grey = ("--spacing", "0.3125,0.3125,1")
     said = warned(mesh, report, folder, *out, *grey, "--threshold", "95.2")
     check("a1_004_x2.png" in said.get("missing_slice", "") and "a1_006_x2.png" in said["missing_slice"], f"{said}")
-    said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "32000")
+    said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "-5")
     check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
-    said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "255")
+    said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "0")
     check(set(said) <= {"empty_slice"}, f"unexpected warnings: {said}")
+
+
+def groups_its_warnings(programs, scan, work):
+    """Warnings of one kind are one line with ranges, and one entry with its slices."""
+    mesh, report = programs / "trocar-mesh", work / "grouped.json"
+    file = label_map(scan, work / "gaps.nii", ((), (), (22,), (), (24,), (), ()))
+    said = run(mesh, file, "-o", work / "grouped.glb", "--labels", "20,22-24", "--report", report).stderr.splitlines()
+    check(said == ["trocar-mesh: warning (empty_slice): slices 0-1, 3, 5-6: no material",
+                   "trocar-mesh: warning (label_absent): labels 20, 23: not in the slices that were meshed"], f"grouped: {said}")
+    entries = json.loads(report.read_bytes())["warnings"]
+    check(entries == [{"code": "empty_slice", "where": "slices 0-1, 3, 5-6", "sentence": "no material", "slices": [0, 1, 3, 5, 6]},
+                      {"code": "label_absent", "where": "labels 20, 23", "sentence": "not in the slices that were meshed",
+                       "labels": [20, 23]}], f"entries: {entries}")
+    folder = work / "stray"
+    folder.mkdir()
+    for k, source in enumerate(sorted((scan / "dicom").iterdir())[3:8]):
+        shutil.copy(source, folder / f"{k}.dcm")
+        (folder / f"note{k}.txt").write_text("a note")
+    said = run(mesh, folder, "-o", work / "grouped.glb", "--report", report).stderr.splitlines()
+    where = ", ".join(str(folder / f"note{k}.txt") for k in range(3)) + " and 2 more"
+    check(said == [f"trocar-mesh: warning (not_dicom): {where}: not a DICOM image; left out"], f"files grouped: {said}")
+    entry = json.loads(report.read_bytes())["warnings"][0]
+    check(entry.get("places") == [f"stray/note{k}.txt" for k in range(5)], f"files of a warning: {entry}")
+    # Values that differ are a range.
+    said = run(mesh, scan / "sample.nii.gz", "-o", work / "grouped.glb", "--slices", "3:5", "--lattice-bits", "5").stderr.splitlines()
+    codes = [line.split("(")[1].split(")")[0] for line in said]
+    check(len(codes) == len(set(codes)), f"two lines of a kind: {said}")
+
+
+def reports_to_be_shared(programs, scan, work):
+    """A report says which program wrote it and what it is, and holds no absolute paths."""
+    mesh, report = programs / "trocar-mesh", work / "shared.json"
+    version = run(mesh, "--version").stdout.split()[1]
+    folder = work / "shared"
+    shutil.copytree(scan / "dicom", folder)
+    (folder / "note.txt").write_text("a note")
+    for scanned in (str(folder), f"{folder}/", str(scan / "sample.nii.gz"), *([str(folder / "CT_004.dcm")],)):
+        words = scanned if isinstance(scanned, list) else [scanned]
+        run(mesh, *words, "-o", work / "shared.glb", "--report", report, "--quiet")
+        text = report.read_text()
+        made = json.loads(text)
+        check(made.get("schema") == "trocar.report/1" and made.get("program") == f"trocar-mesh {version}", f"{made.get('schema')}")
+        check(str(work) not in text and str(scan) not in text, f"{words}: a path in the report: {made['input']} {made['warnings']}")
+        check(made["input"]["paths"] == [pathlib.Path(words[0]).name] and made["asset"]["file"] == "shared.glb", f"{made['input']}")
+    run(mesh, "shared", "-o", "shared.glb", "--report", report, "--quiet", cwd=work)
+    made = json.loads(report.read_bytes())
+    check(made["input"]["paths"] == ["shared"] and made["warnings"][0]["where"] == "shared/note.txt", f"relative: {made['warnings']}")
 
 
 def limits_its_memory(programs, scan, work):
@@ -208,11 +380,12 @@ def main():
     check(json.loads(answer.stdout)["valid"], "verify of an odd name: " + answer.stdout)
 
     # Options before and after the input.
-    for words in (("--labels", "1,2", scan / "sample.nii.gz"), (scan / "sample.nii.gz", "--labels", "1,2")):
-        run(mesh, *words, "-o", work / "labels.glb", "--slices", "3:4", "--quiet")
+    labelled = label_map(scan, work / "order.nii", ((1, 2), (1,)))
+    for words in (("--labels", "1,2", labelled), (labelled, "--labels", "1,2")):
+        run(mesh, *words, "-o", work / "labels.glb", "--slices", "0:1", "--quiet")
 
     # The parameters in the asset include those of the input.
-    run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "60:62", "--quiet")
+    run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "250:252", "--quiet")
     for file, key, value in ((good, "spacing_mm", [0.3125, 0.3125, 1.0]), (work / "coronal.glb", "axis", "coronal")):
         info = json.loads(run(mesh, "info", file, "--json").stdout)
         check(info["parameters"].get(key) == value, f"{file.name}: {info['parameters']}")
@@ -240,7 +413,9 @@ def main():
         check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
     check(not (work / "export").exists(), "a part of an invalid asset was exported")
 
-    for part in (one_clear_line, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
+    for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
+                 names_what_is_no_number, says_permission_denied, groups_its_warnings,
+                 reports_to_be_shared, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
                  export_complete_and_of_one_asset):
         part(programs, scan, work)
     shutil.rmtree(work)

@@ -60,6 +60,8 @@ TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
   EXPECT_EQ(parse({"--threshold", ""}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({"--threshold="}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({""}).err, "program: an argument: its value is empty\n");
+  EXPECT_EQ(parse({"--threshold", "bone"}).err,
+            "program: --threshold: bone is not a number (see program --help)\n");
   for (const std::vector<const char*>& wrong : std::vector<std::vector<const char*>>{
            {"--treshold=3"}, {"--threshold", ""}, {"--threshold", "high"}, {"--threshold"}}) {
     const Outcome outcome = parse(wrong);
