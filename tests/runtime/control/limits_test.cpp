@@ -282,8 +282,7 @@ TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
 
 /// What a motor's torque grows in magnitude, or goes beyond zero to the other sign.
 double rise_of(double from_Nm, double to_Nm) {
-  return from_Nm * to_Nm > 0 ? std::max(0.0, std::abs(to_Nm) - std::abs(from_Nm))
-                             : std::abs(to_Nm);
+  return from_Nm * to_Nm > 0 ? std::max(0.0, std::abs(to_Nm) - std::abs(from_Nm)) : std::abs(to_Nm);
 }
 
 double largest_rise(const MotorVector& from, const MotorVector& to) {
@@ -340,8 +339,7 @@ TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {
       ASSERT_LT(share, 1);
       ASSERT_LT((got - last - share * (wanted - last)).norm(), 1e-12) << "one factor";
       // No shorter than needed.
-      const double taken_Nm =
-          grows ? (got - last).cwiseAbs().maxCoeff() : largest_rise(last, got);
+      const double taken_Nm = grows ? (got - last).cwiseAbs().maxCoeff() : largest_rise(last, got);
       ASSERT_NEAR(taken_Nm, rise_Nm, 1e-12);
       ++beyond;
       reversed += !grows;
