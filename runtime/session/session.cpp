@@ -252,8 +252,9 @@ class Session {
     for (const double tau : row.tau_Nm) {
       report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
     }
+    const std::array<double, 6>& felt = row.wrench_delivered;
+    report_.max_force_N = std::max(report_.max_force_N, std::hypot(felt[0], felt[1], felt[2]));
     if (row.authority < 1) return;  // forces are off or ramped up
-    report_.max_force_N = std::max(report_.max_force_N, result_.contact.force_N);
     if (row.wrench_scale < 1) ++report_.scaled_ticks;
     const double wanted = wrench_norm(row.wrench_wanted);
     if (wanted > 0) {

@@ -107,6 +107,8 @@ struct SessionReport {
   RealtimeReport realtime;  ///< virtual clock: empty
   Histogram tick;           ///< wall time of a tick, without the simulated device's step
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
+  /// Of all that acts on the hand, as delivered: sheet, shaft, rim, coupling, damping. Compensation
+  /// of the device's own forces is not felt and does not count.
   double max_force_N = 0;
   double torque_max_Nm = 0;
   double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques over 0.05 m
