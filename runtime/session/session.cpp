@@ -388,7 +388,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher
   if (options.record) {
     Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
     if (!writer) return writer.error();
-    workers.recorder = std::make_unique<Recorder>(std::move(*writer));
+    workers.recorder = std::make_unique<Recorder>(std::move(*writer), options.on_recording_error);
   }
   if (options.black_box) {
     auto made = BlackBox::make(*options.black_box, options.rate_Hz);
