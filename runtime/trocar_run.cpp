@@ -78,7 +78,9 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--rate", arguments.rate_Hz,
                  "loop rate in Hz, 100 to 8000 (the scene's, or 1000)");
   app.add_option("--duration", arguments.duration_s, "in s (the scene's)");
-  app.add_option("--record", arguments.record, "write a recording: CSV, one row a tick");
+  app.add_option(
+      "--record", arguments.record,
+      "write a recording: CSV, one row a tick; until it is whole its name ends in .partial");
   app.add_option("--summary", arguments.summary, "write what happened: JSON");
   app.add_option("--meshes", arguments.meshes,
                  "write the sheets before and after the punctures: JSON");
@@ -427,6 +429,9 @@ int session(const Arguments& arguments) {
     options.replay = loaded->replay;
   }
   if (!arguments.record.empty()) options.record = arguments.record;
+  options.on_recording_error = [](const Error& error) {
+    std::fprintf(stderr, "trocar-run: the recording has stopped: %s\n", error.message.c_str());
+  };
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
   if (arguments.check) {

@@ -5,10 +5,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <system_error>
 #include <utility>
 
@@ -234,30 +234,49 @@ const std::string& recording_header() {
   return header;
 }
 
-RecordingWriter::RecordingWriter(std::filesystem::path file, std::string temporary, int fd)
-    : file_(std::move(file)), temporary_(std::move(temporary)), fd_(fd) {}
+RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, int fd)
+    : file_(std::move(file)), partial_(std::move(partial)), fd_(fd) {}
 
 RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
     : file_(std::move(other.file_)),
-      temporary_(std::exchange(other.temporary_, {})),
+      partial_(std::exchange(other.partial_, {})),
       fd_(std::exchange(other.fd_, -1)),
-      buffer_(std::move(other.buffer_)) {}
+      buffer_(std::move(other.buffer_)),
+      lines_(other.lines_) {}
 
 RecordingWriter::~RecordingWriter() {
-  if (fd_ >= 0) ::close(fd_);
-  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  if (fd_ >= 0 && !partial_.empty()) static_cast<void>(flush());
+  end();
 }
 
-Error RecordingWriter::failure(int error) const {
-  return unwritable(file_.string() + ": " + std::generic_category().message(error));
+/// Closes the partial file; without a row it is removed.
+void RecordingWriter::end() {
+  if (fd_ >= 0) {
+    ::fsync(fd_);
+    ::close(std::exchange(fd_, -1));
+  }
+  if (!partial_.empty() && lines_ < 2) ::unlink(partial_.c_str());
+  partial_.clear();
+}
+
+Error RecordingWriter::failure(int error) {
+  const std::string kept =
+      lines_ < 2 ? "no row was kept"
+                 : "the first " + std::to_string(lines_ - 1) + " rows are in " + partial_;
+  end();
+  return unwritable(file_.string() + ": " + std::generic_category().message(error) + "; " + kept);
 }
 
 Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file) {
   if (const Result<void> ok = check_writable(file); !ok) return ok.error();
-  std::string temporary = file.string() + ".XXXXXX";
-  const int fd = ::mkostemp(temporary.data(), O_CLOEXEC);
-  RecordingWriter writer(file, fd < 0 ? std::string() : temporary, fd);
-  if (fd < 0) return writer.failure(errno);
+  const std::string partial = file.string() + kPartialSuffix;
+  const int fd = ::open(partial.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  if (fd < 0 && errno == EEXIST) {
+    return unwritable(partial +
+                      ": is of a recording that was interrupted or still runs; move it away");
+  }
+  if (fd < 0) return unwritable(file.string() + ": " + std::generic_category().message(errno));
+  RecordingWriter writer(file, partial, fd);
   writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
   writer.buffer_ = recording_header() + "\n";
   return writer;
@@ -274,25 +293,36 @@ Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
 
 Result<void> RecordingWriter::flush() {
   std::size_t done = 0;
-  while (done < buffer_.size()) {
+  int error = 0;
+  while (done < buffer_.size() && error == 0) {
     const ssize_t put = ::write(fd_, buffer_.data() + done, buffer_.size() - done);
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return failure(errno);
-    done += static_cast<std::size_t>(put);
+    if (put >= 0) {
+      done += static_cast<std::size_t>(put);
+    } else if (errno != EINTR) {
+      error = errno;
+    }
   }
-  buffer_.clear();
-  return {};
+  const std::string_view written = std::string_view(buffer_).substr(0, done);
+  lines_ += static_cast<std::uint64_t>(std::count(written.begin(), written.end(), '\n'));
+  if (error == 0) {
+    buffer_.clear();
+    return {};
+  }
+  // The row that was cut is removed.
+  const std::size_t cut = done - (written.rfind('\n') + 1);  // npos + 1 is 0
+  const off_t end = ::lseek(fd_, 0, SEEK_CUR);
+  // If that fails too, a reader refuses the cut row and names its line.
+  [[maybe_unused]] const bool removed =
+      cut == 0 || (end >= 0 && ::ftruncate(fd_, end - static_cast<off_t>(cut)) == 0);
+  return failure(error);
 }
 
 Result<void> RecordingWriter::commit() {
   if (Result<void> flushed = flush(); !flushed) return flushed;
-  // mkostemp makes the file private; give it the permissions that open() would have given.
-  const mode_t mask = ::umask(0);
-  ::umask(mask);
-  if (::fchmod(fd_, 0666 & ~mask) != 0 || ::fsync(fd_) != 0) return failure(errno);
+  if (::fsync(fd_) != 0) return failure(errno);
   if (::close(std::exchange(fd_, -1)) != 0) return failure(errno);
-  if (::rename(temporary_.c_str(), file_.c_str()) != 0) return failure(errno);
-  temporary_.clear();
+  if (::rename(partial_.c_str(), file_.c_str()) != 0) return failure(errno);
+  partial_.clear();
   return {};
 }
 

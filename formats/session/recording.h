@@ -112,28 +112,40 @@ struct RecordingRow {
 /// passivity_J,passivity_N_s_per_m,motor_heat_max
 const std::string& recording_header();
 
-/// Writes a CSV to a temporary file beside its target. commit() renames it to the target; without
-/// commit() it is removed.
+/// Added to a recording's name while it is being written.
+inline constexpr const char* kPartialSuffix = ".partial";
+
+/// Writes a CSV under the target's name with kPartialSuffix. commit() renames it to the target.
+/// Without commit(), or after a failure such as a full disk, it stays there with the whole rows
+/// that could be written, unless there are none. If the program is killed the rows of the last 1
+/// MiB may be missing and the last line may be cut.
 class RecordingWriter {
  public:
-  /// Fails (unwritable) also if the target exists and is not a regular file.
+  /// Fails (unwritable) also if the target exists and is not a regular file, or if the partial file
+  /// exists: it is of an interrupted recording, or of one that runs.
   static Result<RecordingWriter> open(const std::filesystem::path& file);
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;
   ~RecordingWriter();
 
+  /// After a failure, which names the number of rows kept and their file, only the destructor may
+  /// be called; likewise with commit().
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
+  /// The file while it is being written.
+  std::filesystem::path partial_file() const { return partial_; }
 
  private:
-  RecordingWriter(std::filesystem::path file, std::string temporary, int fd);
+  RecordingWriter(std::filesystem::path file, std::string partial, int fd);
   Result<void> flush();
-  Error failure(int error) const;
+  void end();
+  Error failure(int error);
 
   std::filesystem::path file_;
-  std::string temporary_;  ///< empty once committed or moved from
+  std::string partial_;  ///< empty once committed or moved from
   int fd_ = -1;
   std::string buffer_;
+  std::uint64_t lines_ = 0;  ///< written as a whole, with the header
 };
 
 /// The whole recording. Refused, naming line and column: another header, a missing or surplus

@@ -17,6 +17,7 @@ constexpr double kMaxPosition_m = 1.0;    // of anything in the device's frame
 constexpr double kMaxAnchor_mm = 4096.0;  // keeps lattice coordinates far below kMaxCoordinate
 constexpr double kMaxAngle_deg = 360.0;
 constexpr double kMaxToolSize_m = 0.05;
+constexpr double kRounding_m = 1e-12;  // of two heights and their difference; theirs is 4e-16
 
 void read_placement(const nlohmann::json& value, JsonErrors& errors, Placement& placement) {
   StrictObject object(value, "/placement", errors);
@@ -46,8 +47,9 @@ void read_slices(const nlohmann::json& array, JsonErrors& errors, std::vector<Sc
     if (object.has("tissue")) slice.tissue = object.string("tissue");
     object.finish();
     for (std::size_t j = 0; j < slices.size(); ++j) {
-      if (std::abs(slices[j].z_m - slice.z_m) < kMinSliceGap_m) {
-        errors.add(object.path("z_m"), "is within 0.1 mm of /slices/" + std::to_string(j));
+      if (std::abs(slices[j].z_m - slice.z_m) < kMinSliceGap_m - kRounding_m) {
+        errors.add(object.path("z_m"),
+                   "is less than 0.1 mm from /slices/" + std::to_string(j) + " in height");
       }
     }
     slices.push_back(slice);

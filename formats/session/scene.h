@@ -21,7 +21,8 @@ inline constexpr std::size_t kMaxSceneSlices = 64;
 inline constexpr int kMaxToolSides = 32;
 inline constexpr std::size_t kMaxKeyframes = 4096;
 inline constexpr std::size_t kMaxTissues = 64;
-/// Smallest distance of two slices in height, so that their order is defined.
+/// Smallest distance of two slices in height, so that their order is defined. Slices whose written
+/// heights differ by exactly this are taken: 1 pm is allowed for the rounding of the numbers.
 inline constexpr double kMinSliceGap_m = 1e-4;
 
 /// Forces of a punctured sheet on the shaft in its hole: dry and viscous friction along the shaft

@@ -70,11 +70,19 @@ Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
                        bool& shortened) noexcept {
   shortened = false;
-  const double step_Nm = (wanted - last).cwiseAbs().maxCoeff();
   const bool grows = wanted.cwiseAbs().maxCoeff() > last.cwiseAbs().maxCoeff();
-  if (!grows || step_Nm <= rise_max_Nm) return wanted;
+  double share = 1;
+  for (int i = 0; i < kMotors; ++i) {
+    const double step_Nm = std::abs(wanted[i] - last[i]);
+    const bool falls = !grows && last[i] * (wanted[i] - last[i]) < 0;
+    const bool reverses = falls && last[i] * wanted[i] < 0;
+    const double rise_Nm = reverses ? std::abs(wanted[i]) : falls ? 0 : step_Nm;
+    const double free_Nm = reverses ? std::abs(last[i]) : 0;
+    if (rise_Nm > rise_max_Nm) share = std::min(share, (free_Nm + rise_max_Nm) / step_Nm);
+  }
+  if (share == 1) return wanted;
   shortened = true;
-  return last + (rise_max_Nm / step_Nm) * (wanted - last);
+  return last + share * (wanted - last);
 }
 
 Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,

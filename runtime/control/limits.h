@@ -14,9 +14,11 @@
 //     the fault where this is not enough: a thermal limit was exceeded (torques other than those of
 //     item 5 were written), or derated motors have rendered less than `overload_scale_min` of the
 //     wanted wrench in every tick of `overload_time_max_s`.
-//  4. Torques rise no faster than `torque_rise_max_Nm_per_s`: the whole step from the last torques
-//     is shortened by one factor, so that the wrench keeps its direction. The step is not shortened
-//     if the largest torque does not grow, as at a puncture.
+//  4. No motor's torque rises faster than `torque_rise_max_Nm_per_s`: where one would, the whole
+//     step from the last torques is shortened by one factor, so that the wrench keeps its
+//     direction. A torque rises by what it grows in magnitude; of a reversal, by what is beyond
+//     zero. A fall towards zero is free, as at a puncture, unless the largest torque grows: then
+//     every change counts.
 //  5. Torques that limit_torques() returns are within every motor's limit; where item 4 leaves
 //     more, all torques are scaled down by one factor.
 #pragma once

@@ -26,11 +26,14 @@ struct RealtimeReport {
   std::string scheduling;           ///< the thread's class and priority
   std::string cpus;                 ///< processors it may run on, such as "0-3,5"
   bool kernel_is_realtime = false;  ///< /sys/kernel/realtime says so (PREEMPT_RT)
-  std::string note;                 ///< what was not granted, and why; else empty
-  /// Calls that ended after the next call's time. Missed times are skipped: there are no bursts of
-  /// calls to catch up.
+  /// By how much the kernel may delay a wake-up, ns: 1 is asked for (Linux's default is 50000), and
+  /// realtime threads have 0. -1: unknown.
+  int timer_slack_ns = -1;
+  std::string note;  ///< what was not granted, and why; else empty
+  /// Times at which a call should have started while another still ran: a call that takes three
+  /// periods misses three. They are skipped: there are no bursts of calls to catch up.
   std::uint64_t missed_deadlines = 0;
-  int missed_in_row_max = 0;      ///< TickTiming::missed_in_row, the largest
+  int missed_in_row_max = 0;      ///< TickTiming::missed_in_row, the largest; <= missed_deadlines
   std::uint64_t page_faults = 0;  ///< of the thread, from the first call to the last
   Histogram wake;                 ///< wake-up time less the requested time
 };

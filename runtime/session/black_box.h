@@ -23,7 +23,7 @@ namespace trocar::runtime {
 
 inline constexpr double kBlackBox_s = 4;
 
-/// One file, or the reason why there is none.
+/// One file, or the reason why there is none or only a part of it (RecordingWriter).
 struct BlackBoxFile {
   Fault fault = Fault::kNone;
   double t_s = 0;          ///< of the fault

@@ -253,8 +253,9 @@ class SessionLoop {
     for (const double tau : row.tau_Nm) {
       report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
     }
+    const std::array<double, 6>& felt = row.wrench_delivered;
+    report_.max_force_N = std::max(report_.max_force_N, std::hypot(felt[0], felt[1], felt[2]));
     if (row.authority < 1) return;  // forces are off or ramped up
-    report_.max_force_N = std::max(report_.max_force_N, result_.contact.force_N);
     if (row.wrench_scale < 1) ++report_.scaled_ticks;
     const double wanted = wrench_norm(row.wrench_wanted);
     if (wanted > 0) {
@@ -388,7 +389,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher
   if (options.record) {
     Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
     if (!writer) return writer.error();
-    workers.recorder = std::make_unique<Recorder>(std::move(*writer));
+    workers.recorder = std::make_unique<Recorder>(std::move(*writer), options.on_recording_error);
   }
   if (options.black_box) {
     auto made = BlackBox::make(*options.black_box, options.rate_Hz);

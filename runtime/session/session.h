@@ -46,6 +46,9 @@ struct SessionOptions {
   /// Virtual clock: period of requests for a response.
   double response_period_s = 0.004;
   std::optional<std::filesystem::path> record;
+  /// Called at once when the recording cannot be written on, never on the realtime haptic thread.
+  /// The session goes on without it.
+  std::function<void(const Error&)> on_recording_error;
   /// If not empty: virtual clock; new meshes and responses come into use in the recorded ticks, and
   /// torques are compared with the recorded ones. The device must be a ReplayDevice over these
   /// rows.
@@ -97,8 +100,7 @@ struct SessionReport {
   double fault_t_s = 0;
   std::vector<FaultEvent> faults;  ///< the first kMaxListedFaults
   std::uint64_t faults_count = 0;
-  std::optional<Error>
-      recording_error;  ///< the recording could not be written completely; there is none
+  std::optional<Error> recording_error;  ///< the recording is not whole; it names what was kept
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;
   double energy_given_max_J = 0;     ///< PassivityState::given_max_J
@@ -107,6 +109,8 @@ struct SessionReport {
   RealtimeReport realtime;  ///< virtual clock: empty
   Histogram tick;           ///< wall time of a tick, without the simulated device's step
   std::optional<std::uint64_t> allocations_in_loop;  ///< none: not counted
+  /// Of all that acts on the hand, as delivered: sheet, shaft, rim, coupling, damping. Compensation
+  /// of the device's own forces is not felt and does not count.
   double max_force_N = 0;
   double torque_max_Nm = 0;
   double wrench_error_max = 0;     ///< |delivered - wanted| / |wanted|, torques over 0.05 m

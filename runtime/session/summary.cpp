@@ -33,6 +33,7 @@ json describe(const RealtimeReport& realtime) {
           {"memory_locked", realtime.memory_locked},
           {"cpus", realtime.cpus},
           {"kernel_is_realtime", realtime.kernel_is_realtime},
+          {"timer_slack_ns", realtime.timer_slack_ns},
           {"note", realtime.note}};
 }
 

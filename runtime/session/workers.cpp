@@ -249,6 +249,7 @@ void Recorder::drain() {
     if (!error_) {
       if (Result<void> done = writer_.append(std::span(batch.data(), count)); !done) {
         error_ = done.error();
+        if (failed_) failed_(*error_);
       }
     }
     count = 0;
@@ -265,7 +266,8 @@ Result<void> Recorder::finish() {
   if (error_) return *error_;
   if (const std::uint64_t lost = lost_.load(); lost > 0) {
     return unwritable("recording: " + std::to_string(lost) +
-                      " rows were lost: the disk is too slow");
+                      " rows were lost: the disk is too slow; the others are in " +
+                      writer_.partial_file().string());
   }
   return writer_.commit();
 }

@@ -143,7 +143,10 @@ class Recorder {
  public:
   static constexpr std::size_t kCapacity = 8192;  ///< rows: one second at the highest rate
 
-  explicit Recorder(RecordingWriter writer) : writer_(std::move(writer)) {}
+  /// `failed` is called at once when rows cannot be written, on the thread that writes them; later
+  /// rows are discarded.
+  explicit Recorder(RecordingWriter writer, std::function<void(const Error&)> failed = {})
+      : writer_(std::move(writer)), failed_(std::move(failed)) {}
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
@@ -157,7 +160,8 @@ class Recorder {
   /// Writes the rows in the queue.
   void drain();
   /// Ends the thread, if any, writes the remaining rows and moves the file to its place. Unwritable
-  /// if that fails or a row was lost; there is no file then.
+  /// if that fails or a row was lost; the rows that could be written are then in
+  /// RecordingWriter::partial_file().
   Result<void> finish();
 
  private:
@@ -168,6 +172,7 @@ class Recorder {
   std::thread thread_;
   std::optional<Error> error_;
   RecordingWriter writer_;
+  std::function<void(const Error&)> failed_;
   std::atomic<bool> stopping_{false};
 };
 

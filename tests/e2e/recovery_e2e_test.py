@@ -114,9 +114,30 @@ def main():
         check(done.returncode == code, f"a full disk: {done.returncode}, not {code}: {done.stderr!r}")
         check("r.csv: File too large" in done.stderr and "m.json: File too large" in done.stderr, f"a full disk: {done.stderr!r}")
         check(("joint_limit" in done.stderr.rpartition("trocar-run: ")[2]) == (code == 5), f"a full disk: {done.stderr!r}")
-        check(sorted(file.name for file in full.iterdir()) == ["s.json"], f"a full disk: {sorted(full.iterdir())}")
+        # What was recorded is kept, and said to be; the files that must be whole are not there.
+        kept = full / "r.csv.partial"
+        text = kept.read_bytes()
+        check(text.endswith(b"\n") and f"the first {text.count(bytes([10])) - 1} rows are in {kept}" in done.stderr, f"a full disk: {done.stderr!r}")
+        left = sorted(file.name for file in full.iterdir() if not file.name.startswith("black_box_"))
+        check(left == ["r.csv.partial", "s.json"], f"a full disk: {left}")
+        check(not boxes(full), f"a full disk: {boxes(full)}")
+        again = run(trocar_run, asked, "--asset", asset, "--clock", "virtual", "--record", full / "r.csv", "--quiet", expect=4)
+        check("r.csv.partial: is of a recording that was interrupted" in again.stderr and kept.read_bytes() == text, f"a kept recording: {again.stderr!r}")
+        kept.unlink()
         faults = json.loads((full / "s.json").read_text())["faults"]
         check([fault["fault"] for fault in faults] == ["joint_limit"] * (code == 5), f"a full disk: {faults}")
+
+    # A killed session: its rows are under the documented name.
+    killed = work / "killed"
+    killed.mkdir()
+    process = subprocess.Popen([trocar_run, source / "runtime" / "scenes" / "one_slice.json", "--asset", asset, "--rate", "8000", "--duration", "60",
+                                "--record", killed / "r.csv", "--quiet"], cwd=killed, stderr=subprocess.DEVNULL)
+    kept = killed / "r.csv.partial"
+    while process.poll() is None and (not kept.exists() or kept.stat().st_size == 0):
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    check([file.name for file in killed.iterdir()] == [kept.name] and kept.read_bytes().count(b"\n") > 100, f"a killed session: {list(killed.iterdir())}")
 
     # Standard output that cannot be written is an error, except for a closed pipe. A replay reports differing torques.
     with open("/dev/full", "w") as nowhere:

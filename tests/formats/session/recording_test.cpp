@@ -4,13 +4,16 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdlib>
+#include <fstream>
 #include <limits>
 #include <random>
 
 #include "formats/base/file_io.h"
+#include "tests/support/file_size_limit.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar {
@@ -185,14 +188,69 @@ TEST_F(Recording, CorruptedRowsAreRefusedNamingLineAndColumn) {
   }
 }
 
-TEST_F(Recording, WithoutCommitNoFileIsLeft) {
+TEST_F(Recording, WithoutCommitTheRowsAreKeptUnderTheDocumentedName) {
+  const std::vector<RecordingRow> rows = any_rows(2000);
   {
     auto writer = RecordingWriter::open(folder_ / "r.csv");
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->append(any_rows(2000)));
-    EXPECT_EQ(files(), 1U);
+    ASSERT_TRUE(writer->append(rows));
+    EXPECT_TRUE(fs::exists(folder_ / "r.csv.partial")) << "while it is being written";
   }
-  EXPECT_EQ(files(), 0U);
+  EXPECT_FALSE(fs::exists(folder_ / "r.csv"));
+  const auto kept = read_recording(folder_ / "r.csv.partial");
+  ASSERT_TRUE(kept) << kept.error().message;
+  EXPECT_EQ(kept->size(), rows.size());
+  fs::remove(folder_ / "r.csv.partial");
+  { ASSERT_TRUE(RecordingWriter::open(folder_ / "r.csv")); }
+  EXPECT_EQ(files(), 0U) << "no row: no file";
+}
+
+TEST_F(Recording, WhatAnInterruptedRecordingLeftIsNotOverwritten) {
+  std::ofstream(folder_ / "r.csv.partial") << "an hour's work";
+  const auto writer = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_FALSE(writer);
+  EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
+  EXPECT_NE(writer.error().message.find("r.csv.partial: is of a recording that was interrupted or "
+                                        "still runs"),
+            std::string::npos)
+      << writer.error().message;
+  EXPECT_EQ(text_of(folder_ / "r.csv.partial"), "an hour's work");
+}
+
+// A limit of the file size fails like a full disk: after the bytes that fit.
+TEST_F(Recording, AFullDiskKeepsTheWholeRowsThatFit) {
+  const std::vector<RecordingRow> rows = any_rows(5000);
+  const std::string whole = csv_of(folder_, rows);
+  fs::remove(folder_ / "r.csv");
+  for (const std::size_t fits : {recording_header().size() + 10, std::size_t{100'000},
+                                 std::size_t{1'100'000}, whole.size() - 1}) {
+    const std::size_t end = whole.rfind('\n', fits - 1) + 1;
+    const auto kept =
+        std::count(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(end), '\n') - 1;
+    std::string said;
+    {
+      const test::FileSizeLimit limit(fits);
+      auto writer = RecordingWriter::open(folder_ / "r.csv");
+      ASSERT_TRUE(writer);
+      Result<void> done = writer->append(rows);
+      if (done) done = writer->commit();
+      ASSERT_FALSE(done);
+      EXPECT_EQ(done.error().code, ExitCode::kUnwritable);
+      said = done.error().message;
+    }
+    EXPECT_NE(said.find("r.csv: File too large"), std::string::npos) << said;
+    EXPECT_FALSE(fs::exists(folder_ / "r.csv"));
+    if (kept < 1) {
+      EXPECT_NE(said.find("no row was kept"), std::string::npos) << said;
+      EXPECT_EQ(files(), 0U);
+      continue;
+    }
+    EXPECT_NE(said.find("first " + std::to_string(kept) + " rows are in "), std::string::npos)
+        << said;
+    EXPECT_NE(said.find("r.csv.partial"), std::string::npos) << said;
+    EXPECT_EQ(text_of(folder_ / "r.csv.partial"), whole.substr(0, end)) << fits;
+    fs::remove(folder_ / "r.csv.partial");
+  }
 }
 
 TEST_F(Recording, AnExistingFileStaysUntilCommit) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <string>
 
 namespace trocar {
 namespace {
@@ -156,6 +157,25 @@ TEST(Scene, AnAnchorMayBeTheCentroid) {
   scene["placement"] = {{"anchor", "centroid"}};
   ASSERT_TRUE(parse(scene));
   EXPECT_FALSE(parse(scene)->placement.anchor_mm);
+}
+
+// The heights are decimals and their difference is rounded: 0.15 - 0.1499 is below 0.0001.
+TEST(Scene, SlicesExactlyTheLeastGapApartAreTakenAtEveryHeight) {
+  const auto both = [](double z_m, double other_z_m) {
+    json scene = smallest();
+    scene["slices"][0]["z_m"] = z_m;
+    scene["slices"].push_back({{"index", 4}, {"z_m", other_z_m}});
+    return parse(scene);
+  };
+  EXPECT_TRUE(both(0.14, 0.1399));
+  EXPECT_TRUE(both(0.15, 0.1499));
+  const auto typed = [](int um) { return std::stod(std::to_string(um) + "e-6"); };
+  for (int um = -999'900; um <= 1'000'000; um += 100)
+    ASSERT_TRUE(both(typed(um), typed(um - 100))) << um << " um";
+  for (const double less_m : {1e-9, 1e-10, 1e-11}) {
+    EXPECT_FALSE(both(0.15, 0.1499 + less_m)) << less_m;
+    EXPECT_FALSE(both(-0.99, -0.9899 - less_m)) << less_m;
+  }
 }
 
 TEST(Scene, ShippedScenesLoad) {

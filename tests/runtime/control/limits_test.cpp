@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <random>
@@ -277,6 +278,99 @@ TEST(Limits, TorquesThatMayBeWrittenAreAlwaysWithinBounds) {
     EXPECT_EQ(limit_torques(limits, MotorVector::Constant(kPeak_Nm), last, 1e-3, wanted, state),
               Fault::kTorqueNotFinite);
   }
+}
+
+/// What a motor's torque grows in magnitude, or goes beyond zero to the other sign.
+double rise_of(double from_Nm, double to_Nm) {
+  return from_Nm * to_Nm > 0 ? std::max(0.0, std::abs(to_Nm) - std::abs(from_Nm)) : std::abs(to_Nm);
+}
+
+double largest_rise(const MotorVector& from, const MotorVector& to) {
+  double largest = 0;
+  for (int k = 0; k < kMotors; ++k)
+    largest = std::max(largest, rise_of(from[k], to[k]));
+  return largest;
+}
+
+TEST(LimitRise, AReversalIsARise) {
+  const MotorVector up = MotorVector::Constant(5.94);
+  bool shortened = false;
+  MotorVector got = limit_rise(up, -up, 5, shortened);
+  EXPECT_TRUE(shortened);
+  EXPECT_NEAR((got + MotorVector::Constant(5)).norm(), 0, 1e-12) << "to zero free, then 5 N m";
+  got = limit_rise(up, -0.5 * up, 5, shortened);
+  EXPECT_FALSE(shortened) << "2.97 N m beyond zero";
+  EXPECT_EQ(got, MotorVector(-0.5 * up));
+  got = limit_rise(up, MotorVector::Zero(), 0.1, shortened);
+  EXPECT_FALSE(shortened) << "a puncture";
+  EXPECT_EQ(got, MotorVector(MotorVector::Zero()));
+  // One motor that reverses shortens the step of all, along its direction.
+  MotorVector wanted = 0.5 * up;
+  wanted[3] = -5.94;
+  got = limit_rise(up, wanted, 2, shortened);
+  EXPECT_TRUE(shortened);
+  EXPECT_NEAR(got[3], -2, 1e-12);
+  EXPECT_NEAR(got[0], 5.94 - 2.97 * (5.94 + 2) / (2 * 5.94), 1e-12);
+}
+
+// Random torques, among them reversals, releases and steps that end exactly at the limit. Within
+// the limit nothing changes; beyond it the step is shortened; what comes out is never beyond it.
+TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {
+  std::mt19937_64 random(41);
+  int within = 0, beyond = 0, reversed = 0, released = 0;
+  for (int i = 0; i < 100'000; ++i) {
+    MotorVector last, wanted;
+    for (int k = 0; k < kMotors; ++k) {
+      last[k] = i % 11 == 0 ? 0 : 12 * (unit(random) - 0.5);
+      wanted[k] = 12 * (unit(random) - 0.5);
+    }
+    if (i % 4 == 1) wanted = -2 * unit(random) * last;
+    if (i % 4 == 2) wanted = unit(random) * last;
+    const double rise_Nm = i % 5 == 0 ? largest_rise(last, wanted) : 8 * unit(random);
+    const bool grows = wanted.cwiseAbs().maxCoeff() > last.cwiseAbs().maxCoeff();
+    const bool steps = grows && (wanted - last).cwiseAbs().maxCoeff() > rise_Nm;
+    bool shortened = false;
+    const MotorVector got = limit_rise(last, wanted, rise_Nm, shortened);
+    ASSERT_LE(largest_rise(last, got), rise_Nm * (1 + 1e-12) + 1e-14);
+    if (steps || largest_rise(last, wanted) > rise_Nm) {
+      ASSERT_TRUE(shortened);
+      ASSERT_NE(got, wanted);
+      const double share = (got - last).norm() / (wanted - last).norm();
+      ASSERT_LT(share, 1);
+      ASSERT_LT((got - last - share * (wanted - last)).norm(), 1e-12) << "one factor";
+      // No shorter than needed.
+      const double taken_Nm = grows ? (got - last).cwiseAbs().maxCoeff() : largest_rise(last, got);
+      ASSERT_NEAR(taken_Nm, rise_Nm, 1e-12);
+      ++beyond;
+      reversed += !grows;
+    } else {
+      ASSERT_FALSE(shortened);
+      ASSERT_EQ(got, wanted);
+      ++within;
+      released += largest_rise(last, wanted) == 0 && i % 4 == 2;
+    }
+  }
+  EXPECT_GT(within, 10'000);
+  EXPECT_GT(beyond, 10'000);
+  EXPECT_GT(reversed, 1'000);
+  EXPECT_GT(released, 10'000);
+}
+
+// In the loop's call: torques that flip by more than the limit in every tick are a fault.
+TEST(Limits, TorquesThatFlipInEveryTickAreAFault) {
+  const SafetyLimits limits;
+  LimitState state;
+  MotorVector last = MotorVector::Constant(-5.94);
+  Fault fault = Fault::kNone;
+  int tick = 0;
+  for (; tick < 1000 && fault == Fault::kNone; ++tick) {
+    MotorVector wanted = MotorVector::Constant(tick % 2 == 0 ? 5.94 : -5.94);
+    fault = limit_torques(limits, MotorVector::Constant(6), last, 1e-3, wanted, state);
+    ASSERT_LE(largest_rise(last, wanted), 5 * (1 + 1e-12));
+    last = wanted;
+  }
+  EXPECT_EQ(fault, Fault::kTorqueRate);
+  EXPECT_LE(tick * 1e-3, limits.torque_rise_time_max_s + 2e-3);
 }
 
 TEST(Limits, AWallThatOscillatesAtTheRateLimitIsAFault) {

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <random>
 
 #include "runtime/control/haptic_loop.h"
 #include "tests/runtime/control/loop_fixture.h"
@@ -389,40 +388,6 @@ TEST_F(Loop, TorquesStayBelowThePeakAndTheWrenchKeepsItsDirection) {
     EXPECT_NEAR(result_.row.wrench_delivered[i],
                 result_.row.wrench_scale * result_.row.wrench_wanted[i], 1e-9);
   }
-}
-
-TEST(LimitRise, ShortensOnlyStepsBeyondTheLimitAndAlwaysToTheLimit) {
-  std::mt19937_64 random(5);
-  const auto any = [&] {
-    MotorVector tau;
-    for (int i = 0; i < kMotors; ++i) {
-      tau[i] = (static_cast<double>(random() >> 11) * 0x1p-53 - 0.5) * 12;
-    }
-    return tau;
-  };
-  int acted = 0, inside = 0;
-  for (int i = 0; i < 2000; ++i) {
-    const MotorVector last = any() * (i % 5 == 0 ? 0 : 1), wanted = any();
-    const double rise = 0.5 + static_cast<double>(i % 24);
-    bool shortened = false;
-    const MotorVector got = limit_rise(last, wanted, rise, shortened);
-    const double step = (wanted - last).cwiseAbs().maxCoeff();
-    const bool grows = wanted.cwiseAbs().maxCoeff() > last.cwiseAbs().maxCoeff();
-    if (!grows || step <= rise) {
-      EXPECT_EQ(got, wanted);
-      EXPECT_FALSE(shortened);
-      ++inside;
-    } else {
-      EXPECT_TRUE(shortened);
-      EXPECT_NEAR((got - last).cwiseAbs().maxCoeff(), rise, 1e-12);
-      // On the line between the two: all motors are shortened by one factor.
-      const double share = rise / step;
-      EXPECT_LT((got - ((1 - share) * last + share * wanted)).norm(), 1e-12);
-      ++acted;
-    }
-  }
-  EXPECT_GT(acted, 200);
-  EXPECT_GT(inside, 200);
 }
 
 TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {

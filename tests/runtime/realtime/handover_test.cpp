@@ -2,6 +2,7 @@
 // The queue and buffers between the haptic thread and other threads, each used by two threads; the
 // histogram of durations; the realtime thread.
 #include <gtest/gtest.h>
+#include <sys/prctl.h>
 
 #include <algorithm>
 #include <array>
@@ -196,6 +197,42 @@ TEST(RealtimeThread, CallsAtTheRateUntilItReturnsFalseOrStopIsSet) {
     ADD_FAILURE();
     return true;
   });
+}
+
+// A realtime thread has no slack; without realtime rights it is set to the least, 1 ns.
+TEST(RealtimeThread, ItsTimerSlackIsTheLeast) {
+  int slack_ns = -1;
+  const RealtimeReport report = run_realtime({}, [&](const TickTiming&) {
+    slack_ns = ::prctl(PR_GET_TIMERSLACK);
+    return false;
+  });
+  EXPECT_GE(slack_ns, 0);
+  EXPECT_LE(slack_ns, 1);
+  EXPECT_EQ(report.timer_slack_ns, slack_ns);
+}
+
+// What is counted is deadlines, one by one: the count is the sum of the runs.
+TEST(RealtimeThread, MissedDeadlinesAndTheirLongestRunAgree) {
+  RealtimeOptions options;
+  options.rate_Hz = 1000;
+  int calls = 0, last = 0;
+  std::uint64_t missed = 0;
+  int longest = 0;
+  const RealtimeReport report = run_realtime(options, [&](const TickTiming& timing) {
+    if (timing.missed_in_row > last) {
+      missed += static_cast<std::uint64_t>(timing.missed_in_row - last);
+    } else {
+      missed += static_cast<std::uint64_t>(timing.missed_in_row);
+    }
+    last = timing.missed_in_row;
+    longest = std::max(longest, last);
+    if (calls % 10 == 3) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    return ++calls < 40;
+  });
+  EXPECT_EQ(report.missed_in_row_max, longest);
+  EXPECT_GE(longest, 5);
+  EXPECT_EQ(report.missed_deadlines, missed);
+  EXPECT_GE(report.missed_deadlines, 20U);
 }
 
 TEST(RealtimeThread, ALateCallIsCountedAndNoCallsCatchUp) {

@@ -4,14 +4,18 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <string>
 #include <thread>
 #include <vector>
 
 #include "tests/runtime/control/loop_fixture.h"
+#include "tests/support/file_size_limit.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -123,6 +127,80 @@ TEST(Session, AnUnwritableRecordingIsAnErrorBeforeTheFirstTick) {
       scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
   ASSERT_FALSE(report);
   EXPECT_EQ(report.error().code, ExitCode::kUnwritable);
+}
+
+// Sheet, shaft and rim, damping by the controller, through the coupling or not: all of it.
+TEST(Session, TheLargestForceIsOfAllThatActsOnTheHand) {
+  for (const bool couples : {false, true}) {
+    const test::TemporaryFolder folder;
+    Scene scene = test::descent_scene({0.12}, 0.13, 0.105, 0.05);
+    scene.tissue.threshold_N = 5;
+    scene.tissue.shaft.dry_friction_N = 10;
+    scene.tissue.shaft.viscous_friction_N_s_per_m = 50;
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+    auto device = make_simulated_device(scene, default_device_description());
+    ASSERT_TRUE(device);
+    SessionOptions options;
+    options.clock = Clock::kVirtual;
+    options.duration_s = 0.6;
+    options.coupling.on = couples;
+    options.record = folder / "r.csv";
+    const auto report = run_session(
+        scene, default_device_description(), remesher, *device,
+        [&](double dt_s) { device->step(dt_s); }, options);
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->fault, Fault::kNone) << to_string(report->fault);
+    ASSERT_FALSE(report->punctures.empty());
+    const auto rows = read_recording(folder / "r.csv");
+    ASSERT_TRUE(rows);
+    double largest_N = 0;
+    for (const RecordingRow& row : *rows) {
+      largest_N = std::max(largest_N, Eigen::Vector3d(row.wrench_delivered.data()).norm());
+    }
+    if (!couples) {
+      EXPECT_GT(largest_N, 10) << "friction exceeds the sheet's 5 N";
+    }
+    EXPECT_NEAR(report->max_force_N, largest_N, 1e-12 * largest_N) << couples;
+  }
+}
+
+TEST(Session, ARecordingThatStopsIsToldAtOnceAndTheSessionGoesOn) {
+  const test::TemporaryFolder folder;
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.125, 0.05);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto device = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(device);
+  std::uint64_t ticks = 0, told_at = 0;
+  std::string said;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = 15;
+  options.record = folder / "r.csv";
+  options.on_recording_error = [&](const Error& error) {
+    EXPECT_TRUE(said.empty()) << "once";
+    said = error.message;
+    told_at = ticks;
+  };
+  const test::FileSizeLimit limit(100'000);
+  const auto report = run_session(
+      scene, default_device_description(), remesher, *device,
+      [&](double dt_s) {
+        device->step(dt_s);
+        ++ticks;
+      },
+      options);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->end, SessionEnd::kDone);
+  EXPECT_EQ(ticks, 15'000U);
+  EXPECT_GT(told_at, 0U);
+  EXPECT_LT(told_at, 10'000U) << "during the session";
+  ASSERT_TRUE(report->recording_error);
+  EXPECT_EQ(report->recording_error->code, ExitCode::kUnwritable);
+  EXPECT_EQ(report->recording_error->message, said);
+  const auto kept = read_recording(folder / "r.csv.partial");
+  ASSERT_TRUE(kept) << kept.error().message;
+  EXPECT_NE(said.find("the first " + std::to_string(kept->size()) + " rows"), std::string::npos)
+      << said;
 }
 
 TEST(Session, NumberOfTicks) {
