@@ -5,7 +5,7 @@
 _trocar() {
     local cur prev words cword
     _init_completion -s || return
-    local program=$1 subcommand= word
+    local program=${1/#\~/$HOME} subcommand= word
     local subcommands=$("$program" --help 2>/dev/null | sed -n '/^Subcommands:/,$ s/^  \([a-z][a-z-]*\) .*/\1/p')
     for word in "${words[@]:1:cword-1}"; do
         [[ " $(echo $subcommands) " == *" $word "* ]] && subcommand=$word && break
@@ -29,14 +29,13 @@ _trocar() {
             --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
             --asset) _filedir glb ;;
             --black-box) _filedir -d ;;
-            -o | --output | --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
+            -o | --output) if [[ $subcommand == export ]]; then _filedir -d; else _filedir glb; fi ;;
+            --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
-            --json | --quiet | --check | --help | --version) prev= ;;
         esac
-        if [[ ${#COMPREPLY[@]} -gt 0 ]]; then
-            [[ ${COMPREPLY[0]} == *: ]] && compopt -o nospace
-            return
-        fi
+        [[ ${COMPREPLY[0]:-} == *: ]] && compopt -o nospace
+        # Any other option with a value: nothing to offer.
+        grep -qE -- "^ *(-[a-z],)?$prev(,--[a-z-]+)? [A-Z]" <<<"$help" && return
     fi
     if [[ $cur == -* ]]; then
         COMPREPLY=($(compgen -W '$(_parse_help - <<<"$help")' -- "$cur"))
@@ -48,9 +47,7 @@ _trocar() {
                 _filedir glb
             else
                 ((cword == 1)) && COMPREPLY=($(compgen -W "$subcommands" -- "$cur"))
-                local found=("${COMPREPLY[@]}")
-                _filedir
-                COMPREPLY+=("${found[@]}")
+                _filedir  # adds to them
             fi
             ;;
         trocar-sample-ct) _filedir -d ;;

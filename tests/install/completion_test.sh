@@ -21,6 +21,7 @@ offers() {
   compopt() { :; }  # only within a completion of readline
   _trocar "${COMP_WORDS[0]}" "${COMP_WORDS[-1]}" "${COMP_WORDS[-2]}"
   local word
+  [[ $(printf '%s\n' "${COMPREPLY[@]}" | sort | uniq -d) ]] && echo "FAILED: '$COMP_LINE' offers a word twice" && failed=1
   for word; do
     if [[ $word == !* ]]; then
       [[ " ${COMPREPLY[*]} " != *" ${word#!} "* ]] && continue
@@ -43,5 +44,8 @@ offers trocar-run '' -- scene.json '!bone.glb'
 offers trocar-run scene.json --force-law '' -- hooke network
 offers trocar-run scene.json --re -- --record --replay --recover
 offers trocar-run scene.json --asset '' -- bone.glb
+offers trocar-run --rate '' -- '!scene.json' '!scan'
+offers trocar-mesh export bone.glb -o '' -- scan '!bone.glb'
+offers trocar-mesh scan -o '' -- bone.glb '!scene.json'
 offers trocar-device-sim --mo -- --model
 exit $failed
