@@ -2,6 +2,7 @@
 #include "formats/session/recording.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -267,15 +268,46 @@ Error RecordingWriter::failure(int error) {
   return unwritable(file_.string() + ": " + std::generic_category().message(error) + "; " + kept);
 }
 
+namespace {
+
+// Gives what an interrupted recording left in `partial` the first free of the names with .1, .2 and
+// so on behind. False with errno; EWOULDBLOCK: another program is writing it.
+bool move_aside(const std::string& partial) {
+  constexpr int kMostKept = 10000;
+  const int old = ::open(partial.c_str(), O_WRONLY | O_NONBLOCK | O_NOFOLLOW | O_CLOEXEC);
+  if (old < 0) return false;
+  bool moved = false;
+  if (::flock(old, LOCK_EX | LOCK_NB) == 0) {
+    errno = EEXIST;
+    // link() overwrites nothing, unlike rename().
+    for (int n = 1; n < kMostKept && !moved && errno == EEXIST; ++n)
+      moved = ::link(partial.c_str(), (partial + "." + std::to_string(n)).c_str()) == 0;
+    moved = moved && ::unlink(partial.c_str()) == 0;
+  }
+  const int error = errno;
+  ::close(old);
+  errno = error;
+  return moved;
+}
+
+// A new file, locked while it is open; -1 with errno, as move_aside().
+int open_partial(const std::string& partial) {
+  constexpr int kFlags = O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC;
+  int fd = ::open(partial.c_str(), kFlags, 0666);
+  if (fd < 0 && errno == EEXIST && move_aside(partial)) fd = ::open(partial.c_str(), kFlags, 0666);
+  if (fd >= 0) static_cast<void>(::flock(fd, LOCK_EX | LOCK_NB));
+  return fd;
+}
+
+}  // namespace
+
 Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file) {
   if (const Result<void> ok = check_writable(file); !ok) return ok.error();
   const std::string partial = file.string() + kPartialSuffix;
-  const int fd = ::open(partial.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  if (fd < 0 && errno == EEXIST) {
-    return unwritable(partial +
-                      ": is of a recording that was interrupted or still runs; move it away");
-  }
-  if (fd < 0) return unwritable(file.string() + ": " + std::generic_category().message(errno));
+  const int fd = open_partial(partial);
+  if (fd < 0 && errno == EWOULDBLOCK)
+    return unwritable(partial + ": another program is recording there");
+  if (fd < 0) return unwritable(partial + ": " + std::generic_category().message(errno));
   RecordingWriter writer(file, partial, fd);
   writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
   writer.buffer_ = recording_header() + "\n";

@@ -121,8 +121,8 @@ inline constexpr const char* kPartialSuffix = ".partial";
 /// MiB may be missing and the last line may be cut.
 class RecordingWriter {
  public:
-  /// Fails (unwritable) also if the target exists and is not a regular file, or if the partial file
-  /// exists: it is of an interrupted recording, or of one that runs.
+  /// Fails (unwritable) also if the target exists and is not a regular file, or is being recorded.
+  /// A partial file that an interrupted recording left is renamed to NAME.partial.1, .2 and so on.
   static Result<RecordingWriter> open(const std::filesystem::path& file);
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;

@@ -205,16 +205,33 @@ TEST_F(Recording, WithoutCommitTheRowsAreKeptUnderTheDocumentedName) {
   EXPECT_EQ(files(), 0U) << "no row: no file";
 }
 
-TEST_F(Recording, WhatAnInterruptedRecordingLeftIsNotOverwritten) {
-  std::ofstream(folder_ / "r.csv.partial") << "an hour's work";
+TEST_F(Recording, WhatInterruptedRecordingsLeftIsMovedAside) {
+  for (const char* rows : {"an hour's work", "another hour's work"}) {
+    std::ofstream(folder_ / "r.csv.partial") << rows;
+    auto writer = RecordingWriter::open(folder_ / "r.csv");
+    ASSERT_TRUE(writer) << writer.error().message;
+    ASSERT_TRUE(writer->commit());
+  }
+  EXPECT_EQ(text_of(folder_ / "r.csv.partial.1"), "an hour's work");
+  EXPECT_EQ(text_of(folder_ / "r.csv.partial.2"), "another hour's work");
+  EXPECT_FALSE(fs::exists(folder_ / "r.csv.partial"));
+}
+
+TEST_F(Recording, TwoWritersOfOneFileAreRefused) {
+  auto first = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_TRUE(first) << first.error().message;
+  const auto second = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_FALSE(second);
+  EXPECT_EQ(second.error().code, ExitCode::kUnwritable);
+  EXPECT_NE(second.error().message.find("another program is recording there"), std::string::npos);
+  EXPECT_TRUE(first->commit());
+}
+
+TEST_F(Recording, AFolderInThePlaceOfThePartialFileIsRefused) {
+  fs::create_directory(folder_ / "r.csv.partial");
   const auto writer = RecordingWriter::open(folder_ / "r.csv");
   ASSERT_FALSE(writer);
   EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
-  EXPECT_NE(writer.error().message.find("r.csv.partial: is of a recording that was interrupted or "
-                                        "still runs"),
-            std::string::npos)
-      << writer.error().message;
-  EXPECT_EQ(text_of(folder_ / "r.csv.partial"), "an hour's work");
 }
 
 // A limit of the file size fails like a full disk: after the bytes that fit.
