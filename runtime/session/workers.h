@@ -130,10 +130,10 @@ class Remesher {
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
   std::optional<CutRequest> waiting_;  ///< taken from the queue, waits for its replica
   std::vector<std::size_t> ready_;     ///< sheets with an unpublished version, the oldest first
-  bool reader_stopped_ = false;
   std::vector<CutRecord> records_;
   std::vector<LatticePoint> hole_points_;
   std::vector<std::uint32_t> ring_end_;  ///< of each ring, in hole_points_
+  bool reader_stopped_ = false;
   std::atomic<bool> stopping_{false};
   std::thread thread_;
 };
