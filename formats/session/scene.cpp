@@ -279,7 +279,7 @@ std::string force_law_names(const std::string& quote) {
   std::string names;
   for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
     const char* before = i == 0 ? "" : i + 1 < kForceLaws.size() ? ", " : " or ";
-    names += before + quote + kForceLaws[i].name + quote;
+    names.append(before).append(quote).append(kForceLaws[i].name).append(quote);
   }
   return names;
 }
