@@ -79,12 +79,13 @@ TEST(EdgePredicates, PointsOnSegments) {
 TEST(CanonicalRotation, RotatedAndTranslatedPointsGetTheSameOrientation) {
   Points random(50);
   for (int k = 0; k < 2000; ++k) {
-    std::vector<LatticePoint> points;
-    for (int i = 0; i < 3 + k % 4; ++i)
-      points.push_back(random.next());
+    std::vector<LatticePoint> points(3 + k % 4);
+    for (LatticePoint& p : points)
+      p = random.next();
     const auto canonical = [](const std::vector<LatticePoint>& in,
                               const CanonicalRotation& rotate) {
       std::vector<LatticePoint> out;
+      out.reserve(in.size());
       for (const LatticePoint p : in) {
         EXPECT_EQ(rotate.back(rotate(p)), p);
         out.push_back(rotate(p));
