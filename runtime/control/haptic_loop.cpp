@@ -151,11 +151,14 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
 
   PassivityInput input;
   input.wrench_device = contact.wrench_device;
-  input.stored_J = 0.5 * contact.stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
+  input.stored_J = contact.local.stored_J;
   if (couples) {
-    const ProxyEnvironment environment{contact.wrench_device, contact.stiffness_N_per_m,
-                                       contact.damping_N_s_per_m, contact.rate_m_per_s};
-    input.wrench_device = coupling_wrench(model.coupling, environment, state.coupling);
+    const Eigen::Vector3d before_m = state.coupling.offset_m;
+    input.wrench_device = coupling_wrench(model.coupling, contact.wrench_device, contact.local,
+                                          contact.punctured_now, state.coupling);
+    if (contact.punctured_now) {
+      shift_tool(model.contact, T_device_tool, state.coupling.offset_m - before_m, state.contact);
+    }
     input.stored_J +=
         0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }

@@ -35,7 +35,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.environment = input.wrench_device;
   state.stored_J = input.stored_J;
   const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
-  if (input.stored_J == 0) state.given_max_J = std::max(state.given_max_J, -state.balance_J);
+  state.given_max_J = std::max(state.given_max_J, -state.balance_J - input.stored_J);
   if (input.wrench_device.isZero(0)) {
     state.balance_J = 0;  // no contact: the balance starts again
     return input.wrench_device;
