@@ -13,7 +13,9 @@
 //  1. The balance equals the absorbed work less the stored energy, up to rounding, for any motion.
 //  2. The wrench is unchanged, to the last bit, while the balance is not negative and while the
 //     environment only absorbs energy: a push that ends in a puncture follows the force law.
-//  3. The damping is at most damping_max() and opposes the plate's motion.
+//  3. The damping is at most damping_max() and opposes the plate's motion. It at most cancels the
+//     environment's force along its direction, so that it never pulls the hand into a sheet; a
+//     deficit that remains is settled in later ticks of the contact.
 //  4. A planned release sets the balance to zero: neither the energy that the sheet lost nor an
 //     earlier deficit causes damping afterwards.
 //  5. While the required damping is within its bound, a sheet returns to the hand at most the
