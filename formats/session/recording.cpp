@@ -40,7 +40,8 @@ constexpr std::array<const char*, kFaults> kFaultNames = {"none",
                                                           "speed",
                                                           "torque_limit",
                                                           "torque_rate",
-                                                          "motor_overload"};
+                                                          "motor_overload",
+                                                          "energy"};
 constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
 constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {

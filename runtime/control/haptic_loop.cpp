@@ -163,6 +163,10 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
         0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }
   input.T_device_plate = state.T_device_plate;
+  const Fault energy = state.energy.check(
+      model.limits, model.rate_Hz,
+      {state.T_device_plate, state.pose_interval_s > 0, input.stored_J, contact.punctured_now});
+  if (energy != Fault::kNone) return energy;
   input.wrench_device *= share;
   input.stored_J *= share;
   input.planned_release = contact.punctured_now;
@@ -252,6 +256,7 @@ void forget_contact(LoopState& state) noexcept {
   const double given_max_J = state.passivity.given_max_J;
   state.passivity = {};
   state.passivity.given_max_J = given_max_J;
+  state.energy.reset();
   state.coupling = {};
   reset_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
@@ -336,6 +341,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   }
   state.tau_motor_Nm = tau_motor_Nm;
   note_delivered(rendered_wrench(state), state.passivity);
+  state.energy.note_delivered(rendered_wrench(state));
   const bool stopped =
       safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
   const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
