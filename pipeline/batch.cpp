@@ -199,6 +199,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   }
   BatchResult out;
   json used = parameters;  // with the labels found, if all are wanted
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    used["modality"] = stack.modality;
+    used["values_are_hu"] = false;
+  }
   std::set<int> found;
   std::vector<SliceWarning> of_slices;
   std::vector<EncodedSlice> encoded;

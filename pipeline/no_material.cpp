@@ -94,6 +94,7 @@ std::string values(const Found& found, const SliceStack& stack, bool as_labels) 
     return out + (found.labels.empty() ? ", so there is no label"
                                        : ", the " + named_ranges("label", found.labels));
   }
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
   return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
 }
 

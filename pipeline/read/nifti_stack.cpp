@@ -147,6 +147,12 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   const auto header = parse_nifti_header(*head, file, stack->warnings);
   if (!header) return header.error();
   stack->header_ = *header;
+  if (options.any_modality) {
+    stack->warnings.push_back(
+        {"no_modality", file,
+         "a NIfTI names no modality; the values are taken as HU of a CT, with "
+         "and without --any-modality"});
+  }
   Eigen::Matrix4d T = header->T_lps_voxel;
   if (!header->has_voxel_size) {
     if (!options.spacing_mm)
