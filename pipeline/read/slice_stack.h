@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 
@@ -57,8 +58,9 @@ class SliceStack {
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
 
-  std::vector<Warning> warnings;  ///< what was noticed on opening
-  std::string modality;           ///< "MR", for example, of kUncalibrated; else empty
+  std::vector<Warning> warnings;                ///< what was noticed on opening
+  std::optional<VoxelConflict> voxel_conflict;  ///< of a NIfTI
+  std::string modality;                         ///< "MR", for example, of kUncalibrated; else empty
   /// All that the slices come from, in order: see digest_input().
   std::vector<std::filesystem::path> files;
 };
