@@ -35,6 +35,7 @@ struct FinishedSlice {
   json stages;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
+  ValueTally values;
   double area_mm2 = 0;
 };
 
@@ -79,17 +80,21 @@ void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
 
 // Of all slices that were meshed.
 struct Total {
+  ValueTally values;
   double area_mm2 = 0;
 };
 
 // The stack's own, and what is known after meshing.
-std::vector<Warning> warnings_of_scan(const SliceStack& stack, const Total& total) {
+std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions& options,
+                                      const Total& total) {
   std::vector<Warning> out = stack.warnings;
   const std::string input = input_name(stack);
   if (stack.voxel_conflict) {
     out.push_back(voxel_volume_warning(
         *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
   }
+  if (auto doubt = label_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
+    out.push_back(std::move(*doubt));
   return out;
 }
 
@@ -144,6 +149,7 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
   warn(out, index, *meshed);
   out.labels = std::move(meshed->labels);
+  out.values = std::move(meshed->values);
   out.area_mm2 = meshed->area_mm2;
 
   const auto start = std::chrono::steady_clock::now();
@@ -242,6 +248,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     encoded.push_back(std::move(one.slice));
     reports.push_back(std::move(one.report));
     of_slices.insert(of_slices.end(), one.warnings.begin(), one.warnings.end());
+    total.values.add(one.values);
     total.area_mm2 += one.area_mm2;
     for (const int label : one.labels)
       absent.erase(label);
@@ -249,7 +256,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   done = {};
-  json warnings = warnings_json(warnings_of_scan(stack, total), of_slices);
+  json warnings = warnings_json(warnings_of_scan(stack, options.mesh, total), of_slices);
   if (stack.voxel_conflict) add_volumes(*stack.voxel_conflict, total.area_mm2, warnings);
   if (!absent.empty()) {
     warnings.push_back({{"code", "label_absent"},
