@@ -44,6 +44,7 @@ void request_recovery(int) {
 }
 
 constexpr const char* kName = "trocar-run";
+constexpr int kProgressWidth = 72;
 
 struct Arguments {
   std::string scene, asset, device{kDefaultDevice}, key_file, description, clock = "real",
@@ -211,6 +212,17 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
   }
 }
 
+/// One line, at once, also into a file. On a terminal it takes the place of the progress line.
+void tell(const Arguments& arguments, const Notice& notice) {
+  std::string line = kName + std::string(": ") + describe(notice);
+  if (notice.kind == Notice::Kind::kFault && arguments.recover == "signal" &&
+      arguments.replay.empty())
+    line += "; then ask for recovery: kill -USR1 " + std::to_string(::getpid());
+  if (::isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
+  std::fprintf(stderr, "%s\n", line.c_str());
+  std::fflush(stderr);
+}
+
 /// A line on the terminal while a session in real time runs.
 class Progress {
  public:
@@ -223,7 +235,7 @@ class Progress {
             std::fprintf(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s,
                          duration_s, row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
           }
-          std::fprintf(stderr, "\r%*s\r", 72, "");
+          std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
         }) {}
   ~Progress() {
     done_.store(true);
@@ -323,14 +335,8 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   }
 }
 
-/// Prints a line for each fault that was recovered from and for each black box. False: a black box
-/// could not be written.
-bool print_faults(const SessionReport& report) {
-  for (const FaultEvent& event : report.faults) {
-    if (event.recovered_t_s < 0) continue;  // conclude() reports the one that ended the session
-    std::fprintf(stderr, "trocar-run: recovered at %.4f s from the fault %s at %.4f s\n",
-                 event.recovered_t_s, to_string(event.fault), event.t_s);
-  }
+/// Prints a line for each black box. False: one could not be written.
+bool print_black_boxes(const SessionReport& report) {
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {
     if (box.error) {
@@ -393,7 +399,7 @@ int conclude(const SessionReport& report, std::vector<Error> errors, const Remes
     std::fprintf(stderr, "trocar-run: the torques differ from the recording's from row %lld on\n",
                  static_cast<long long>(report.replay_first_difference) + 1);
   }
-  const bool black_boxes_written = print_faults(report);
+  const bool black_boxes_written = print_black_boxes(report);
   int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
   for (const Error& error : errors) {
     const int error_code = fail(error);
@@ -432,6 +438,7 @@ int session(const Arguments& arguments) {
   options.on_recording_error = [](const Error& error) {
     std::fprintf(stderr, "trocar-run: the recording has stopped: %s\n", error.message.c_str());
   };
+  options.on_notice = [&arguments](const Notice& notice) { tell(arguments, notice); };
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
   if (arguments.check) {

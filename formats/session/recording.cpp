@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/session/fault_words.h"
 
 namespace trocar {
 namespace {
@@ -21,30 +22,20 @@ namespace {
 constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
 constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
                                                     "fault"};
-constexpr std::array<const char*, kFaults> kFaultNames = {"none",
-                                                          "no_data",
-                                                          "link_lost",
-                                                          "write_failed",
-                                                          "encoder_not_finite",
-                                                          "encoder_jump",
-                                                          "joint_limit",
-                                                          "pose_residual",
-                                                          "singularity",
-                                                          "torque_not_finite",
-                                                          "deadline_missed",
-                                                          "remesh_backlog",
-                                                          "tool_tilt",
-                                                          "emergency_stop",
-                                                          "motor_fault",
-                                                          "workspace",
-                                                          "speed",
-                                                          "torque_limit",
-                                                          "torque_rate",
-                                                          "motor_overload"};
 constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
 constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
     "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
+
+const std::array<const char*, kFaults>& fault_names() {
+  static const auto names = [] {
+    std::array<const char*, kFaults> made{};
+    for (std::size_t i = 0; i < made.size(); ++i)
+      made[i] = words_of(static_cast<Fault>(i)).name;
+    return made;
+  }();
+  return names;
+}
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
@@ -216,7 +207,7 @@ const char* to_string(ContactPhase phase) {
   return kPhaseNames.at(static_cast<std::size_t>(phase));
 }
 const char* to_string(Fault fault) {
-  return kFaultNames.at(static_cast<std::size_t>(fault));
+  return words_of(fault).name;
 }
 const char* to_string(SafetyState state) {
   return kSafetyNames.at(static_cast<std::size_t>(state));
@@ -393,10 +384,10 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.number(row.response_stiffness_N_per_m);
     for (double& offset_m : row.response_offset_m)
       reader.number(offset_m);
-    reader.name(row.fault, kFaultNames);
+    reader.name(row.fault, fault_names());
     reader.name(row.device_read, kDeviceStatusNames);
     reader.name(row.device_write, kDeviceStatusNames);
-    reader.name(row.outside_fault, kFaultNames);
+    reader.name(row.outside_fault, fault_names());
     reader.flag(row.recovery_asked);
     reader.name(row.safety, kSafetyNames);
     reader.finite(row.authority);

@@ -26,7 +26,8 @@ enum class ContactPhase : std::uint8_t {
   kFault,      ///< "fault": latched; torques ramp to zero
 };
 
-/// Why the loop entered its safe state; to_string() gives the name in recording and summary.
+/// Why the loop entered its safe state; to_string() gives the name in recording and summary,
+/// fault_words.h what it means and what to do.
 enum class Fault : std::uint8_t {
   kNone,
   kNoData,            ///< no data from the device for too long

@@ -20,6 +20,7 @@
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/realtime/triple_buffer.h"
 #include "runtime/session/black_box.h"
+#include "runtime/session/notices.h"
 #include "runtime/session/responder.h"
 #include "runtime/session/workers.h"
 #include "runtime/simulation/simulated_device.h"
@@ -50,6 +51,8 @@ struct SessionOptions {
   /// The session goes on without it.
   std::function<void(const Error&)> on_recording_error;
   /// If not empty: virtual clock; new meshes and responses come into use in the recorded ticks, and
+  /// Called at once with each notice, never on the realtime haptic thread.
+  std::function<void(const Notice&)> on_notice;
   /// torques are compared with the recorded ones. The device must be a ReplayDevice over these
   /// rows.
   std::span<const RecordingRow> replay;
@@ -89,6 +92,7 @@ struct PunctureEvent {
 struct FaultEvent {
   Fault fault = Fault::kNone;
   double t_s = 0;
+  FaultDetail detail;  ///< of it: what was measured
   double rest_t_s = -1;       ///< when torques were zero; -1: not before the end
   double recovered_t_s = -1;  ///< when `running` was entered again; -1: not before the end
 };
