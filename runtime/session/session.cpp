@@ -413,12 +413,12 @@ Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher
                                     const SessionOptions& options) {
   SessionWorkers workers;
   if (options.record) {
-    Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
+    Result<RecordingWriter> writer = RecordingWriter::open(*options.record, options.origin);
     if (!writer) return writer.error();
     workers.recorder = std::make_unique<Recorder>(std::move(*writer), options.on_recording_error);
   }
   if (options.black_box) {
-    auto made = BlackBox::make(*options.black_box, options.rate_Hz);
+    auto made = BlackBox::make(*options.black_box, options.rate_Hz, options.origin);
     if (!made) return made.error();
     workers.black_box = std::move(*made);
   }
@@ -476,8 +476,14 @@ std::uint64_t tick_count(double duration_s, double rate_Hz) {
       std::max(1.0, std::abs(ticks - nearest) < 1e-6 ? nearest : std::ceil(ticks)));
 }
 
-Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name,
+                                double stated_Hz) {
   if (rows.size() < 2) return refused(name + ": one row alone has no rate");
+  if (rows.front().t_s != 0) {
+    return refused(name +
+                   ": does not begin at the start of its session, as a black box of a longer "
+                   "one; it cannot be replayed");
+  }
   const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
   if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside the range of the loop");
@@ -492,6 +498,7 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
     most_rows = std::max(most_rows, k);
     return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
   };
+  if (fits(stated_Hz)) return stated_Hz;
   std::array<char, 32> text;
   for (int digits = 1; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
     std::snprintf(text.data(), text.size(), "%.*g", digits, exact);
