@@ -53,7 +53,7 @@ ShaftTissue held_by(const ShaftTissue& tissue, double share) noexcept {
 
 /// The holes that a sheet remembers around one place of the tool.
 struct HolesAround {
-  double outside = 1;  ///< share of the tool's outline outside of them
+  double outside = 1;  ///< share of the tool's outline outside; below least_overlap a bound
   double share = 0;    ///< RememberedHole::share of the nearest
 };
 
@@ -72,12 +72,13 @@ HolesAround holes_around(const ContactModel& model, const Sheet& sheet, const Sh
                     [&](const RememberedHole* a, const RememberedHole* b) {
                       return (a->at_m - at_m).squaredNorm() < (b->at_m - at_m).squaredNorm();
                     });
-  for (std::size_t k = 0; k < count; ++k) {
+  around.share = hole[0]->share;
+  // Mostly the nearest is enough; each more makes the cutting off take longer.
+  for (std::size_t k = 0; k < count && !(around.outside < model.least_overlap); ++k) {
     outlines[k] =
         outline_on_lattice(model.tool, hole[k]->T_device_plate, sheet.transform, sheet.z_m);
+    around.outside = outline_outside(model.tool, place.outline, std::span(outlines.data(), k + 1));
   }
-  around.outside = outline_outside(model.tool, place.outline, std::span(outlines.data(), count));
-  around.share = hole[0]->share;
   return around;
 }
 

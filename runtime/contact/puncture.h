@@ -4,8 +4,9 @@
 //
 // Contract (tests/runtime/contact/contact_test.cpp tests each point):
 //  1. Contact begins when the tip passes from above to below a sheet with at least `least_overlap`
-//     of the tool outline over material. With less the tool passes beside the sheet, without force,
-//     until the tip has been above it again. It does so too if it slides off the material later.
+//     of the tool outline over material. With less the tool passes beside the sheet, without force
+//     but that of a hole (7), until the tip has been above it again. It does so too if it slides
+//     off the material later.
 //  2. In contact F = k dx + s b dx', at least 0, where dx = z_sheet - z_tip, s is the share of the
 //     tool outline over material, and dx' the backward difference of dx over the time since the
 //     previous new pose. Without a new pose dx' is held, and the next pose causes no force spike.
@@ -140,7 +141,8 @@ struct ContactOutput {
 /// `cuts` never decreases from tick to tick. `response`: the latest one (`network`).
 /// `pose_interval_s`: the time since the previous new pose; 0: the pose is not new.
 /// No allocation; at most one overlap for each sheet that the tip is below and that is not
-/// punctured, shielded or passed beside, and one outline_outside() for each that becomes so.
+/// punctured, shielded or passed beside, and kMaxPendingHoles outline_outside() for each that is
+/// punctured or passed beside in this tick.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
                     double pose_interval_s, ContactState& state, ContactOutput& output) noexcept;
