@@ -255,7 +255,7 @@ def late_tick(bench):
     calm = bench.session("late_tick")  # nothing is late in virtual time
     stiffness = bench.scene("late_tick")["tissue"]["stiffness_N_per_m"]
     record, summary, scene = bench.work / "late.csv", bench.work / "late.json", bench.scenes / "late_tick.json"
-    for attempt in range(4):
+    for attempt in range(20):
         summary.unlink(missing_ok=True)
         with Simulator(bench.programs, bench.work, scene) as simulator:
             command = [bench.programs / "trocar-run", scene, "--asset", bench.asset, "--device", f"udp:{simulator.address}",
