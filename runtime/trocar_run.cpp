@@ -29,9 +29,10 @@
 #include "runtime/session/open_device.h"
 #include "runtime/session/origin.h"
 #include "runtime/session/replay_device.h"
-#include "runtime/session/scene_needs.h"
+#include "runtime/session/scene_check.h"
 #include "runtime/session/session.h"
 #include "runtime/session/summary.h"
+#include "runtime/session/tissue_report.h"
 
 namespace trocar::runtime {
 namespace {
@@ -55,7 +56,7 @@ struct Arguments {
   std::string black_box, recover = "never", passivity = "on", compensate = "none";
   std::optional<double> coupling_N_per_m;
   int cpu = -1, late_ticks = 3;
-  bool check = false, quiet = false;
+  bool check = false, strict = false, quiet = false;
 };
 
 int fail(const Error& error) {
@@ -108,7 +109,10 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--compensate", arguments.compensate,
                  "torques that cancel the device's own: none, friction, weight or both (none)");
   app.add_option("--cpu", arguments.cpu, "the processor that the loop stays on (any)");
-  app.add_flag("--check", arguments.check, "load the scene, print what it needs, run nothing");
+  app.add_flag("--check", arguments.check,
+               "judge the scene instead: what it needs, where its hand can go, what a trial with\n"
+               "the simulated device does, and warnings of what ends it or touches nothing");
+  app.add_flag("--strict", arguments.strict, "with --check: exit code 3 after a warning");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
   app.footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 could not be written; 5 stopped by\n"
@@ -147,6 +151,7 @@ Result<void> check_arguments(const Arguments& a) {
   if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
     return usage("--coupling: must be within 100 and 1000000 N/m");
   }
+  if (a.strict && !a.check) return usage("--strict: is for --check");
   if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
   if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
     return usage(
@@ -159,6 +164,7 @@ struct Loaded {
   Scene scene;
   DeviceDescription description;
   std::vector<std::unique_ptr<const Sheet>> sheets;
+  std::vector<SliceTissue> tissues;  ///< of the sheets
   std::vector<RecordingRow> replay;
   RecordingOrigin replay_origin;
   LoadedBytes bytes;
@@ -189,6 +195,7 @@ Result<Loaded> load(const Arguments& arguments) {
   auto sheets = place_slices(loaded.scene, part->asset, loaded.scene.asset.string());
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
+  loaded.tissues = choose_tissues(loaded.scene, part->asset);
   loaded.bytes = {part->file_bytes, part->read_bytes, part->asset_slices};
 
   if (!arguments.replay.empty()) {
@@ -419,6 +426,24 @@ int conclude(const SessionReport& report, std::vector<Error> errors, const Remes
   return static_cast<int>(ExitCode::kDeviceFault);
 }
 
+void warn(const Arguments& arguments, const std::string& what) {
+  std::fprintf(stderr, "trocar-run: warning: %s: %s\n", arguments.scene.c_str(), what.c_str());
+}
+
+/// --check.
+int check(const Arguments& arguments, const Loaded& loaded, const SessionOptions& options) {
+  const Result<SceneCheck> checked = check_scene(loaded.scene, loaded.description, loaded.sheets,
+                                                 loaded.tissues, loaded.bytes, options);
+  if (!checked) return fail(checked.error());
+  if (!arguments.quiet) std::fputs(checked->text.c_str(), stdout);
+  for (const std::string& warning : checked->warnings)
+    warn(arguments, warning);
+  if (!arguments.strict || checked->warnings.empty()) return 0;
+  return fail(refused(arguments.scene + ": " + std::to_string(checked->warnings.size()) +
+                      (checked->warnings.size() == 1 ? " warning" : " warnings") +
+                      ", and --strict allows none"));
+}
+
 int session(const Arguments& arguments) {
   Result<Loaded> loaded = load(arguments);
   if (!loaded) return fail(loaded.error());
@@ -450,14 +475,9 @@ int session(const Arguments& arguments) {
   options.on_notice = [&arguments](const Notice& notice) { tell(arguments, notice); };
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
-  if (arguments.check) {
-    const Result<std::string> needs =
-        describe_needs(loaded->scene, loaded->description, loaded->sheets, loaded->bytes,
-                       options.rate_Hz, options.duration_s);
-    if (!needs) return fail(needs.error());
-    std::fputs(needs->c_str(), stdout);
-    return 0;
-  }
+  if (arguments.check) return check(arguments, *loaded, options);
+  const std::optional<std::string> unfitting = warn_of_unfitting(loaded->scene, loaded->tissues);
+  if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
 
   const Result<RecordingOrigin> origin =
       make_origin(arguments.scene, loaded->scene, loaded->description, options);

@@ -161,6 +161,7 @@ struct Scene {
   Placement placement;
   std::vector<SceneSlice> slices;    ///< in the file's order
   Tissue tissue;                     ///< of slices for which none of `tissues` is chosen
+  bool tissue_is_given = false;      ///< by the file; else `tissue` is the default
   std::vector<NamedTissue> tissues;  ///< a slice gets the first that applies to it
   ForceLaw force_law;
   SceneTool tool;

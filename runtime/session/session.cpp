@@ -379,9 +379,7 @@ class SessionLoop {
 
 }  // namespace
 
-Result<SimulatedDevice> make_simulated_device(const Scene& scene,
-                                              const DeviceDescription& description,
-                                              const std::optional<MechanicsOptions>& mechanics) {
+HandTrajectory hand_trajectory(const Scene& scene) {
   HandTrajectory trajectory;
   for (const TipKeyframe& keyframe : scene.hand.trajectory) {
     HandKeyframe frame;
@@ -391,6 +389,12 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                                  (std::numbers::pi / 180));
     trajectory.keyframes.push_back(frame);
   }
+  return trajectory;
+}
+
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description,
+                                              const std::optional<MechanicsOptions>& mechanics) {
   const SceneHand& hand = scene.hand;
   HandImpedance impedance = hand.grip == HandGrip::kLight   ? light_grip()
                             : hand.grip == HandGrip::kStiff ? stiff_grip()
@@ -406,7 +410,7 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
   SimulatedDeviceOptions options;
   options.mechanics = mechanics;
   options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
-  return SimulatedDevice::make(description, trajectory, impedance, options);
+  return SimulatedDevice::make(description, hand_trajectory(scene), impedance, options);
 }
 
 Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,

@@ -128,6 +128,9 @@ struct SessionReport {
   std::int64_t replay_first_difference = -1;
 };
 
+/// The path that the scene's hand pulls the tool's tip along.
+HandTrajectory hand_trajectory(const Scene& scene);
+
 /// The simulated device held by the scene's hand, at the hand's first keyframe. Without
 /// `mechanics`: the light model.
 Result<SimulatedDevice> make_simulated_device(
