@@ -6,8 +6,8 @@
 
 namespace trocar::runtime {
 
-Fault EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
-                           const EnergyInput& input) noexcept {
+FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
+                                 const EnergyInput& input) noexcept {
   if (input.new_pose) {
     if (has_last_ && delivered_ticks_ > 0) {
       work_J_ +=
@@ -34,7 +34,8 @@ Fault EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
   }
   excess_J_ = count_ > 0 ? std::max(0.0, work_J_ - entry(0).energy_J) : 0;
   // Negated so that a limit of nan always trips.
-  return excess_J_ <= limits.energy_given_max_J ? Fault::kNone : Fault::kEnergy;
+  if (excess_J_ <= limits.energy_given_max_J) return {};
+  return {Fault::kEnergy, FaultQuantity::kGivenEnergy, -1, excess_J_, limits.energy_given_max_J};
 }
 
 void EnergyAccount::reset() noexcept {

@@ -52,7 +52,7 @@ struct EnergyInput {
 class EnergyAccount {
  public:
   /// kEnergy or none.
-  Fault check(const SafetyLimits& limits, double rate_Hz, const EnergyInput& input) noexcept;
+  FaultDetail check(const SafetyLimits& limits, double rate_Hz, const EnergyInput& input) noexcept;
   /// The wrench that the motors hold until the next tick.
   void note_delivered(const Wrench& wrench_device) noexcept {
     delivered_ += wrench_device;

@@ -188,38 +188,29 @@ class MassDevice final : public Device {
   Draw& draw_;
 };
 
-/// What the sheets, rims and the coupling store, from the tool's place and the scene. The springs
-/// of dry friction count as fully bent: at most half a millijoule each.
-class Stored {
- public:
-  explicit Stored(const Setting& setting) : setting_(setting), hole_m_(setting.tissue.size()) {}
-  double after(const TickResult& result) {
-    const ContactOutput& contact = result.contact;
-    const Eigen::Vector3d& tip_m = contact.tip_device_m;  // the proxy's
-    double out_J = 0;
-    for (std::size_t i = 0; i < hole_m_.size(); ++i) {
-      if (tip_m.z() >= setting_.height_m[i]) hole_m_[i].reset();
-      if (!hole_m_[i]) continue;
-      const ShaftTissue& shaft = setting_.tissue[i].shaft;
-      out_J += 0.5 * shaft.rim_stiffness_N_per_m * (tip_m.head<2>() - *hole_m_[i]).squaredNorm() +
-               0.5 * shaft.dry_friction_N * shaft.presliding_m;
-    }
-    if (contact.punctured_now) {
-      hole_m_[static_cast<std::size_t>(contact.active_sheet)] = tip_m.head<2>();
-    } else if (contact.phase == ContactPhase::kContact) {
-      out_J += 0.5 * contact.stiffness_N_per_m * std::pow(contact.penetration_m, 2);
-    }
-    if (setting_.model.coupling.on) {
-      const Eigen::Vector3d tool_m(result.row.tool_m.data());
-      out_J += 0.5 * setting_.model.coupling.stiffness_N_per_m * (tip_m - tool_m).squaredNorm();
-    }
-    return out_J;
+/// What the sheets, rims and the coupling store, from the tool's place, its holes and the scene.
+/// The springs of dry friction count as fully bent: at most half a millijoule each.
+double stored_J(const Setting& setting, const ContactState& holes, const TickResult& result) {
+  const ContactOutput& contact = result.contact;
+  const Eigen::Vector3d& tip_m = contact.tip_device_m;  // the proxy's
+  double out_J = 0;
+  for (std::size_t i = 0; i < setting.tissue.size(); ++i) {
+    const SheetTrack& track = holes.tracks[i];
+    if (!track.shaft.in_hole) continue;
+    const ShaftTissue& shaft = setting.tissue[i].shaft;
+    const double aside_m = (tip_m.head<2>() - track.shaft.hole_m).norm();
+    out_J += track.shaft_share * (0.5 * shaft.rim_stiffness_N_per_m * aside_m * aside_m +
+                                  0.5 * shaft.dry_friction_N * shaft.presliding_m);
   }
-
- private:
-  const Setting& setting_;
-  std::vector<std::optional<Eigen::Vector2d>> hole_m_;
-};
+  if (contact.phase == ContactPhase::kContact) {
+    out_J += 0.5 * contact.stiffness_N_per_m * std::pow(contact.penetration_m, 2);
+  }
+  if (setting.model.coupling.on) {
+    const Eigen::Vector3d tool_m(result.row.tool_m.data());
+    out_J += 0.5 * setting.model.coupling.stiffness_N_per_m * (tip_m - tool_m).squaredNorm();
+  }
+  return out_J;
+}
 
 double rise_of(double from_Nm, double to_Nm) {
   return from_Nm * to_Nm > 0 ? std::max(0.0, std::abs(to_Nm) - std::abs(from_Nm)) : std::abs(to_Nm);
@@ -267,7 +258,6 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
   MassDevice device(setting, draw);
   LoopState state;
   TickResult result;
-  Stored stored(setting);
   Window window(setting.rate_Hz);
   Outcome out;
   const double dt_s = 1 / setting.rate_Hz;
@@ -293,12 +283,11 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
     if (result.row.safety == SafetyState::kRunning) {
       out.touched = out.touched || result.row.phase == ContactPhase::kContact;
       out.punctures += result.contact.punctured_now ? 1 : 0;
-      const double stored_J = stored.after(result);
       // Without a new pose S would be that of an earlier place than W; at a puncture the sheet
       // below may take over what the punctured one had stored.
       const bool counts =
           result.row.device_read == DeviceStatus::kOk && !result.contact.punctured_now;
-      window.add(counts ? work_J + stored_J : 1e9);
+      window.add(counts ? work_J + stored_J(setting, state.contact, result) : 1e9);
     } else {
       window.clear();
       exceeded_at_s = -1;
