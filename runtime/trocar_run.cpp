@@ -54,7 +54,7 @@ struct Arguments {
   std::optional<double> rate_Hz, duration_s;
   std::string record, summary, replay, meshes, frames;
   std::string black_box, recover = "never", passivity = "on", compensate = "none";
-  std::optional<double> coupling_N_per_m;
+  std::optional<double> coupling_N_per_m, energy_budget_J;
   int cpu = -1, late_ticks = 3;
   bool check = false, strict = false, quiet = false;
 };
@@ -104,6 +104,9 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--late-ticks", arguments.late_ticks,
                  "deadlines missed in a row that are a fault; 0: none (3; inproc: none)");
   app.add_option("--passivity", arguments.passivity, "the passivity controller: on or off (on)");
+  app.add_option("--energy-budget", arguments.energy_budget_J,
+                 "energy in J that the hand may get within 0.1 s beyond what the sheets stored; "
+                 "more is the fault energy (0.05)");
   app.add_option("--coupling", arguments.coupling_N_per_m,
                  "stiffness of a virtual coupling, N/m (none: the tool itself touches the sheets)");
   app.add_option("--compensate", arguments.compensate,
@@ -150,6 +153,9 @@ Result<void> check_arguments(const Arguments& a) {
   }
   if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
     return usage("--coupling: must be within 100 and 1000000 N/m");
+  }
+  if (a.energy_budget_J && !(*a.energy_budget_J >= 1e-3 && *a.energy_budget_J <= 10)) {
+    return usage("--energy-budget: must be within 0.001 and 10 J");
   }
   if (a.strict && !a.check) return usage("--strict: is for --check");
   if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
@@ -330,6 +336,8 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
                                                      : RecoveryPolicy::kNever;
   options.recover = &recovery_requested;
   options.passivity.on = arguments.passivity == "on";
+  options.limits.energy_given_max_J =
+      arguments.energy_budget_J.value_or(options.limits.energy_given_max_J);
   options.coupling.on = arguments.coupling_N_per_m.has_value();
   options.coupling.stiffness_N_per_m =
       arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);

@@ -78,6 +78,10 @@ constexpr FaultWords make_words(Fault fault) {
     case Fault::kMotorOverload:
       return {"motor_overload", "the motors are overloaded", "the motors are still hot",
               "lift the tool, let the motors cool, and press with less force"};
+    case Fault::kEnergy:
+      return {"energy", "the loop drives the hand: it gave more energy than the sheets had stored",
+              "the loop still drives the hand",
+              "use a tissue with less stiffness and friction, or a higher --rate"};
   }
   return {};
 }
@@ -169,6 +173,8 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
       return {"weak_force_time_s", "time with too little of the wanted force", " s"};
     case FaultQuantity::kMotor:
       return {"motor_#", "motor theta #", "", 0, kMotors};
+    case FaultQuantity::kGivenEnergy:
+      return {"energy_given_J", "energy given to the hand", " mJ", 1e3};
   }
   return {};
 }

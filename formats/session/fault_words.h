@@ -36,8 +36,9 @@ enum class FaultQuantity : std::uint8_t {
   kMotorHeat,           ///< index: motor; i2t state as a share of its limit
   kWeakForceTime,       ///< s, with too little of the wanted force
   kMotor,               ///< index: motor; no value
+  kGivenEnergy,         ///< J, to the hand within 0.1 s beyond what was stored
 };
-inline constexpr int kFaultQuantities = 24;
+inline constexpr int kFaultQuantities = 25;
 
 /// What a check found: a fault, or none, and the value that was beyond its limit. Of fixed size:
 /// the haptic thread fills it, another thread finds the words.

@@ -52,8 +52,9 @@ enum class Fault : std::uint8_t {
   kTorqueRate,        ///< the wanted torques rise faster than they may, for too long
   kMotorOverload,     ///< a motor exceeded its i2t limit, or too little of the wanted wrench
                       ///< was rendered for too long
+  kEnergy,            ///< the environment gave the hand more energy than it may
 };
-inline constexpr int kFaults = 20;
+inline constexpr int kFaults = 21;
 
 /// State of the safety layer (runtime/control/safety.h).
 enum class SafetyState : std::uint8_t {

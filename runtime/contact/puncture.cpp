@@ -178,6 +178,13 @@ SheetForce sheet_force(const ContactModel& model, const Sheet& sheet, std::int32
   return out;
 }
 
+void add_sheet(const SheetForce& force, double penetration_m, LocalEnvironment& local) noexcept {
+  local.sheet_N = force.stiffness_N_per_m * penetration_m;
+  local.sheet_N_per_m = force.stiffness_N_per_m;
+  local.sheet_N_s_per_m = force.damping_N_s_per_m;
+  local.stored_J += 0.5 * force.stiffness_N_per_m * penetration_m * penetration_m;
+}
+
 /// Requests the response that will be needed next: of the topmost sheet that is neither punctured
 /// nor passed beside, if it is near.
 void request_response(const ContactModel& model, std::span<const Sheet* const> sheets,
@@ -221,6 +228,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     const Eigen::Vector3d hole_force_N =
         shaft_force(held, place.shaft, pose_interval_s, track.shaft);
     output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
+    add_shaft(held, place.shaft, track.shaft, output.local);
 
     const bool begins = track.state != SheetState::kContact;
     const bool may_bear =
@@ -271,6 +279,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       output.stiffness_N_per_m = force.stiffness_N_per_m;
       output.damping_N_s_per_m = force.damping_N_s_per_m;
       output.rate_m_per_s = track.rate_m_per_s;
+      add_sheet(force, penetration_m, output.local);
       Eigen::Vector3d point_m = place.shaft.at_m;
       point_m.head<2>() += Eigen::Vector2d(force.offset_m.data());
       output.wrench_device += wrench_at({0, 0, force.force_N}, point_m, T_device_plate);
@@ -297,6 +306,15 @@ void reset_motion(ContactState& state) noexcept {
   for (SheetTrack& track : state.tracks) {
     track.has_last = false;
     reset_motion(track.shaft);
+  }
+}
+
+void shift_tool(const ContactModel& model, const Pose& T_device_plate,
+                const Eigen::Vector3d& shift_m, ContactState& state) noexcept {
+  const double axis_z = (T_device_plate.q * model.tool.axis_plate).z();
+  for (SheetTrack& track : state.tracks) {
+    track.last_penetration_m -= shift_m.z();
+    shift_shaft(-shift_m.z() / axis_z, track.shaft);
   }
 }
 

@@ -133,8 +133,9 @@ struct ContactOutput {
   CutRequest cut;
   bool backlog = false;  ///< more than kMaxPendingHoles wait for one sheet: `cut` is not valid
   bool not_upright =
-      false;              ///< the tool is tilted by more than kMaxTilt_deg: nothing else is valid
-  ResponseRequest ahead;  ///< by `network`
+      false;               ///< the tool is tilted by more than kMaxTilt_deg: nothing else is valid
+  ResponseRequest ahead;   ///< by `network`
+  LocalEnvironment local;  ///< the elements of wrench_device
 };
 
 /// One tick. `sheets`: the meshes in use, the topmost first, at most kMaxSceneSlices; a sheet's
@@ -150,6 +151,11 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
 /// For a tick without update_contact: the next one starts without rate and friction. Contact
 /// states, punctures and requested holes are kept.
 void reset_motion(ContactState& state) noexcept;
+
+/// The tool was moved by `shift_m` without a force, such as a proxy that a puncture released: the
+/// rates of the next tick do not count it.
+void shift_tool(const ContactModel& model, const Pose& T_device_plate,
+                const Eigen::Vector3d& shift_m, ContactState& state) noexcept;
 
 /// A force that acts on the plate at a point, both in {B}, as a wrench about the plate's origin.
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,

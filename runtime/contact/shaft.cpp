@@ -35,4 +35,25 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
   return force_N;
 }
 
+void add_shaft(const ShaftTissue& tissue, const ShaftPlace& place, const ShaftState& state,
+               LocalEnvironment& local) noexcept {
+  if (!state.in_hole) return;
+  const double dry_N_per_m = tissue.dry_friction_N / tissue.presliding_m;
+  local.axis = place.axis;
+  local.dry_N += dry_N_per_m * state.spring_m;
+  local.dry_max_N += tissue.dry_friction_N;
+  if (state.spring_m < tissue.presliding_m) local.dry_in_N_per_m += dry_N_per_m;
+  if (state.spring_m > -tissue.presliding_m) local.dry_out_N_per_m += dry_N_per_m;
+  local.viscous_N_s_per_m += tissue.viscous_friction_N_s_per_m;
+  const Eigen::Vector2d aside_m = place.at_m.head<2>() - state.hole_m;
+  local.rim_N -= tissue.rim_stiffness_N_per_m * aside_m;
+  local.rim_N_per_m += tissue.rim_stiffness_N_per_m;
+  local.stored_J += 0.5 * dry_N_per_m * state.spring_m * state.spring_m +
+                    0.5 * tissue.rim_stiffness_N_per_m * aside_m.squaredNorm();
+}
+
+void shift_shaft(double inserted_m, ShaftState& state) noexcept {
+  state.last_m += inserted_m;
+}
+
 }  // namespace trocar::runtime

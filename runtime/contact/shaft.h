@@ -15,6 +15,7 @@
 #include <Eigen/Core>
 
 #include "formats/session/scene.h"
+#include "runtime/contact/local_environment.h"
 
 namespace trocar::runtime {
 
@@ -46,5 +47,13 @@ void reset_motion(ShaftState& state) noexcept;
 /// unchanged. `pose_interval_s`: as in update_contact.
 Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
                             double pose_interval_s, ShaftState& state) noexcept;
+
+/// Adds the elements of the last shaft_force() to `local`.
+void add_shaft(const ShaftTissue& tissue, const ShaftPlace& place, const ShaftState& state,
+               LocalEnvironment& local) noexcept;
+
+/// The shaft was moved without a force, by `inserted_m` further in: the next tick's rate does not
+/// count it.
+void shift_shaft(double inserted_m, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

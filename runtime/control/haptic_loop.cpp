@@ -201,15 +201,22 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Loop
 
   PassivityInput input;
   input.wrench_device = contact.wrench_device;
-  input.stored_J = 0.5 * contact.stiffness_N_per_m * contact.penetration_m * contact.penetration_m;
+  input.stored_J = contact.local.stored_J;
   if (couples) {
-    const ProxyEnvironment environment{contact.wrench_device, contact.stiffness_N_per_m,
-                                       contact.damping_N_s_per_m, contact.rate_m_per_s};
-    input.wrench_device = coupling_wrench(model.coupling, environment, state.coupling);
+    const Eigen::Vector3d before_m = state.coupling.offset_m;
+    input.wrench_device = coupling_wrench(model.coupling, contact.wrench_device, contact.local,
+                                          contact.punctured_now, state.coupling);
+    if (contact.punctured_now) {
+      shift_tool(model.contact, T_device_tool, state.coupling.offset_m - before_m, state.contact);
+    }
     input.stored_J +=
         0.5 * model.coupling.stiffness_N_per_m * state.coupling.offset_m.squaredNorm();
   }
   input.T_device_plate = state.T_device_plate;
+  const FaultDetail energy = state.energy.check(
+      model.limits, model.rate_Hz,
+      {state.T_device_plate, state.pose_interval_s > 0, input.stored_J, contact.punctured_now});
+  if (energy != Fault::kNone) return energy;
   input.wrench_device *= share;
   input.stored_J *= share;
   input.planned_release = contact.punctured_now;
@@ -306,6 +313,7 @@ void forget_contact(LoopState& state) noexcept {
   const double given_max_J = state.passivity.given_max_J;
   state.passivity = {};
   state.passivity.given_max_J = given_max_J;
+  state.energy.reset();
   state.coupling = {};
   reset_motion(state.contact);
   state.limits.rise_s = state.limits.overload_s = 0;
@@ -396,6 +404,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   }
   state.tau_motor_Nm = tau_motor_Nm;
   note_delivered(rendered_wrench(state), state.passivity);
+  state.energy.note_delivered(rendered_wrench(state));
   const bool stopped =
       safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
   const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;

@@ -2,7 +2,8 @@
 // One tick of the haptic loop, the same in real and in virtual time: encoder angles in, torques and
 // one row of the recording out. No allocation, lock or exception.
 //
-// Contract (tests/runtime/control/loop_test.cpp), in addition to safety.h, limits.h, passivity.h:
+// Contract (tests/runtime/control/loop_test.cpp), in addition to safety.h, limits.h,
+// energy_limit.h, passivity.h:
 //  1. Every torque written is finite and within what its motor's thermal state allows.
 //  2. When `running` is left because of a fault, torques follow the ramp of safety.h, which starts
 //     from the last torques written. If the write itself failed it starts from the torques of that
@@ -17,6 +18,7 @@
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/contact/puncture.h"
+#include "runtime/control/energy_limit.h"
 #include "runtime/control/limits.h"
 #include "runtime/control/passivity.h"
 #include "runtime/control/safety.h"
@@ -56,6 +58,7 @@ struct LoopState {
   Safety safety;
   LimitState limits;
   PassivityState passivity;
+  EnergyAccount energy;
   CouplingState coupling;
   int no_data_ticks = 0;
   bool has_state = false;  ///< `device` has been read

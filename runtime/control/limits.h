@@ -58,6 +58,8 @@ struct SafetyLimits {
   double torque_rise_time_max_s = 0.02;
   double overload_scale_min = 0.5;  ///< item 3
   double overload_time_max_s = 1;   ///< item 3
+  /// Given to the hand within 0.1 s beyond what was stored (energy_limit.h).
+  double energy_given_max_J = 0.05;
   /// Time without data from the device; until then the loop runs on its last state.
   double no_data_max_s = 0.01;
   /// Between the starts of two ticks. 0: neither this nor missed deadlines are checked.

@@ -7,10 +7,14 @@
 namespace trocar::runtime {
 namespace {
 
-Twist displacement(const Pose& from, const Pose& to) noexcept {
-  Twist step;
-  step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
-  return step;
+/// The environment's wrench with a damper, which at most cancels its force (item 3).
+Wrench damped(const Wrench& environment, PassivityState& state, double damping_N_s_per_m) noexcept {
+  const Eigen::Vector3d force_N = environment.head<3>();
+  const double along = force_N.dot(Eigen::Vector3d(state.unit_damper.head<3>()));
+  const double force2_N2 = force_N.squaredNorm();
+  state.damping_N_s_per_m =
+      damping_N_s_per_m * along > force2_N2 ? force2_N2 / along : damping_N_s_per_m;
+  return environment - state.damping_N_s_per_m * state.unit_damper;
 }
 
 }  // namespace
@@ -35,7 +39,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.environment = input.wrench_device;
   state.stored_J = input.stored_J;
   const double acting_N_s_per_m = std::exchange(state.damping_N_s_per_m, 0);
-  if (input.stored_J == 0) state.given_max_J = std::max(state.given_max_J, -state.balance_J);
+  state.given_max_J = std::max(state.given_max_J, -state.balance_J - input.stored_J);
   if (input.wrench_device.isZero(0)) {
     state.balance_J = 0;  // no contact: the balance starts again
     return input.wrench_device;
@@ -43,8 +47,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
   if (!(pose_interval_s > 0)) {
-    state.damping_N_s_per_m = acting_N_s_per_m;
-    return input.wrench_device - acting_N_s_per_m * state.unit_damper;
+    return damped(input.wrench_device, state, acting_N_s_per_m);
   }
   const double deficit_J = -options.reserve_J - state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
@@ -52,8 +55,8 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
       options.length_m * options.length_m * step.tail<3>() / pose_interval_s;
   const double most = damping_max(options, plate_mass_kg, pose_interval_s);
   const double dissipated_J = state.unit_damper.dot(step);  // by 1 N s/m, in a tick like the last
-  state.damping_N_s_per_m = deficit_J < most * dissipated_J ? deficit_J / dissipated_J : most;
-  return input.wrench_device - state.damping_N_s_per_m * state.unit_damper;
+  return damped(input.wrench_device, state,
+                deficit_J < most * dissipated_J ? deficit_J / dissipated_J : most);
 }
 
 }  // namespace trocar::runtime

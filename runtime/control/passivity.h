@@ -13,11 +13,14 @@
 //  1. The balance equals the absorbed work less the stored energy, up to rounding, for any motion.
 //  2. The wrench is unchanged, to the last bit, while the balance is not negative and while the
 //     environment only absorbs energy: a push that ends in a puncture follows the force law.
-//  3. The damping is at most damping_max() and opposes the plate's motion.
+//  3. The damping is at most damping_max() and opposes the plate's motion. It at most cancels the
+//     environment's force along its direction, so that it never pulls the hand into a sheet; a
+//     deficit that remains is settled in later ticks of the contact.
 //  4. A planned release sets the balance to zero: neither the energy that the sheet lost nor an
 //     earlier deficit causes damping afterwards.
 //  5. While the required damping is within its bound, a sheet returns to the hand at most the
-//     energy that it absorbed plus the work of one tick. `given_max_J` records any excess.
+//     energy that it absorbed plus the work of one tick. `given_max_J` records any excess. Energy
+//     that is stored, in a sheet, a rim or the springs of friction, is not given.
 //  6. A positive balance is capped at credit_max_J, so that a dissipative environment (friction on
 //     the shaft) cannot build up energy to oscillate with. Stored energy that the caller does not
 //     report must stay below that.
@@ -54,7 +57,7 @@ struct PassivityState {
   double balance_J = 0;                 ///< since the contact began
   double damping_N_s_per_m = 0;         ///< of this tick
   Wrench unit_damper = Wrench::Zero();  ///< that a damper of 1 N s/m opposes, at the last motion
-  double given_max_J = 0;  ///< the largest net energy that the environment has generated
+  double given_max_J = 0;  ///< the largest net energy that the hand was given in a contact
 };
 
 /// The bound of item 3.

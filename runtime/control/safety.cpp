@@ -20,6 +20,8 @@ constexpr std::array<std::array<SafetyState, kSafetyEvents>, kSafetyStates> kNex
     {kRecovering, kRecovering, kRecovering, kRecovering, kReady},
 }};
 
+constexpr std::uint64_t kNoRamp = 1'000'000;  // ticks done: more than any ramp has
+
 }  // namespace
 
 SafetyState next_state(SafetyState state, SafetyEvent event) noexcept {
@@ -42,7 +44,9 @@ bool raise(Safety& safety, Fault fault, double t_s) noexcept {
   if (latches) {
     safety.fault = fault;
     safety.fault_t_s = t_s;
-    if (safety.state == kRunning) safety.ramp_ticks_done = 0;
+    if (safety.state == kRunning) {
+      safety.ramp_ticks_done = fault == Fault::kEnergy ? kNoRamp : 0;
+    }
   }
   safety.quiet_ticks = 0;
   safety.state = next_state(safety.state, SafetyEvent::kFault);

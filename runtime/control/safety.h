@@ -7,7 +7,8 @@
 //     request for recovery leaves that state.
 //  2. From the tick that leaves `running`, torques are the last ones times a factor that falls
 //     linearly to 0 in ramp_ticks() ticks and is below 1 in the first of them. At 250 Hz and more
-//     that takes at most kRampMax_s; below, torques are zero at once.
+//     that takes at most kRampMax_s; below, torques are zero at once. They are zero at once also
+//     after kEnergy: a ramp would go on giving energy to the hand.
 //  3. `recovering` ends in `ready`, after `quiet_s` without a fault and with the tool in free
 //     space; a fault starts that time again. Torques are zero meanwhile.
 //  4. After a recovery the share of the torques (`authority`) rises linearly from 0 to 1 over

@@ -6,16 +6,19 @@
 // most that of the spring.
 //
 // The proxy has no mass and the plate's orientation. Each tick it moves to where coupling and
-// environment are in equilibrium; the environment is taken as a spring and a damper around the
-// proxy's last position.
+// environment are in equilibrium. The environment is what acts around the proxy's last position,
+// the sheet, the friction of the shaft and the rims, each linear up to where it lets go: the sheet
+// does not pull, and dry friction slides at its end.
 //
 // Contract (tests/runtime/control/virtual_coupling_test.cpp):
 //  1. Where nothing acts on the proxy it coincides with the tool, and the force is zero.
-//  2. At rest in a sheet of stiffness k the force is that of k and the coupling in series. In
-//     motion a damper in the sheet adds its own force and nothing else.
-//  3. When the environment is released the coupling is released in the same tick.
+//  2. At rest in a sheet of stiffness k, or pushed aside by a rim of that stiffness, the force is
+//     that of k and the coupling in series. In motion a damper in the sheet, or friction of the
+//     shaft, adds its own force and nothing else.
+//  3. When a sheet is punctured the coupling keeps only what else acts, in the same tick.
 #pragma once
 
+#include "runtime/contact/local_environment.h"
 #include "runtime/mechanism/pose.h"
 
 namespace trocar::runtime {
@@ -26,20 +29,13 @@ struct CouplingOptions {
   double damping_N_s_per_m = 5;
 };
 
-/// The environment at the proxy: along the force, stiffness times depth plus damping times rate.
-struct ProxyEnvironment {
-  Wrench wrench_device = Wrench::Zero();
-  double stiffness_N_per_m = 0, damping_N_s_per_m = 0;
-  double rate_m_per_s = 0;  ///< of the depth
-};
-
 /// Memory between ticks.
 struct CouplingState {
   bool has_last = false;
   Eigen::Vector3d device_m = Eigen::Vector3d::Zero();  ///< the plate's origin, last tick
   Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();  ///< proxy minus device
   Eigen::Vector3d last_offset_m = Eigen::Vector3d::Zero();
-  ProxyEnvironment environment;
+  LocalEnvironment environment;
   double damper_N_per_m = 0;  ///< damping divided by the time of the last move
 };
 
@@ -49,9 +45,11 @@ struct CouplingState {
 Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
                 CouplingState& state) noexcept;
 
-/// Returns the wrench on the plate, given the environment at the proxy. The moment is the
-/// environment's.
-Wrench coupling_wrench(const CouplingOptions& options, const ProxyEnvironment& environment,
+/// Returns the wrench on the plate, given the environment's wrench on the proxy and its elements.
+/// `punctured`: in this tick; the proxy then moves at once, by the change of `state.offset_m`. The
+/// moment is the environment's.
+Wrench coupling_wrench(const CouplingOptions& options, const Wrench& wrench_device,
+                       const LocalEnvironment& environment, bool punctured,
                        CouplingState& state) noexcept;
 
 }  // namespace trocar::runtime

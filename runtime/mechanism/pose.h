@@ -44,6 +44,14 @@ inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   return factor * v;
 }
 
+/// [translation of the frame's origin; rotation vector] from one pose to the next, in {B}: a wrench
+/// held meanwhile does the work wrench * displacement.
+inline Twist displacement(const Pose& from, const Pose& to) noexcept {
+  Twist step;
+  step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
+  return step;
+}
+
 /// The inverse: the unit quaternion of a rotation about r by |r|.
 inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
   const double angle = r.norm();

@@ -138,6 +138,9 @@ std::string describe_fault(const Judgement& j, const Trial& trial) {
     case Fault::kTorqueRate:
       return text_line("torques rise faster than %.4g Nm/s for %.0f ms",
                        limits.torque_rise_max_Nm_per_s, 1e3 * limits.torque_rise_time_max_s);
+    case Fault::kEnergy:
+      return text_line("the hand is given more than %.4g J within 0.1 s beyond what was stored",
+                       limits.energy_given_max_J);
     default:
       return describe_pose_fault(trial.fault, j.device, limits, j.tool,
                                  plate_by_encoders(j.device, trial.at_fault));
@@ -175,6 +178,7 @@ std::string advise(const Judgement& j, Fault fault, const Eigen::Vector3d& tip_m
       return "lower the tissue's threshold_N, or push for a shorter time";
     case Fault::kTorqueRate:
     case Fault::kTorqueLimit:
+    case Fault::kEnergy:
       return "lower the tissue's stiffness, damping or friction";
     default:
       return "run the session with --record and look at its last rows";

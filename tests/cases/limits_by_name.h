@@ -35,7 +35,8 @@ inline std::vector<std::pair<const char*, double*>> limits_by_name(runtime::Safe
           {"workspace_max_x_m", &l.workspace_max_m[0]},
           {"workspace_max_y_m", &l.workspace_max_m[1]},
           {"quiet_s", &l.timing.quiet_s},
-          {"ramp_up_s", &l.timing.ramp_up_s}};
+          {"ramp_up_s", &l.timing.ramp_up_s},
+          {"energy_given_max_J", &l.energy_given_max_J}};
 }
 
 }  // namespace trocar::test

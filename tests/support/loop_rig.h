@@ -69,6 +69,7 @@ class Rig {
     model_.limits.encoder_rate_max_rad_per_s = 1e6;
     model_.limits.torque_rise_time_max_s = 1e6;
     model_.limits.torque_rise_max_Nm_per_s = 1e9;
+    model_.limits.energy_given_max_J = 1e9;
   }
 
   const runtime::TickResult& tick() {

@@ -70,6 +70,7 @@ class LoopFixture : public testing::Test {
   void allow_jumps(bool may) {
     model_.limits.encoder_rate_max_rad_per_s = may ? 1e3 : 60;
     model_.limits.speed_max_m_per_s = may ? 1e3 : 2;
+    model_.limits.energy_given_max_J = may ? 1e3 : 0.05;
     state_.limits.has_pose = false;
   }
   void go_to(double z_m, double x_m = 0) {

@@ -140,6 +140,16 @@ TEST_F(LoopFound, TheTiltOfTheTool) {
   EXPECT_NEAR(result_.found.value - result_.found.limit, 0.01, 1e-6);
 }
 
+TEST_F(LoopFound, TheEnergyGivenToTheHand) {
+  tick();
+  model_.limits.energy_given_max_J = 1e-5;
+  go_to(0.1165);  // 20 N over 0.5 mm give 10 mJ; the sheet had stored 40
+  tick();
+  EXPECT_EQ(result_.found.fault, Fault::kNone);
+  model_.limits.energy_given_max_J = -1e-5;
+  expect_found("energy_given_J", 0, -1e-5);
+}
+
 TEST_F(LoopFound, TheMotorThatTheDriveReports) {
   device_.on_read = DeviceStatus::kMotorFault;
   device_.motors = 0b1000'0100;  // theta1 of leg 2, theta4 of leg 4

@@ -176,6 +176,44 @@ TEST(Passivity, DampingIsBoundedAndOpposesTheMotion) {
   EXPECT_GT(bounded, 100);
 }
 
+// A tool that leaves a sheet fast: damping by the deficit of the push would reverse the force.
+TEST(Passivity, DampingNeverPullsAndTheDeficitRemains) {
+  std::mt19937_64 random(8);
+  int cancelled = 0;
+  for (int run = 0; run < 300; ++run) {
+    PassivityOptions options;
+    options.credit_max_J = 1e9;
+    PassivityState state;
+    PassivityInput input;
+    input.wrench_device.head<3>() =
+        20 * Eigen::Vector3d(unit(random) - 0.5, unit(random) - 0.5, unit(random));
+    input.wrench_device[3] = 0.2 * (unit(random) - 0.5);
+    input.stored_J = 0.01;
+    note_delivered(keep_passive(options, 0.35, 1e-3, input, state), state);
+    for (int i = 0; i < 30; ++i) {
+      state.balance_J = -0.1 * unit(random);
+      const double before_J = state.balance_J;
+      const Eigen::Vector3d step_m =
+          2e-3 * Eigen::Vector3d(unit(random) - 0.5, unit(random) - 0.5, unit(random) - 0.2);
+      const Wrench held = state.delivered;
+      input.T_device_plate.p_m += step_m;
+      const Wrench wrench = keep_passive(options, 0.35, 1e-3, input, state);
+      note_delivered(wrench, state);
+      const Eigen::Vector3d of_sheet_N = input.wrench_device.head<3>();
+      const double along = Eigen::Vector3d(wrench.head<3>()).dot(of_sheet_N);
+      ASSERT_GE(along, -1e-9) << "a pull";
+      if (state.damping_N_s_per_m > 0 && along < 1e-9) ++cancelled;
+      ASSERT_NEAR(state.balance_J, before_J - held.head<3>().dot(step_m), 1e-12)
+          << "what was not settled remains";
+      const double damped_N = state.damping_N_s_per_m;
+      const Wrench again = keep_passive(options, 0.35, 0, input, state);
+      ASSERT_GE(Eigen::Vector3d(again.head<3>()).dot(of_sheet_N), -1e-9) << "without a new pose";
+      ASSERT_LE(state.damping_N_s_per_m, damped_N);
+    }
+  }
+  EXPECT_GT(cancelled, 100);
+}
+
 TEST(Passivity, AMassThrownAtAWallDoesNotReturnFaster) {
   // Without the controller it does: K (step)^2 / 2 a tick.
   int faster_without = 0, runs = 0;

@@ -67,6 +67,21 @@ TEST(Safety, EveryRampReachesZeroWithinFiveMilliseconds) {
   EXPECT_EQ(ramp_ticks(slow, 1000), 4);
 }
 
+TEST(Safety, AfterEnergyTorquesAreZeroAtOnceAndStayZero) {
+  const SafetyTiming timing{0.004, 0, 0};  // `recovering` ends in its first tick
+  Safety safety;
+  safety.state = S::kRunning;
+  ASSERT_TRUE(raise(safety, Fault::kEnergy, 1));
+  EXPECT_EQ(ramp_factor(safety, timing, 8000), 0);
+  EXPECT_TRUE(at_rest(safety, timing, 8000));
+  ASSERT_TRUE(recover(safety, timing, 8000));
+  for (int i = 0; i < 5; ++i) {
+    advance(safety, timing, 8000, Fault::kNone, 1, true, false);
+    EXPECT_EQ(safety.state, S::kReady);
+    EXPECT_EQ(ramp_factor(safety, timing, 8000), 0) << "no rest of a ramp";
+  }
+}
+
 TEST(Safety, ATimeOfNanIsSafe) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kRate_Hz = 1000;
   const auto ready_after = [&](double quiet_s) {

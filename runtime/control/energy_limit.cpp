@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/control/energy_limit.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace trocar::runtime {
+
+FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
+                                 const EnergyInput& input) noexcept {
+  if (input.new_pose) {
+    if (has_last_ && delivered_ticks_ > 0) {
+      work_J_ +=
+          delivered_.dot(displacement(T_device_plate_, input.T_device_plate)) / delivered_ticks_;
+    }
+    T_device_plate_ = input.T_device_plate;
+    has_last_ = true;
+    delivered_.setZero();
+    delivered_ticks_ = 0;
+  }
+  ++tick_;
+
+  const double ticks = std::floor(kEnergyWindow_s * rate_Hz + 1e-9);
+  const auto window = static_cast<std::int64_t>(std::clamp(ticks, 1.0, kEnergyTicks - 1.0));
+  while (count_ > 0 && entry(0).tick < tick_ - window) {
+    first_ = (first_ + 1) % kEnergyTicks;
+    --count_;
+  }
+  if (!input.punctured) {
+    const double energy_J = work_J_ + input.stored_J;
+    while (count_ > 0 && entry(count_ - 1).energy_J >= energy_J)
+      --count_;
+    entry(count_++) = {tick_, energy_J};
+  }
+  excess_J_ = count_ > 0 ? std::max(0.0, work_J_ - entry(0).energy_J) : 0;
+  // Negated so that a limit of nan always trips.
+  if (excess_J_ <= limits.energy_given_max_J) return {};
+  return {Fault::kEnergy, FaultQuantity::kGivenEnergy, -1, excess_J_, limits.energy_given_max_J};
+}
+
+void EnergyAccount::reset() noexcept {
+  has_last_ = false;
+  delivered_.setZero();
+  delivered_ticks_ = 0;
+  work_J_ = 0;
+  first_ = count_ = 0;
+}
+
+}  // namespace trocar::runtime
