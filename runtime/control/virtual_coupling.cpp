@@ -4,7 +4,7 @@
 namespace trocar::runtime {
 
 Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
-                CouplingState& state) noexcept {
+                CouplingState& state, const EarlierPose& earlier) noexcept {
   Pose proxy = T_device_plate;
   if (!(pose_interval_s > 0)) {
     proxy.p_m += state.offset_m;
@@ -29,13 +29,32 @@ Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Po
     const double stays_N = force_N - environment.damping_N_s_per_m * environment.rate_m_per_s;
     const Eigen::Vector3d across =
         d / (options.stiffness_N_per_m + d) * (state.offset_m - n.dot(state.offset_m) * n);
-    const double along = (stays_N - k * n.dot(moved_m) + (k + d) * n.dot(state.offset_m)) /
-                         (k + options.stiffness_N_per_m + d);
+    // The environment's damper takes its velocity from `earlier`, its spring the way moved.
+    const Eigen::Vector3d noise_m =
+        earlier.ago_s > 0
+            ? Eigen::Vector3d(moved_m - (T_device_plate.p_m - earlier.T_device_plate.p_m) *
+                                            (pose_interval_s / earlier.ago_s))
+            : Eigen::Vector3d(Eigen::Vector3d::Zero());
+    const double noise_N = environment.damping_N_s_per_m / pose_interval_s * n.dot(noise_m);
+    const double along =
+        (stays_N + noise_N - k * n.dot(moved_m) + (k + d) * n.dot(state.offset_m)) /
+        (k + options.stiffness_N_per_m + d);
     state.offset_m = across + along * n;
   } else {
     state.offset_m.setZero();
   }
   proxy.p_m += state.offset_m;
+  return proxy;
+}
+
+EarlierPose earlier_proxy(double pose_interval_s, const EarlierPose& earlier,
+                          const CouplingState& state) noexcept {
+  EarlierPose proxy = earlier;
+  if (!(pose_interval_s > 0) || !(earlier.ago_s > 0)) return proxy;
+  // The offset is in equilibrium with the sheet's force: it has no more noise than that, and its
+  // own rate is added to the plate's.
+  proxy.T_device_plate.p_m +=
+      state.offset_m - earlier.ago_s / pose_interval_s * (state.offset_m - state.last_offset_m);
   return proxy;
 }
 

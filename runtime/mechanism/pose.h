@@ -20,6 +20,13 @@ struct Pose {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit
 };
 
+/// The pose from which a steady motion would have led to the present one with the present velocity:
+/// velocities are taken over the time since (runtime/control/velocity_window.h).
+struct EarlierPose {
+  Pose T_device_plate;
+  double ago_s = 0;  ///< 0: none; velocities are taken from the last new pose
+};
+
 /// T_a_c = T_a_b * T_b_c.
 inline Pose operator*(const Pose& T_a_b, const Pose& T_b_c) noexcept {
   return {T_a_b.p_m + T_a_b.q * T_b_c.p_m, (T_a_b.q * T_b_c.q).normalized()};
@@ -52,6 +59,13 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   q.w() = std::cos(angle / 2);
   q.vec() = factor * r;
   return q.normalized();
+}
+
+/// The origin's way and the rotation vector from one pose to another, in {B}.
+inline Twist displacement(const Pose& from, const Pose& to) noexcept {
+  Twist step;
+  step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
+  return step;
 }
 
 /// The same wrench with its moment about another point: new point + lever_m = old point.
