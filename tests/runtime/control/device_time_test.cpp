@@ -3,7 +3,9 @@
 // device's states, and what the loop does with times that cannot be true.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <numbers>
@@ -42,6 +44,27 @@ class DeviceTime : public testing_support::LoopFixture {
   void tick_at(double t_s) {
     device_.next.t_s = t_s - 1 / model_.rate_Hz;
     tick();
+  }
+  struct Range {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+  };
+  /// The range of `value` in a descent at 50 mm/s with coarse encoders, from its 30th tick on.
+  Range descend_by_counts(const std::function<double()>& value) {
+    model_.device.encoder_counts_per_revolution = 20'000;
+    const double count_rad = 2 * std::numbers::pi / 20'000;
+    double z_m = (state_.T_device_plate * model_.contact.tool.tip_plate_m).z();
+    Range range;
+    for (int i = 0; i < 60; ++i) {
+      go_to(z_m -= 0.05e-3);
+      for (double& angle : device_.next.encoder_rad)
+        angle = std::round(angle / count_rad) * count_rad;
+      tick();
+      EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
+      if (i < 30) continue;
+      range.low = std::min(range.low, value());
+      range.high = std::max(range.high, value());
+    }
+    return range;
   }
   double felt_N() const { return result_.row.wrench_wanted[2]; }
   std::unique_ptr<Sheet> own_;
@@ -88,23 +111,33 @@ TEST_F(DeviceTime, ACouplingTakesItToo) {
   }
 }
 
+// 20,000 counts a revolution: a difference over one tick is wrong by up to the 50 mm/s themselves.
 TEST_F(DeviceTime, CoarseEncodersGiveASteadyForce) {
-  model_.device.encoder_counts_per_revolution = 20'000;
-  const double count_rad = 2 * std::numbers::pi / 20'000;
-  double z_m = 0.1168, low_N = 1e9, high_N = -1e9;
-  for (int i = 0; i < 60; ++i) {
-    go_to(z_m -= 0.05e-3);
-    for (double& angle : device_.next.encoder_rad)
-      angle = std::round(angle / count_rad) * count_rad;
-    tick();
-    ASSERT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
-    const double damping_N = result_.contact.force_N - 5000 * result_.contact.penetration_m;
-    if (i < 30) continue;
-    low_N = std::min(low_N, damping_N);
-    high_N = std::max(high_N, damping_N);
-  }
-  EXPECT_GT(low_N, 0.9 * 2);
-  EXPECT_LT(high_N, 1.1 * 2);
+  go_to(0.1168);
+  tick();
+  const Range damping_N = descend_by_counts(
+      [&] { return result_.contact.force_N - 5000 * result_.contact.penetration_m; });
+  EXPECT_GT(damping_N.low, 0.9 * 2);
+  EXPECT_LT(damping_N.high, 1.1 * 2);
+}
+
+TEST_F(DeviceTime, CoarseEncodersGiveASteadyFrictionOfTheShaft) {
+  allow_jumps(true);
+  go_to(0.112);
+  tick();
+  ASSERT_TRUE(result_.contact.punctured_now);
+  const Range friction_N = descend_by_counts([&] { return felt_N(); });
+  EXPECT_GT(friction_N.low, 0.9 * 1.5);
+  EXPECT_LT(friction_N.high, 1.1 * 1.5);
+}
+
+// The proxy moves by two thirds of what the tool moves, a spring of 10 kN/m before one of 5 kN/m.
+TEST_F(DeviceTime, CoarseEncodersGiveASteadyForceThroughACoupling) {
+  model_.coupling.on = true;
+  const Range damping_N = descend_by_counts(
+      [&] { return result_.contact.damping_N_s_per_m * result_.contact.rate_m_per_s; });
+  EXPECT_GT(damping_N.low, 0.8 * 2 * 2 / 3);
+  EXPECT_LT(damping_N.high, 1.2 * 2 * 2 / 3);
 }
 
 TEST_F(DeviceTime, TheLargestStepOfAnEncoderIsThatOfTheTimeBetweenStates) {

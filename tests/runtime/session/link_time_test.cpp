@@ -38,7 +38,7 @@ double p95(std::vector<double> values) {
 }
 
 /// A hand like that of a peck: stiff, and damped for the delay.
-Scene hand_scene(const Tissue& tissue, std::vector<double> sheets_m) {
+Scene hand_scene(const Tissue& tissue, const std::vector<double>& sheets_m) {
   Scene scene = test::descent_scene(sheets_m, 0.17, 0.15, 0.1);
   scene.tissue = tissue;
   scene.hand.stiffness_N_per_m = 8000;
@@ -68,9 +68,8 @@ Scene pecking() {
 /// Through five sheets, each at its own speed.
 Scene piercing(std::uint64_t seed) {
   std::mt19937_64 random(seed);
-  std::vector<double> sheets_m;
-  for (int i = 0; i < 5; ++i)
-    sheets_m.push_back(kSheet_m - 0.012 * i);
+  const std::vector<double> sheets_m = {kSheet_m, kSheet_m - 0.012, kSheet_m - 0.024,
+                                        kSheet_m - 0.036, kSheet_m - 0.048};
   Scene scene = hand_scene({5000, 35, 60, {}}, sheets_m);
   for (const double z_m : sheets_m) {
     const double speed = 0.05 + 0.2 * static_cast<double>(random() >> 11) * 0x1p-53;
