@@ -51,6 +51,14 @@ inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   return factor * v;
 }
 
+/// [translation of the frame's origin; rotation vector] from one pose to the next, in {B}: a wrench
+/// held meanwhile does the work wrench * displacement.
+inline Twist displacement(const Pose& from, const Pose& to) noexcept {
+  Twist step;
+  step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
+  return step;
+}
+
 /// The inverse: the unit quaternion of a rotation about r by |r|.
 inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcept {
   const double angle = r.norm();
@@ -59,13 +67,6 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   q.w() = std::cos(angle / 2);
   q.vec() = factor * r;
   return q.normalized();
-}
-
-/// The origin's way and the rotation vector from one pose to another, in {B}.
-inline Twist displacement(const Pose& from, const Pose& to) noexcept {
-  Twist step;
-  step << to.p_m - from.p_m, rotation_vector(to.q * from.q.conjugate());
-  return step;
 }
 
 /// The same wrench with its moment about another point: new point + lever_m = old point.
