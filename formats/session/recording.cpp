@@ -68,26 +68,13 @@ std::vector<std::string> make_columns() {
       columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
     }
   }
-  for (const char* name : {"state",
-                           "active_slice",
-                           "penetration_m",
-                           "wrench_scale",
-                           "pose_residual_m",
-                           "cuts_published",
-                           "response_sheet",
-                           "response_stiffness_N_per_m",
-                           "response_x_m",
-                           "response_y_m",
-                           "fault",
-                           "device_read",
-                           "device_write",
-                           "outside_fault",
-                           "recovery_asked",
-                           "safety",
-                           "authority",
-                           "passivity_J",
-                           "passivity_N_s_per_m",
-                           "motor_heat_max"}) {
+  for (const char* name :
+       {"state",           "active_slice",   "penetration_m",  "wrench_scale",
+        "pose_residual_m", "cuts_published", "response_sheet", "response_stiffness_N_per_m",
+        "response_x_m",    "response_y_m",   "fault",          "device_read",
+        "state_t_s",       "device_write",   "outside_fault",  "recovery_asked",
+        "safety",          "authority",      "passivity_J",    "passivity_N_s_per_m",
+        "motor_heat_max"}) {
     columns.emplace_back(name);
   }
   return columns;
@@ -136,6 +123,7 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.response_offset_m);
   put(out, to_string(row.fault));
   put(out, to_string(row.device_read));
+  put(out, row.state_t_s);
   put(out, to_string(row.device_write));
   put(out, to_string(row.outside_fault));
   put(out, row.recovery_asked);
@@ -359,6 +347,28 @@ Result<void> RecordingWriter::commit() {
   return {};
 }
 
+namespace {
+
+/// A recording of another version is told from a file that is none by its first column.
+std::string why_no_header(std::string_view line) {
+  const auto has = [line](const std::string& name) {
+    for (std::string_view rest = line; !rest.empty();) {
+      const std::size_t comma = std::min(rest.find(','), rest.size());
+      if (rest.substr(0, comma) == name) return true;
+      rest.remove_prefix(std::min(comma + 1, rest.size()));
+    }
+    return false;
+  };
+  const auto missing = std::find_if_not(columns().begin(), columns().end(), has);
+  if (missing == columns().begin() || missing == columns().end()) {
+    return "is not the header of a recording";
+  }
+  return "has no column " + *missing +
+         ": the recording is of another version of Trocar; replay it there, or record again";
+}
+
+}  // namespace
+
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name) {
   std::vector<RecordingRow> rows;
   std::size_t line_number = 0;
@@ -370,7 +380,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     const std::string_view line = csv.substr(0, end);
     csv.remove_prefix(end + 1);
     if (line_number == 1) {
-      if (line != recording_header()) return refused(where + ": is not the header of a recording");
+      if (line != recording_header()) return refused(where + ": " + why_no_header(line));
       continue;
     }
     RecordingRow row;
@@ -396,6 +406,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
       reader.number(offset_m);
     reader.name(row.fault, kFaultNames);
     reader.name(row.device_read, kDeviceStatusNames);
+    reader.finite(row.state_t_s);
     reader.name(row.device_write, kDeviceStatusNames);
     reader.name(row.outside_fault, kFaultNames);
     reader.flag(row.recovery_asked);

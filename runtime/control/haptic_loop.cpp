@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -17,15 +19,48 @@ Fault fault_of(DeviceStatus status) noexcept {
   return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
 }
 
+/// The angle of one encoder count; 0: the encoders are exact.
+double encoder_count_rad(const DeviceDescription& device) noexcept {
+  const int counts = device.encoder_counts_per_revolution;
+  return counts > 0 ? 2 * std::numbers::pi / counts : 0;
+}
+
+/// Item 4: sets pose_interval_s. False: the state is not new.
+bool take_time(const LoopModel& model, double t_s, LoopState& state, Fault& fault) noexcept {
+  if (!std::isfinite(t_s)) return false;
+  // Both are whole nanoseconds (device_link.md).
+  const double since_s = state.has_state ? std::round((t_s - state.device.t_s) * 1e9) / 1e9 : 0;
+  const bool too_long = model.limits.gap_max_s != 0 && !(since_s <= model.limits.gap_max_s);
+  if (since_s > 0 && !too_long) {
+    const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
+    state.pose_interval_s = since_s;
+    state.ahead_s = std::max(-model.limits.no_data_max_s, state.ahead_s + since_s - ticks_s);
+    return true;
+  }
+  if (state.safety.state == SafetyState::kRunning) {
+    if (since_s > 0) fault = Fault::kNoData;
+    return since_s > 0;
+  }
+  state.limits.has_pose = false;
+  state.window.clear();
+  state.ahead_s = 0;
+  return true;
+}
+
 /// Fills `read` with the device's state, or with the last one if there is no new one (not `fresh`).
 Fault read_device(const LoopModel& model, Device& device, LoopState& state, TickResult& result,
                   DeviceState& read, bool& fresh) noexcept {
+  Fault fault = Fault::kNone;
+  state.pose_interval_s = 0;
   read = state.device;
-  const DeviceStatus status = device.read(read);
+  DeviceStatus status = device.read(read);
   result.end_of_data = status == DeviceStatus::kEndOfData;
+  if (status == DeviceStatus::kOk && !take_time(model, read.t_s, state, fault)) {
+    status = DeviceStatus::kNoData;
+  }
   if (!result.end_of_data) result.row.device_read = status;
   fresh = status == DeviceStatus::kOk;
-  if (fresh || result.end_of_data) return Fault::kNone;
+  if (fresh || result.end_of_data) return fault;
   read = state.device;
   ++state.no_data_ticks;
   if (status != DeviceStatus::kNoData) return fault_of(status);
@@ -50,8 +85,15 @@ Fault check_encoders(const LoopModel& model, const LoopState& state,
     if (!std::isfinite(angle)) return Fault::kEncoderNotFinite;
   }
   if (state.has_state) {
+    // The device's clock may give an encoder less time than the ticks, or as much more as it may be
+    // without data. Two readings may differ by a count at rest.
+    const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
+    const double interval_s =
+        state.pose_interval_s > 0
+            ? std::min(state.pose_interval_s, std::max(ticks_s, model.limits.no_data_max_s))
+            : ticks_s;
     const double step_max_rad =
-        model.limits.encoder_rate_max_rad_per_s * (1 + state.no_data_ticks) / model.rate_Hz;
+        model.limits.encoder_rate_max_rad_per_s * interval_s + encoder_count_rad(model.device);
     for (int i = 0; i < kEncoders; ++i) {
       // Negated so that a limit of nan always trips.
       if (!(std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]) <= step_max_rad)) {
@@ -90,16 +132,17 @@ Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& stat
 }
 
 /// All checks that need no torque; the same in every state.
-Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
+Fault check_health(const LoopModel& model, const DeviceState& read, bool fresh, LoopState& state,
                    TickResult& result) noexcept {
   if (const Fault f = check_encoders(model, state, read); f != Fault::kNone) return f;
   if (const Fault f = find_pose(model, read, state, result.row.pose_residual_m);
       f != Fault::kNone) {
     return f;
   }
-  if (state.pose_interval_s > 0) {
-    const Fault speed =
-        check_speed(model.limits, state.T_device_plate, state.pose_interval_s, state.limits);
+  if (fresh) {
+    const double interval_s =
+        state.pose_interval_s > 0 ? state.pose_interval_s : 1 / model.rate_Hz;  // the first pose
+    const Fault speed = check_speed(model.limits, state.T_device_plate, interval_s, state.limits);
     if (speed != Fault::kNone) return speed;
   }
   if (const Fault f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone) {
@@ -140,12 +183,15 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
     return Fault::kTorqueNotFinite;
   }
   const bool couples = model.coupling.on;
-  const Pose T_device_tool = couples ? move_proxy(model.coupling, state.pose_interval_s,
-                                                  state.T_device_plate, state.coupling)
-                                     : state.T_device_plate;
+  const Pose T_device_tool = couples
+                                 ? move_proxy(model.coupling, state.pose_interval_s,
+                                              state.T_device_plate, state.coupling, state.earlier)
+                                 : state.T_device_plate;
+  const EarlierPose earlier =
+      couples ? earlier_proxy(state.pose_interval_s, state.earlier, state.coupling) : state.earlier;
   ContactOutput& contact = result.contact;
   update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool,
-                 state.pose_interval_s, state.contact, contact);
+                 state.pose_interval_s, state.contact, contact, earlier);
   if (contact.not_upright) return Fault::kToolTilt;
   if (contact.backlog) return Fault::kRemeshBacklog;
 
@@ -167,6 +213,7 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
       model.limits, model.rate_Hz,
       {state.T_device_plate, state.pose_interval_s > 0, input.stored_J, contact.punctured_now});
   if (energy != Fault::kNone) return energy;
+  input.earlier = state.earlier;
   input.wrench_device *= share;
   input.stored_J *= share;
   input.planned_release = contact.punctured_now;
@@ -239,6 +286,7 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.q = {pose.q.w(), pose.q.x(), pose.q.y(), pose.q.z()};
   row.tool_m = {tip.x(), tip.y(), tip.z()};
   row.encoder_rad = read.encoder_rad;
+  row.state_t_s = read.t_s;
   std::copy(state.tau_motor_Nm.data(), state.tau_motor_Nm.data() + kMotors, row.tau_Nm.begin());
   put_wrench(rendered_wrench(state), row.wrench_delivered);
   row.safety = state.safety.state;
@@ -284,14 +332,20 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   bool fresh = false;
   Fault fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
-  state.pose_interval_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
   row.outside_fault = outside_fault(model.limits, inputs);
   if (fault == Fault::kNone) fault = row.outside_fault;
   row.recovery_asked = inputs.recover ? 1 : 0;
   if (inputs.recover) recover(safety, timing, model.rate_Hz);
   const bool seen = state.has_state || fresh;
-  if (fault == Fault::kNone && seen) fault = check_health(model, read, state, result);
-  if (fault != Fault::kNone) state.limits.has_pose = false;
+  if (fault == Fault::kNone && seen) fault = check_health(model, read, fresh, state, result);
+  state.earlier = {};
+  if (fault != Fault::kNone) {
+    state.limits.has_pose = false;
+    state.window.clear();
+  } else if (fresh) {
+    state.window.add(read, state.T_device_plate);
+    state.earlier = state.window.begin(encoder_count_rad(model.device), dt_s);
+  }
   const bool finite = std::all_of(read.encoder_rad.begin(), read.encoder_rad.end(),
                                   [](double angle) { return std::isfinite(angle); });
   if (fresh && finite) {
@@ -302,7 +356,9 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
 
   // Advance the safety state.
   const SafetyState before = safety.state;
-  const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
+  // The motors held their torques for as long as the device's clock says, at least a tick.
+  const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
+  const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s + late_s, state.limits);
   const bool hot = safety.state == SafetyState::kRecovering &&
                    safety.fault == Fault::kMotorOverload &&
                    i2t_share_used(motor, state.limits.load) > kCooled;

@@ -64,6 +64,7 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
     row.cuts_published = static_cast<std::int64_t>(random() >> 1);
     row.fault = static_cast<Fault>(random() % kFaults);
     row.device_read = static_cast<DeviceStatus>(random() % kRecordedDeviceStatuses);
+    row.state_t_s = any_double(random);
     row.device_write = static_cast<DeviceStatus>(random() % kRecordedDeviceStatuses);
     row.outside_fault = static_cast<Fault>(random() % kFaults);
     row.recovery_asked = static_cast<std::uint8_t>(random() % 2);
@@ -85,8 +86,9 @@ bool same_bits(const std::array<double, N>& a, const std::array<double, N>& b) {
 }
 
 bool same(const RecordingRow& a, const RecordingRow& b) {
-  return same_bits(std::array{a.t_s, a.penetration_m, a.wrench_scale, a.pose_residual_m},
-                   std::array{b.t_s, b.penetration_m, b.wrench_scale, b.pose_residual_m}) &&
+  return same_bits(
+             std::array{a.t_s, a.state_t_s, a.penetration_m, a.wrench_scale, a.pose_residual_m},
+             std::array{b.t_s, b.state_t_s, b.penetration_m, b.wrench_scale, b.pose_residual_m}) &&
          same_bits(a.p_m, b.p_m) && same_bits(a.q, b.q) && same_bits(a.tool_m, b.tool_m) &&
          same_bits(a.wrench_wanted, b.wrench_wanted) &&
          same_bits(a.wrench_delivered, b.wrench_delivered) && same_bits(a.tau_Nm, b.tau_Nm) &&
@@ -179,6 +181,11 @@ TEST_F(Recording, CorruptedRowsAreRefusedNamingLineAndColumn) {
   EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown name");
   EXPECT_EQ(with(second, 0, "\n"), "r.csv: line 3: t_s is not a number");
   EXPECT_EQ(with(0, 1, "T"), "r.csv: line 1: is not the header of a recording");
+  const std::string state_time = "state_t_s,";
+  EXPECT_EQ(
+      with(good.find(state_time), state_time.size(), ""),
+      "r.csv: line 1: has no column state_t_s: the recording is of another version of Trocar; "
+      "replay it there, or record again");
   EXPECT_EQ(with(header, good.size() - header, ""), "r.csv: has no row");
   EXPECT_FALSE(parse_recording("", "r.csv"));
   // A recording that is cut anywhere except at a line's end is refused.
