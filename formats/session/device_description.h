@@ -60,9 +60,10 @@ struct DeviceDescription {
 
   // The simulated device only.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
-  int encoder_counts_per_revolution = 0;          ///< 0: exact encoders
-  double gravity_m_per_s2 = 0;                    ///< along -z; 0: the mechanism is balanced
-  int minimum_substeps = 0;                       ///< of the integration, in each simulation step
+  int encoder_counts_per_revolution = 0;  ///< 0: exact encoders; also what velocities of the
+                                          ///< loop are filtered to
+  double gravity_m_per_s2 = 0;            ///< along -z; 0: the mechanism is balanced
+  int minimum_substeps = 0;               ///< of the integration, in each simulation step
   double maximum_substep_s = 0;
 
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;

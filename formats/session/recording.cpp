@@ -23,7 +23,7 @@ constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
 constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
                                                     "fault"};
 /// Columns that recordings of older versions do not have.
-constexpr std::array<const char*, 1> kLaterColumns = {"origin"};
+constexpr std::array<const char*, 2> kLaterColumns = {"state_t_s", "origin"};
 constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
 constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
@@ -60,26 +60,13 @@ std::vector<std::string> make_columns() {
       columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
     }
   }
-  for (const char* name : {"state",
-                           "active_slice",
-                           "penetration_m",
-                           "wrench_scale",
-                           "pose_residual_m",
-                           "cuts_published",
-                           "response_sheet",
-                           "response_stiffness_N_per_m",
-                           "response_x_m",
-                           "response_y_m",
-                           "fault",
-                           "device_read",
-                           "device_write",
-                           "outside_fault",
-                           "recovery_asked",
-                           "safety",
-                           "authority",
-                           "passivity_J",
-                           "passivity_N_s_per_m",
-                           "motor_heat_max"}) {
+  for (const char* name :
+       {"state",           "active_slice",   "penetration_m",  "wrench_scale",
+        "pose_residual_m", "cuts_published", "response_sheet", "response_stiffness_N_per_m",
+        "response_x_m",    "response_y_m",   "fault",          "device_read",
+        "state_t_s",       "device_write",   "outside_fault",  "recovery_asked",
+        "safety",          "authority",      "passivity_J",    "passivity_N_s_per_m",
+        "motor_heat_max"}) {
     columns.emplace_back(name);
   }
   columns.emplace_back("origin");  // the last: text, in the first row only
@@ -151,6 +138,7 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.response_offset_m);
   put(out, to_string(row.fault));
   put(out, to_string(row.device_read));
+  put(out, row.state_t_s);
   put(out, to_string(row.device_write));
   put(out, to_string(row.outside_fault));
   put(out, row.recovery_asked);
@@ -432,6 +420,8 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
       reader.number(offset_m);
     reader.name(row.fault, fault_names());
     reader.name(row.device_read, kDeviceStatusNames);
+    row.state_t_s = row.t_s;
+    if (has("state_t_s")) reader.finite(row.state_t_s);
     reader.name(row.device_write, kDeviceStatusNames);
     reader.name(row.outside_fault, fault_names());
     reader.flag(row.recovery_asked);

@@ -97,6 +97,7 @@ struct RecordingRow {
   Fault fault = Fault::kNone;
   // What else a tick's torques depend on, so that a replay gives them to the last bit.
   DeviceStatus device_read = DeviceStatus::kOk, device_write = DeviceStatus::kOk;
+  double state_t_s = 0;                ///< on the device's clock: when these encoders were read
   Fault outside_fault = Fault::kNone;  ///< found outside of the tick: late ticks, a full queue
   std::uint8_t recovery_asked = 0;     ///< 1: the operator requested recovery at this tick
   // Results of the tick.
@@ -111,8 +112,8 @@ struct RecordingRow {
 /// fx_wanted_N,...,tz_wanted_Nm,fx_delivered_N,...,tau_1_1_Nm,tau_1_4_Nm,... (leg, joint),
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
-/// response_y_m,fault,device_read,device_write,outside_fault,recovery_asked,safety,authority,
-/// passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The last, to_text() of the
+/// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
+/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The last, to_text() of the
 /// RecordingOrigin, is empty but in the first row.
 const std::string& recording_header();
 

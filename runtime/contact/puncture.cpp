@@ -207,11 +207,13 @@ void request_response(const ContactModel& model, std::span<const Sheet* const> s
 
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
-                    double pose_interval_s, ContactState& state, ContactOutput& output) noexcept {
+                    double pose_interval_s, ContactState& state, ContactOutput& output,
+                    const EarlierPose& earlier) noexcept {
   output = ContactOutput{};
   output.tip_device_m = T_device_plate * model.tool.tip_plate_m;
   output.not_upright = !is_upright(model.tool, T_device_plate);
   if (output.not_upright) return;
+  const double earlier_tip_z_m = (earlier.T_device_plate * model.tool.tip_plate_m).z();
   bool shielded = false;  // a sheet above bears the tool, or was punctured in this tick
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];
@@ -225,8 +227,14 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     ToolSection place;
     place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
     const ShaftTissue held = held_by(sheet.tissue.shaft, track.shaft_share);
+    const double earlier_m = sheet.z_m - earlier_tip_z_m;
+    EarlierShaft earlier_shaft;
+    if (track.shaft.in_hole && earlier.ago_s > 0) {
+      earlier_shaft = {shaft_place(model, sheet, earlier.T_device_plate, earlier_m).inserted_m,
+                       earlier.ago_s};
+    }
     const Eigen::Vector3d hole_force_N =
-        shaft_force(held, place.shaft, pose_interval_s, track.shaft);
+        shaft_force(held, place.shaft, pose_interval_s, track.shaft, earlier_shaft);
     output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
     add_shaft(held, place.shaft, track.shaft, output.local);
 
@@ -257,7 +265,9 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     if (!track.has_last) {
       track.rate_m_per_s = 0;
     } else if (pose_interval_s > 0) {
-      track.rate_m_per_s = (penetration_m - track.last_penetration_m) / pose_interval_s;
+      track.rate_m_per_s = earlier.ago_s > 0
+                               ? (penetration_m - earlier_m) / earlier.ago_s
+                               : (penetration_m - track.last_penetration_m) / pose_interval_s;
     }
     track.last_penetration_m = penetration_m;
     track.has_last = true;

@@ -9,7 +9,8 @@
 //     off the material later.
 //  2. In contact F = k dx + s b dx', at least 0, where dx = z_sheet - z_tip, s is the share of the
 //     tool outline over material, and dx' the backward difference of dx over the time since the
-//     previous new pose. Without a new pose dx' is held, and the next pose causes no force spike.
+//     previous new pose, or since `earlier` if it is given. Times are the device's. Without a new
+//     pose dx' is held, and the next pose causes no force spike.
 //     By the law `hooke` k = s K, and F acts in the centroid of the area over material. By the law
 //     `network` k and the point are the sheet's response, which a worker prepared for a place of
 //     the tool near this one; a new response is blended in over kBlend_s, and without any the law
@@ -140,13 +141,15 @@ struct ContactOutput {
 
 /// One tick. `sheets`: the meshes in use, the topmost first, at most kMaxSceneSlices; a sheet's
 /// `cuts` never decreases from tick to tick. `response`: the latest one (`network`).
-/// `pose_interval_s`: the time since the previous new pose; 0: the pose is not new.
+/// `pose_interval_s`: the time since the previous new pose, on the device's clock; 0: the pose is
+/// not new. `earlier`: velocities are taken from there.
 /// No allocation; at most one overlap for each sheet that the tip is below and that is not
 /// punctured, shielded or passed beside, and kMaxPendingHoles outline_outside() for each that is
 /// punctured or passed beside in this tick.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
-                    double pose_interval_s, ContactState& state, ContactOutput& output) noexcept;
+                    double pose_interval_s, ContactState& state, ContactOutput& output,
+                    const EarlierPose& earlier = {}) noexcept;
 
 /// For a tick without update_contact: the next one starts without rate and friction. Contact
 /// states, punctures and requested holes are kept.

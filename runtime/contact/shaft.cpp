@@ -19,14 +19,18 @@ void reset_motion(ShaftState& state) noexcept {
 }
 
 Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
-                            double pose_interval_s, ShaftState& state) noexcept {
+                            double pose_interval_s, ShaftState& state,
+                            const EarlierShaft& earlier) noexcept {
   if (!state.in_hole) return Eigen::Vector3d::Zero();
   const double moved_m = state.has_last ? place.inserted_m - state.last_m : 0;
+  const bool is_steady = state.has_last && earlier.ago_s > 0;
   state.has_last = true;
   state.last_m = place.inserted_m;
   state.spring_m = std::clamp(state.spring_m + moved_m, -tissue.presliding_m, tissue.presliding_m);
   if (pose_interval_s > 0) {
-    state.viscous_N = tissue.viscous_friction_N_s_per_m * moved_m / pose_interval_s;
+    state.viscous_N = is_steady ? tissue.viscous_friction_N_s_per_m *
+                                      (place.inserted_m - earlier.inserted_m) / earlier.ago_s
+                                : tissue.viscous_friction_N_s_per_m * moved_m / pose_interval_s;
   }
   const double along_N =
       tissue.dry_friction_N * state.spring_m / tissue.presliding_m + state.viscous_N;

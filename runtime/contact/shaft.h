@@ -43,10 +43,17 @@ void enter_hole(const ShaftPlace& place, ShaftState& state) noexcept;
 /// from 0 at its next place.
 void reset_motion(ShaftState& state) noexcept;
 
+/// How much was inserted at an EarlierPose.
+struct EarlierShaft {
+  double inserted_m = 0;
+  double ago_s = 0;  ///< as in EarlierPose
+};
+
 /// The force on the tool at `place.at_m`, in {B}. Unless in_hole it is zero, and `state` is
-/// unchanged. `pose_interval_s`: as in update_contact.
+/// unchanged. `pose_interval_s`, `earlier`: as in update_contact.
 Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftPlace& place,
-                            double pose_interval_s, ShaftState& state) noexcept;
+                            double pose_interval_s, ShaftState& state,
+                            const EarlierShaft& earlier = {}) noexcept;
 
 /// Adds the elements of the last shaft_force() to `local`.
 void add_shaft(const ShaftTissue& tissue, const ShaftPlace& place, const ShaftState& state,

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -23,15 +24,51 @@ FaultDetail fault_of(DeviceStatus status, const Device& device) noexcept {
   return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
 }
 
+/// The angle of one encoder count; 0: the encoders are exact.
+double encoder_count_rad(const DeviceDescription& device) noexcept {
+  const int counts = device.encoder_counts_per_revolution;
+  return counts > 0 ? 2 * std::numbers::pi / counts : 0;
+}
+
+/// Item 4: sets pose_interval_s. False: the state is not new.
+bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail& fault) noexcept {
+  if (!std::isfinite(t_s)) return false;
+  // Both are whole nanoseconds (device_link.md).
+  const double since_s = state.has_state ? std::round((t_s - state.device.t_s) * 1e9) / 1e9 : 0;
+  const bool too_long = model.limits.gap_max_s != 0 && !(since_s <= model.limits.gap_max_s);
+  if (since_s > 0 && !too_long) {
+    const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
+    state.pose_interval_s = since_s;
+    state.ahead_s = std::max(-model.limits.no_data_max_s, state.ahead_s + since_s - ticks_s);
+    return true;
+  }
+  if (state.safety.state == SafetyState::kRunning) {
+    if (since_s > 0) {
+      fault = {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, since_s,
+               model.limits.gap_max_s};
+    }
+    return since_s > 0;
+  }
+  state.limits.has_pose = false;
+  state.window.clear();
+  state.ahead_s = 0;
+  return true;
+}
+
 /// Fills `read` with the device's state, or with the last one if there is no new one (not `fresh`).
 FaultDetail read_device(const LoopModel& model, Device& device, LoopState& state,
                         TickResult& result, DeviceState& read, bool& fresh) noexcept {
+  FaultDetail fault;
+  state.pose_interval_s = 0;
   read = state.device;
-  const DeviceStatus status = device.read(read);
+  DeviceStatus status = device.read(read);
   result.end_of_data = status == DeviceStatus::kEndOfData;
+  if (status == DeviceStatus::kOk && !take_time(model, read.t_s, state, fault)) {
+    status = DeviceStatus::kNoData;
+  }
   if (!result.end_of_data) result.row.device_read = status;
   fresh = status == DeviceStatus::kOk;
-  if (fresh || result.end_of_data) return Fault::kNone;
+  if (fresh || result.end_of_data) return fault;
   read = state.device;
   ++state.no_data_ticks;
   if (status != DeviceStatus::kNoData) return fault_of(status, device);
@@ -65,8 +102,15 @@ FaultDetail check_encoders(const LoopModel& model, const LoopState& state,
     }
   }
   if (state.has_state) {
+    // The device's clock may give an encoder less time than the ticks, or as much more as it may be
+    // without data. Two readings may differ by a count at rest.
+    const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
+    const double interval_s =
+        state.pose_interval_s > 0
+            ? std::min(state.pose_interval_s, std::max(ticks_s, model.limits.no_data_max_s))
+            : ticks_s;
     const double step_max_rad =
-        model.limits.encoder_rate_max_rad_per_s * (1 + state.no_data_ticks) / model.rate_Hz;
+        model.limits.encoder_rate_max_rad_per_s * interval_s + encoder_count_rad(model.device);
     for (int i = 0; i < kEncoders; ++i) {
       const double step_rad = std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]);
       if (!(step_rad <= step_max_rad)) {  // negated so that a limit of nan always trips
@@ -123,16 +167,18 @@ FaultDetail tool_tilt(const Tool& tool, const Pose& T_device_plate) noexcept {
 }
 
 /// All checks that need no torque; the same in every state.
-FaultDetail check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
-                         TickResult& result) noexcept {
+FaultDetail check_health(const LoopModel& model, const DeviceState& read, bool fresh,
+                         LoopState& state, TickResult& result) noexcept {
   if (const FaultDetail f = check_encoders(model, state, read); f != Fault::kNone) return f;
   if (const FaultDetail f = find_pose(model, read, state, result.row.pose_residual_m);
       f != Fault::kNone) {
     return f;
   }
-  if (state.pose_interval_s > 0) {
+  if (fresh) {
+    const double interval_s =
+        state.pose_interval_s > 0 ? state.pose_interval_s : 1 / model.rate_Hz;  // the first pose
     const FaultDetail speed =
-        check_speed(model.limits, state.T_device_plate, state.pose_interval_s, state.limits);
+        check_speed(model.limits, state.T_device_plate, interval_s, state.limits);
     if (speed != Fault::kNone) return speed;
   }
   if (const FaultDetail f = check_workspace(model.limits, state.T_device_plate);
@@ -187,12 +233,15 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Loop
             inputs.response.stiffness_N_per_m, std::numeric_limits<double>::quiet_NaN()};
   }
   const bool couples = model.coupling.on;
-  const Pose T_device_tool = couples ? move_proxy(model.coupling, state.pose_interval_s,
-                                                  state.T_device_plate, state.coupling)
-                                     : state.T_device_plate;
+  const Pose T_device_tool = couples
+                                 ? move_proxy(model.coupling, state.pose_interval_s,
+                                              state.T_device_plate, state.coupling, state.earlier)
+                                 : state.T_device_plate;
+  const EarlierPose earlier =
+      couples ? earlier_proxy(state.pose_interval_s, state.earlier, state.coupling) : state.earlier;
   ContactOutput& contact = result.contact;
   update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool,
-                 state.pose_interval_s, state.contact, contact);
+                 state.pose_interval_s, state.contact, contact, earlier);
   if (contact.not_upright) return tool_tilt(model.contact.tool, T_device_tool);
   if (contact.backlog) {
     return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
@@ -217,6 +266,7 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, Loop
       model.limits, model.rate_Hz,
       {state.T_device_plate, state.pose_interval_s > 0, input.stored_J, contact.punctured_now});
   if (energy != Fault::kNone) return energy;
+  input.earlier = state.earlier;
   input.wrench_device *= share;
   input.stored_J *= share;
   input.planned_release = contact.punctured_now;
@@ -296,6 +346,7 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.q = {pose.q.w(), pose.q.x(), pose.q.y(), pose.q.z()};
   row.tool_m = {tip.x(), tip.y(), tip.z()};
   row.encoder_rad = read.encoder_rad;
+  row.state_t_s = read.t_s;
   std::copy(state.tau_motor_Nm.data(), state.tau_motor_Nm.data() + kMotors, row.tau_Nm.begin());
   put_wrench(rendered_wrench(state), row.wrench_delivered);
   row.safety = state.safety.state;
@@ -341,15 +392,21 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   bool fresh = false;
   FaultDetail fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
-  state.pose_interval_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
   const FaultDetail outside = outside_fault(model.limits, inputs);
   row.outside_fault = outside.fault;
   if (fault == Fault::kNone) fault = outside;
   row.recovery_asked = inputs.recover ? 1 : 0;
   if (inputs.recover) recover(safety, timing, model.rate_Hz);
   const bool seen = state.has_state || fresh;
-  if (fault == Fault::kNone && seen) fault = check_health(model, read, state, result);
-  if (fault != Fault::kNone) state.limits.has_pose = false;
+  if (fault == Fault::kNone && seen) fault = check_health(model, read, fresh, state, result);
+  state.earlier = {};
+  if (fault != Fault::kNone) {
+    state.limits.has_pose = false;
+    state.window.clear();
+  } else if (fresh) {
+    state.window.add(read, state.T_device_plate);
+    state.earlier = state.window.begin(encoder_count_rad(model.device), dt_s);
+  }
   const bool finite = std::all_of(read.encoder_rad.begin(), read.encoder_rad.end(),
                                   [](double angle) { return std::isfinite(angle); });
   if (fresh && finite) {
@@ -360,7 +417,9 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
 
   // Advance the safety state.
   const SafetyState before = safety.state;
-  const FaultDetail heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
+  // The motors held their torques for as long as the device's clock says, at least a tick.
+  const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
+  const FaultDetail heat = check_heat(motor, state.tau_motor_Nm, dt_s + late_s, state.limits);
   if (fault == Fault::kNone) fault = heat;
   if (fault == Fault::kNone && safety.state == SafetyState::kRecovering &&
       safety.fault == Fault::kMotorOverload) {

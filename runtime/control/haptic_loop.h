@@ -9,6 +9,14 @@
 //     from the last torques written. If the write itself failed it starts from the torques of that
 //     write, one tick later. In all other states torques are zero.
 //  3. The row holds every input of the tick: replaying the rows gives the same torques.
+//  4. Time is the device's: intervals between poses, and with them velocities, the largest step of
+//     an encoder and the heat of a tick that came late, are differences of its states' times, to
+//     the nanosecond. A state whose time is not finite, or not after the last one's, is not new:
+//     after no_data_max_s without a new one the fault is kNoData. So it is at once if the time is
+//     more than gap_max_s after the last one's. While forces are not rendered the device's clock
+//     may also start again, as after a restored link; velocities then start again too.
+//  5. A torque's rise, the ramps and the blending of responses count ticks: late ticks make them
+//     slower, never faster.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +30,7 @@
 #include "runtime/control/limits.h"
 #include "runtime/control/passivity.h"
 #include "runtime/control/safety.h"
+#include "runtime/control/velocity_window.h"
 #include "runtime/control/virtual_coupling.h"
 #include "runtime/device/device.h"
 #include "runtime/mechanism/motor.h"
@@ -45,11 +54,14 @@ struct LoopState {
   std::uint64_t tick = 0;  ///< ticks done
   ContactState contact;
   DeviceState device;  ///< the last one read whose angles are finite
-  /// Time between the previous new pose and this tick's; 0: no new pose in this tick. Velocities
-  /// are computed over this time. Without a new pose the last velocity (dx') is held, and the next
+  /// Time between the previous new pose and this tick's, on the device's clock; 0: no new pose in
+  /// this tick, or the first one. Without a new pose the last velocity (dx') is held, and the next
   /// pose causes no force spike.
   double pose_interval_s = 0;
-  Pose T_device_plate;                                ///< of the last tick whose checks passed
+  VelocityWindow window;
+  EarlierPose earlier;  ///< velocities are computed over the time since; none: over pose_interval_s
+  double ahead_s = 0;   ///< time on the device's clock beyond that of the ticks, not counted yet
+  Pose T_device_plate;  ///< of the last tick whose checks passed
   Jacobian G = Jacobian::Zero();                      ///< at T_device_plate
   MotorVector tau_motor_Nm = MotorVector::Zero();     ///< last written
   MotorVector tau_at_stop_Nm = MotorVector::Zero();   ///< when `running` was left

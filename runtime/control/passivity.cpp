@@ -51,10 +51,15 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   }
   const double deficit_J = -options.reserve_J - state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
-  state.unit_damper << step.head<3>() / pose_interval_s,
-      options.length_m * options.length_m * step.tail<3>() / pose_interval_s;
-  const double most = damping_max(options, plate_mass_kg, pose_interval_s);
+  const bool is_steady = input.earlier.ago_s > 0;
+  const Twist moved =
+      is_steady ? displacement(input.earlier.T_device_plate, input.T_device_plate) : step;
+  const double moved_s = is_steady ? input.earlier.ago_s : pose_interval_s;
+  state.unit_damper << moved.head<3>() / moved_s,
+      options.length_m * options.length_m * moved.tail<3>() / moved_s;
+  const double most = damping_max(options, plate_mass_kg, moved_s);
   const double dissipated_J = state.unit_damper.dot(step);  // by 1 N s/m, in a tick like the last
+  if (is_steady && !(dissipated_J > 0)) return input.wrench_device;  // against the last step
   return damped(input.wrench_device, state,
                 deficit_J < most * dissipated_J ? deficit_J / dissipated_J : most);
 }

@@ -44,6 +44,7 @@ struct PassivityInput {
   Pose T_device_plate;
   Wrench wrench_device = Wrench::Zero();  ///< of the environment, on the plate, in {B}
   double stored_J = 0;                    ///< in the environment now; 0 without contact
+  EarlierPose earlier;                    ///< the damper's velocity is taken from there
   bool planned_release = false;           ///< the environment is released in this tick (puncture)
 };
 
@@ -64,8 +65,8 @@ struct PassivityState {
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
 /// Returns the wrench to render instead of `input.wrench_device`. Call note_delivered() afterwards.
-/// `pose_interval_s`: time between the previous new pose and this one; 0: no new pose in this tick,
-/// and an active damper keeps its force.
+/// `pose_interval_s`: time between the previous new pose and this one, on the device's clock; 0: no
+/// new pose in this tick, and an active damper keeps its force.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 

@@ -40,10 +40,14 @@ struct CouplingState {
 };
 
 /// Returns the pose of the proxy, to be used instead of the plate's in this tick.
-/// `pose_interval_s`: as in update_contact; without a new pose the proxy keeps its offset, and
-/// spring and damper keep their forces.
+/// `pose_interval_s`, `earlier`: as in update_contact; without a new pose the proxy keeps its
+/// offset, and spring and damper keep their forces.
 Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
-                CouplingState& state) noexcept;
+                CouplingState& state, const EarlierPose& earlier = {}) noexcept;
+
+/// The proxy's EarlierPose after move_proxy(), given the plate's.
+EarlierPose earlier_proxy(double pose_interval_s, const EarlierPose& earlier,
+                          const CouplingState& state) noexcept;
 
 /// Returns the wrench on the plate, given the environment's wrench on the proxy and its elements.
 /// `punctured`: in this tick; the proxy then moves at once, by the change of `state.offset_m`. The

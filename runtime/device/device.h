@@ -19,7 +19,7 @@ inline constexpr int kMotors = 2 * kLegs;    ///< leg-major: th1, th4 of leg 1, 
 inline constexpr int kEncoders = 4 * kLegs;  ///< leg-major: th1, th2, th3, th4 of leg 1, ...
 
 struct DeviceState {
-  double t_s = 0;  ///< on the device's clock
+  double t_s = 0;  ///< when the encoders were read, on the device's clock; ascending
   std::array<double, kEncoders> encoder_rad{};
 };
 

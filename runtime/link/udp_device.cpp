@@ -269,7 +269,7 @@ DeviceStatus UdpDevice::read(DeviceState& state) noexcept {
   const DeviceStatus status = status_of_newest();
   is_lost_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;
-  state.t_s = static_cast<double>(newest_.time_ns) * 1e-9;
+  state.t_s = static_cast<double>(newest_.time_ns) / 1e9;
   state.encoder_rad = newest_.encoder_rad;
   return status;
 }

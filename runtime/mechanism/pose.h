@@ -20,6 +20,13 @@ struct Pose {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit
 };
 
+/// The pose from which a steady motion would have led to the present one with the present velocity:
+/// velocities are taken over the time since (runtime/control/velocity_window.h).
+struct EarlierPose {
+  Pose T_device_plate;
+  double ago_s = 0;  ///< 0: none; velocities are taken from the last new pose
+};
+
 /// T_a_c = T_a_b * T_b_c.
 inline Pose operator*(const Pose& T_a_b, const Pose& T_b_c) noexcept {
   return {T_a_b.p_m + T_a_b.q * T_b_c.p_m, (T_a_b.q * T_b_c.q).normalized()};

@@ -140,6 +140,12 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
     sleep_until(time_of(call));
     const std::int64_t woken_ns = now_ns();
     report.wake.add(woken_ns - time_of(call));
+    // A call that wakes up late learns of the deadlines that it slept through before it acts.
+    for (; time_of(call + 1) <= woken_ns; ++call) {
+      ++timing.missed_in_row;
+      ++report.missed_deadlines;
+    }
+    report.missed_in_row_max = std::max(report.missed_in_row_max, timing.missed_in_row);
     timing.gap_s = last_ns == 0 ? 0 : static_cast<double>(woken_ns - last_ns) * 1e-9;
     last_ns = woken_ns;
     if (!tick(timing)) break;

@@ -30,8 +30,9 @@ struct RealtimeReport {
   /// realtime threads have 0. -1: unknown.
   int timer_slack_ns = -1;
   std::string note;  ///< what was not granted, and why; else empty
-  /// Times at which a call should have started while another still ran: a call that takes three
-  /// periods misses three. They are skipped: there are no bursts of calls to catch up.
+  /// Times at which a call should have started while another still ran, or while the thread had not
+  /// woken up: a call that takes three periods misses three. They are skipped: there are no bursts
+  /// of calls to catch up.
   std::uint64_t missed_deadlines = 0;
   int missed_in_row_max = 0;      ///< TickTiming::missed_in_row, the largest; <= missed_deadlines
   std::uint64_t page_faults = 0;  ///< of the thread, from the first call to the last
@@ -41,8 +42,8 @@ struct RealtimeReport {
 /// Timing of a call.
 struct TickTiming {
   double gap_s = 0;       ///< since the previous call started; 0 in the first
-  int missed_in_row = 0;  ///< deadlines missed directly before this call; a call that takes three
-                          ///< periods misses three
+  int missed_in_row = 0;  ///< deadlines missed directly before this call: a call that takes three
+                          ///< periods misses three, as does one that wakes up three periods late
 };
 
 /// Calls `tick` until it returns false or `stop` is set, then immediately, on the same thread,

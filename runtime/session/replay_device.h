@@ -19,7 +19,7 @@ class ReplayDevice final : public Device {
     if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
     const RecordingRow& row = rows_[next_++];
     if (row.device_read != DeviceStatus::kOk) return row.device_read;
-    state.t_s = row.t_s;
+    state.t_s = row.state_t_s;
     state.encoder_rad = row.encoder_rad;
     return DeviceStatus::kOk;
   }

@@ -234,6 +234,7 @@ void Drive::record_step(bool fault) noexcept {
     step.commanded_max_Nm = std::max(step.commanded_max_Nm, std::abs(tau));
   step.applied_max_Nm = model_.truth().tau_applied_Nm.cwiseAbs().maxCoeff();
   step.packets_refused = report_.packets.refused();
+  step.tip = model_.tip();
   report_.steps.push_back(step);
 }
 

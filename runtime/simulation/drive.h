@@ -53,6 +53,7 @@ struct DriveStep {
   double commanded_max_Nm = 0;        ///< largest of the motors, as commanded
   double applied_max_Nm = 0;          ///< and as applied
   std::uint64_t packets_refused = 0;  ///< so far
+  TrueTip tip;                        ///< at the end of the step
 };
 
 /// A peak of the force on the hand: the force fell to less than half of it afterwards.

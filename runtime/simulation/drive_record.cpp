@@ -34,7 +34,7 @@ void put(std::string& out, Number value, char end) {
 std::string to_csv(std::span<const DriveStep> steps) {
   std::string out =
       "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
-      "packets_refused\n";
+      "packets_refused,tool_x_m,tool_y_m,tool_z_m,tool_x_m_per_s,tool_y_m_per_s,tool_z_m_per_s\n";
   for (const DriveStep& step : steps) {
     put(out, step.session, ',');
     put(out, step.t_s, ',');
@@ -45,7 +45,12 @@ std::string to_csv(std::span<const DriveStep> steps) {
     put(out, step.command_taken, ',');
     put(out, step.commanded_max_Nm, ',');
     put(out, step.applied_max_Nm, ',');
-    put(out, step.packets_refused, '\n');
+    put(out, step.packets_refused, ',');
+    for (const double x : step.tip.at_m)
+      put(out, x, ',');
+    for (const double v : step.tip.velocity_m_per_s)
+      put(out, v, ',');
+    out.back() = '\n';
   }
   return out;
 }

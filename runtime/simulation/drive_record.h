@@ -11,7 +11,8 @@
 namespace trocar::runtime {
 
 /// Columns: session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,
-/// packets_refused. Mode is ready, torque, watchdog or emergency_stop.
+/// packets_refused,tool_x_m,tool_y_m,tool_z_m,tool_x_m_per_s,tool_y_m_per_s,tool_z_m_per_s. Mode is
+/// ready, torque, watchdog or emergency_stop; the tool's true tip and its velocity are in {B}.
 std::string to_csv(std::span<const DriveStep> steps);
 
 }  // namespace trocar::runtime

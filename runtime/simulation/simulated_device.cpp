@@ -88,7 +88,7 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
 }
 
 DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
-  state.t_s = truth_.t_s;
+  state.t_s = std::round(truth_.t_s * 1e9) / 1e9;
   state.encoder_rad = encoder_angles(truth_.joints);
   if (options_.mechanics && options_.mechanics->encoder_noise_rad > 0) {
     for (double& angle : state.encoder_rad)
@@ -113,6 +113,11 @@ DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
   if (truth_.torque_limited) tau = tau.cwiseMin(peak).cwiseMax(-peak);
   truth_.tau_motor_Nm = tau;
   return DeviceStatus::kOk;
+}
+
+TrueTip SimulatedDevice::tip() const noexcept {
+  const Vector3d lever_m = truth_.T_device_plate.q * options_.T_plate_tool.p_m;
+  return {truth_.T_device_plate.p_m + lever_m, moved_to(truth_.twist_device, lever_m).head<3>()};
 }
 
 bool SimulatedDevice::step(double dt_s) noexcept {

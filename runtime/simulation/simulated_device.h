@@ -57,6 +57,11 @@ struct SimulatedTruth {
   bool at_stop = false;          ///< the last step ended at the end of reach
 };
 
+/// The tool's tip, in {B}.
+struct TrueTip {
+  Eigen::Vector3d at_m = Eigen::Vector3d::Zero(), velocity_m_per_s = Eigen::Vector3d::Zero();
+};
+
 class SimulatedDevice final : public Device {
  public:
   /// Refused: a hand that check_hand refuses, invalid mechanics, a start out of reach.
@@ -65,8 +70,8 @@ class SimulatedDevice final : public Device {
                                       const HandImpedance& impedance,
                                       const SimulatedDeviceOptions& options = {});
 
-  /// Time and encoders of the true pose, with the noise of the mechanics (new in each call),
-  /// quantised as the description says.
+  /// Time (whole nanoseconds, as over the link) and encoders of the true pose, with the noise of
+  /// the mechanics (new in each call), quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
   /// Holds the torques (zero-order hold) for the steps to come.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
@@ -82,6 +87,7 @@ class SimulatedDevice final : public Device {
   bool step(double dt_s) noexcept;
 
   const SimulatedTruth& truth() const noexcept { return truth_; }
+  TrueTip tip() const noexcept;
 
  private:
   SimulatedDevice(const DeviceDescription& device, const HandTrajectory& trajectory,

@@ -64,6 +64,7 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
     row.cuts_published = static_cast<std::int64_t>(random() >> 1);
     row.fault = static_cast<Fault>(random() % kFaults);
     row.device_read = static_cast<DeviceStatus>(random() % kRecordedDeviceStatuses);
+    row.state_t_s = any_double(random);
     row.device_write = static_cast<DeviceStatus>(random() % kRecordedDeviceStatuses);
     row.outside_fault = static_cast<Fault>(random() % kFaults);
     row.recovery_asked = static_cast<std::uint8_t>(random() % 2);
@@ -85,8 +86,9 @@ bool same_bits(const std::array<double, N>& a, const std::array<double, N>& b) {
 }
 
 bool same(const RecordingRow& a, const RecordingRow& b) {
-  return same_bits(std::array{a.t_s, a.penetration_m, a.wrench_scale, a.pose_residual_m},
-                   std::array{b.t_s, b.penetration_m, b.wrench_scale, b.pose_residual_m}) &&
+  return same_bits(
+             std::array{a.t_s, a.state_t_s, a.penetration_m, a.wrench_scale, a.pose_residual_m},
+             std::array{b.t_s, b.state_t_s, b.penetration_m, b.wrench_scale, b.pose_residual_m}) &&
          same_bits(a.p_m, b.p_m) && same_bits(a.q, b.q) && same_bits(a.tool_m, b.tool_m) &&
          same_bits(a.wrench_wanted, b.wrench_wanted) &&
          same_bits(a.wrench_delivered, b.wrench_delivered) && same_bits(a.tau_Nm, b.tau_Nm) &&
@@ -234,6 +236,27 @@ TEST_F(Recording, ThoseOfOlderVersionsHaveNoOrigin) {
   ASSERT_TRUE(rows) << rows.error().message;
   EXPECT_EQ(rows->size(), 3U);
   EXPECT_TRUE(read.entries.empty());
+}
+
+TEST_F(Recording, ThoseOfOlderVersionsTakeTheTicksTimeForTheStates) {
+  std::string csv = csv_of(folder_, any_rows(3));
+  const auto column = static_cast<std::ptrdiff_t>(std::count(
+      csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find("state_t_s")), ','));
+  std::string older;
+  for (std::size_t at = 0; at < csv.size();) {
+    const std::size_t end = csv.find('\n', at);
+    std::size_t field = at;
+    for (std::ptrdiff_t k = 0; k < column; ++k)
+      field = csv.find(',', field) + 1;
+    older += csv.substr(at, field - at) +
+             csv.substr(csv.find(',', field) + 1, end - csv.find(',', field));
+    at = end + 1;
+  }
+  const auto rows = parse_recording(older, "r.csv");
+  ASSERT_TRUE(rows) << rows.error().message;
+  ASSERT_EQ(rows->size(), 3U);
+  for (const RecordingRow& row : *rows)
+    EXPECT_EQ(row.state_t_s, row.t_s);
 }
 
 TEST(RecordingOrigin, DifferencesNameWhatDiffers) {

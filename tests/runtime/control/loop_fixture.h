@@ -81,6 +81,7 @@ class LoopFixture : public testing::Test {
     device_.next.encoder_rad = encoder_angles(inverse.joints);
   }
   void tick(double gap_s = 1e-3) {
+    device_.next.t_s += 1 / model_.rate_Hz + device_late_s_;
     TickInputs inputs;
     inputs.sheets = current_;
     inputs.gap_s = gap_s;
@@ -127,6 +128,7 @@ class LoopFixture : public testing::Test {
   LoopState state_;
   TickResult result_;
   ScriptedDevice device_;
+  double device_late_s_ = 0;  ///< beyond a period, from one tick to the next on the device's clock
   DeviceCommand good_;
   int missed_in_row_ = 0;
   Fault outside_ = Fault::kNone;

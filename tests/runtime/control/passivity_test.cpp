@@ -103,6 +103,29 @@ TEST(Passivity, WithoutANewPoseTheForceIsHeldAndDampingUsesTheTimeBetweenPoses) 
     EXPECT_LE(damping(ticks), damping_max(options, 0.35, ticks * 1e-3)) << ticks;
 }
 
+// The last step is one of noise; the damper has the velocity of the steady motion around it.
+TEST(Passivity, DampingTakesItsVelocityFromTheEarlierPose) {
+  for (const double step_m : {1e-5, 2e-4, -1e-5}) {
+    PassivityState state;
+    PassivityInput input;
+    input.wrench_device << 0, 0, step_m > 0 ? 10 : -10, 0, 0, 0;
+    input.stored_J = 0.01;
+    note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+    state.balance_J = -1;
+    input.T_device_plate.p_m.z() += step_m;
+    input.earlier.T_device_plate.p_m.z() = input.T_device_plate.p_m.z() - 1e-3;
+    input.earlier.ago_s = 0.01;  // 0.1 m/s up
+    const Wrench wrench = keep_passive({}, 0.35, 1e-3, input, state);
+    if (step_m > 0) {
+      EXPECT_GT(state.damping_N_s_per_m, 0);
+      EXPECT_LE(state.damping_N_s_per_m, damping_max({}, 0.35, 0.01));
+      EXPECT_NEAR(10 - wrench[2], state.damping_N_s_per_m * 0.1, 1e-9);
+    } else {
+      EXPECT_EQ(wrench, input.wrench_device) << "a damper would push along the last step";
+    }
+  }
+}
+
 TEST(Passivity, TheWrenchIsUnchangedWhileTheEnvironmentOnlyAbsorbs) {
   for (const double dt_s : {2e-3, 1e-3, 1.25e-4}) {
     MassOnWall wall;

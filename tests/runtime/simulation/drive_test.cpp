@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <cstdlib>
 #include <optional>
@@ -17,6 +18,19 @@
 
 namespace trocar::runtime {
 namespace {
+
+/// As in the record, in shortest round-trip form.
+std::string text_of(const TrueTip& tip) {
+  std::string text;
+  for (const double x : {tip.at_m.x(), tip.at_m.y(), tip.at_m.z(), tip.velocity_m_per_s.x(),
+                         tip.velocity_m_per_s.y(), tip.velocity_m_per_s.z()}) {
+    std::array<char, 40> digits;
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), x).ptr;
+    text.append(digits.data(), end) += ',';
+  }
+  text.back() = '\n';
+  return text;
+}
 
 constexpr std::int64_t kMs = 1'000'000;
 using Bytes = std::vector<std::uint8_t>;
@@ -252,9 +266,15 @@ TEST_F(DriveLink, StepsAreRecordedAndWrittenAsCsv) {
   }
   EXPECT_EQ(to_csv(std::span(steps).subspan(9, 2)),
             "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
-            "packets_refused\n"
-            "1,0.010000000000000002,torque,0,0,10,0.25,0.25,0\n"
-            "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0\n");
+            "packets_refused,tool_x_m,tool_y_m,tool_z_m,tool_x_m_per_s,tool_y_m_per_s,"
+            "tool_z_m_per_s\n"
+            "1,0.010000000000000002,torque,0,0,10,0.25,0.25,0," +
+                text_of(steps[9].tip) + "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0," +
+                text_of(steps[10].tip));
+  for (std::size_t k = 1; k < steps.size(); ++k) {
+    const Eigen::Vector3d moved_m = steps[k].tip.at_m - steps[k - 1].tip.at_m;
+    EXPECT_LT((moved_m / 1e-3 - steps[k].tip.velocity_m_per_s).norm(), 0.02);
+  }
 }
 
 TEST_F(DriveLink, WatchdogAllowsASlowHostTwoAndAHalfPeriods) {

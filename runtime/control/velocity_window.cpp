@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/control/velocity_window.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace trocar::runtime {
+namespace {
+
+/// A state that is later than a period by less than this share is on time.
+constexpr double kOnTime = 1.01;
+/// With encoders that are not exact: a shorter interval before the last one would multiply their
+/// noise.
+constexpr double kLeastBefore = 0.5;
+
+/// The slopes of the lines through an encoder's newest reading that are within a count of all
+/// readings so far.
+struct Slopes {
+  double min_rad_per_s = -std::numeric_limits<double>::infinity();
+  double max_rad_per_s = std::numeric_limits<double>::infinity();
+};
+
+}  // namespace
+
+void VelocityWindow::add(const DeviceState& state, const Pose& T_device_plate) noexcept {
+  ring_[static_cast<std::size_t>(next_)] = {state, T_device_plate};
+  next_ = (next_ + 1) % static_cast<int>(ring_.size());
+  count_ = std::min(count_ + 1, static_cast<int>(ring_.size()));
+}
+
+EarlierPose VelocityWindow::begin(double count_rad, double period_s) const noexcept {
+  if (!(count_rad > 0)) return late_begin(period_s, 0);
+  const EarlierPose begin = steady_begin(count_rad);
+  return begin.ago_s > 0 ? begin : late_begin(period_s, kLeastBefore);
+}
+
+/// Item 4, unless the interval before is shorter than `least_before` of the last one.
+EarlierPose VelocityWindow::late_begin(double period_s, double least_before) const noexcept {
+  EarlierPose begin;
+  if (count_ < 3) return begin;
+  const Sample &now = ago(0), &last = ago(1), &before = ago(2);
+  const double last_s = now.state.t_s - last.state.t_s;
+  const double before_s = last.state.t_s - before.state.t_s;
+  if (!(last_s > period_s * kOnTime && before_s >= least_before * last_s)) return begin;
+  const Twist step = displacement(last.T_device_plate, now.T_device_plate);
+  const Twist step_before = displacement(before.T_device_plate, last.T_device_plate);
+  const Twist moved =
+      step + (last_s - period_s) / (last_s + before_s) * (step - last_s / before_s * step_before);
+  begin.ago_s = last_s;
+  begin.T_device_plate.p_m = now.T_device_plate.p_m - moved.head<3>();
+  begin.T_device_plate.q =
+      (from_rotation_vector(-moved.tail<3>()) * now.T_device_plate.q).normalized();
+  return begin;
+}
+
+/// Items 2 and 3.
+EarlierPose VelocityWindow::steady_begin(double count_rad) const noexcept {
+  EarlierPose begin;
+  const double within_rad = count_rad * (1 + 1e-9);  // rounding
+  const DeviceState& now = ago(0).state;
+  std::array<Slopes, kEncoders> slopes;
+  for (int n = 1; n < count_; ++n) {
+    const Sample& then = ago(n);
+    const double ago_s = now.t_s - then.state.t_s;
+    for (std::size_t i = 0; i < kEncoders; ++i) {
+      const double moved_rad = now.encoder_rad[i] - then.state.encoder_rad[i];
+      const double slope = moved_rad / ago_s;
+      // Negated so that nan ends the window.
+      if (!(slope >= slopes[i].min_rad_per_s && slope <= slopes[i].max_rad_per_s)) return begin;
+      slopes[i].min_rad_per_s = std::max(slopes[i].min_rad_per_s, (moved_rad - within_rad) / ago_s);
+      slopes[i].max_rad_per_s = std::min(slopes[i].max_rad_per_s, (moved_rad + within_rad) / ago_s);
+    }
+    if (n > 1) begin = {then.T_device_plate, ago_s};
+  }
+  return begin;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: Apache-2.0
+// Velocities, the largest step of an encoder and the heat of the motors by the times of the
+// device's states, and what the loop does with times that cannot be true.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <numbers>
+#include <vector>
+
+#include "runtime/session/replay_device.h"
+#include "tests/runtime/control/loop_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+using testing_support::largest;
+
+class DeviceTime : public testing_support::LoopFixture {
+ protected:
+  void SetUp() override {
+    LoopFixture::SetUp();
+    Tissue tissue = sheets_[0]->tissue;
+    tissue.damping_N_s_per_m = 40;
+    tissue.shaft.viscous_friction_N_s_per_m = 30;
+    use(tissue);
+    tick();
+  }
+  void use(const Tissue& tissue) {
+    own_ = std::make_unique<Sheet>(*sheets_[0]);
+    own_->tissue = tissue;
+    current_ = {own_.get()};
+  }
+  /// A tick whose state is `interval_s` after the last one.
+  void tick_after(double interval_s) {
+    device_late_s_ = interval_s - 1 / model_.rate_Hz;
+    tick();
+    device_late_s_ = 0;
+  }
+  /// One with the state as it is, at this time.
+  void tick_at(double t_s) {
+    device_.next.t_s = t_s - 1 / model_.rate_Hz;
+    tick();
+  }
+  struct Range {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+  };
+  /// The range of `value` in a descent at 50 mm/s with coarse encoders, from its 30th tick on.
+  Range descend_by_counts(const std::function<double()>& value) {
+    model_.device.encoder_counts_per_revolution = 20'000;
+    const double count_rad = 2 * std::numbers::pi / 20'000;
+    double z_m = (state_.T_device_plate * model_.contact.tool.tip_plate_m).z();
+    Range range;
+    for (int i = 0; i < 60; ++i) {
+      go_to(z_m -= 0.05e-3);
+      for (double& angle : device_.next.encoder_rad)
+        angle = std::round(angle / count_rad) * count_rad;
+      tick();
+      EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
+      if (i < 30) continue;
+      range.low = std::min(range.low, value());
+      range.high = std::max(range.high, value());
+    }
+    return range;
+  }
+  double felt_N() const { return result_.row.wrench_wanted[2]; }
+  std::unique_ptr<Sheet> own_;
+};
+
+// At 50 mm/s 40 N s/m give 2 N, however late the host is.
+TEST_F(DeviceTime, DampingIsTakenOverTheTimeBetweenStates) {
+  double z_m = 0.1168;
+  go_to(z_m);
+  tick();
+  for (const double interval_s : {1e-3, 3e-3, 2.5e-4, 7e-3, 1e-3, 1e-3, 4e-3}) {
+    go_to(z_m -= 0.05 * interval_s);
+    tick_after(interval_s);
+    ASSERT_EQ(state_.safety.fault, Fault::kNone);
+    EXPECT_NEAR(felt_N(), 5000 * (0.12 - z_m) + 2, 1e-6) << interval_s;
+  }
+}
+
+TEST_F(DeviceTime, ShaftFrictionIsTakenOverTheTimeBetweenStates) {
+  allow_jumps(true);
+  double z_m = 0.112;
+  go_to(z_m);
+  tick();
+  ASSERT_TRUE(result_.contact.punctured_now);
+  for (const double interval_s : {1e-3, 3e-3, 2.5e-4, 7e-3, 1e-3}) {
+    go_to(z_m -= 0.05 * interval_s);
+    tick_after(interval_s);
+    EXPECT_NEAR(felt_N(), 1.5, 1e-6) << interval_s;
+  }
+}
+
+TEST_F(DeviceTime, ACouplingTakesItToo) {
+  model_.coupling.on = true;
+  double z_m = 0.1165;
+  for (int i = 0; i < 60; ++i) {  // to its equilibrium
+    go_to(z_m -= 0.05e-3);
+    tick();
+  }
+  const double on_time_N = felt_N() - 5000 * (0.12 - z_m) * 10 / 15;
+  for (const double interval_s : {3e-3, 2.5e-4, 5e-3, 1e-3}) {
+    go_to(z_m -= 0.05 * interval_s);
+    tick_after(interval_s);
+    EXPECT_NEAR(felt_N() - 5000 * (0.12 - z_m) * 10 / 15, on_time_N, 0.02) << interval_s;
+  }
+}
+
+// 20,000 counts a revolution: a difference over one tick is wrong by up to the 50 mm/s themselves.
+TEST_F(DeviceTime, CoarseEncodersGiveASteadyForce) {
+  go_to(0.1168);
+  tick();
+  const Range damping_N = descend_by_counts(
+      [&] { return result_.contact.force_N - 5000 * result_.contact.penetration_m; });
+  EXPECT_GT(damping_N.low, 0.9 * 2);
+  EXPECT_LT(damping_N.high, 1.1 * 2);
+}
+
+TEST_F(DeviceTime, CoarseEncodersGiveASteadyFrictionOfTheShaft) {
+  allow_jumps(true);
+  go_to(0.112);
+  tick();
+  ASSERT_TRUE(result_.contact.punctured_now);
+  const Range friction_N = descend_by_counts([&] { return felt_N(); });
+  EXPECT_GT(friction_N.low, 0.9 * 1.5);
+  EXPECT_LT(friction_N.high, 1.1 * 1.5);
+}
+
+// The proxy moves by two thirds of what the tool moves, a spring of 10 kN/m before one of 5 kN/m.
+TEST_F(DeviceTime, CoarseEncodersGiveASteadyForceThroughACoupling) {
+  model_.coupling.on = true;
+  const Range damping_N = descend_by_counts(
+      [&] { return result_.contact.damping_N_s_per_m * result_.contact.rate_m_per_s; });
+  EXPECT_GT(damping_N.low, 0.8 * 2 * 2 / 3);
+  EXPECT_LT(damping_N.high, 1.2 * 2 * 2 / 3);
+}
+
+TEST_F(DeviceTime, TheLargestStepOfAnEncoderIsThatOfTheTimeBetweenStates) {
+  model_.limits.speed_max_m_per_s = 1e3;
+  device_.next.encoder_rad[4] += 0.02;  // 80 rad/s in a quarter of a tick
+  tick_after(2.5e-4);
+  EXPECT_EQ(state_.safety.fault, Fault::kEncoderJump);
+}
+
+TEST_F(DeviceTime, ALateStateMayHaveMovedFurther) {
+  allow_jumps(false);
+  model_.limits.speed_max_m_per_s = 3;
+  go_to(0.1065);  // 2.4 m/s; too far for one tick
+  tick_after(4e-3);
+  EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
+}
+
+// The device's clock cannot excuse every step: no more than in the time without data that is
+// tolerated.
+TEST_F(DeviceTime, ALongIntervalDoesNotExcuseEveryStep) {
+  device_.next.encoder_rad[4] += 0.61;
+  tick_after(0.09);
+  EXPECT_EQ(state_.safety.fault, Fault::kEncoderJump);
+}
+
+TEST_F(DeviceTime, AStateThatIsNotNewerIsNoNewState) {
+  const double t_s = device_.next.t_s, nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  const double before_N = felt_N();
+  for (const double wrong_s : {nan, infinity, -infinity, t_s, t_s - 1e-9, t_s - 5, -1e300}) {
+    go_to(0.115);  // it is not used
+    tick_at(wrong_s);
+    ASSERT_EQ(state_.safety.fault, Fault::kNone) << wrong_s;
+    EXPECT_EQ(result_.row.device_read, DeviceStatus::kNoData) << wrong_s;
+    EXPECT_EQ(result_.row.state_t_s, t_s) << wrong_s;
+    EXPECT_EQ(felt_N(), before_N) << wrong_s;
+  }
+  go_to(0.1158);
+  tick_at(t_s + 8e-3);
+  EXPECT_EQ(result_.row.device_read, DeviceStatus::kOk);
+  // At rest before, so that the velocity at its end may be twice the mean.
+  EXPECT_GT(felt_N(), 21 + 40 * 0.2e-3 / 8e-3 - 1e-6);
+  EXPECT_LT(felt_N(), 21 + 40 * 0.4e-3 / 8e-3);
+}
+
+TEST_F(DeviceTime, AClockThatStandsStillIsAFault) {
+  const double t_s = device_.next.t_s;
+  for (int i = 0; i < 9; ++i) {
+    tick_at(t_s);
+    ASSERT_EQ(state_.safety.fault, Fault::kNone) << i;
+  }
+  tick_at(t_s);
+  EXPECT_EQ(state_.safety.fault, Fault::kNoData);
+}
+
+TEST_F(DeviceTime, AClockThatLeapsIsAFault) {
+  tick_after(0.1 + 1e-6);
+  EXPECT_EQ(state_.safety.fault, Fault::kNoData);
+}
+
+// As after a link was restored to a drive that was started again.
+TEST_F(DeviceTime, TheClockMayStartAgainWhileNoForcesAreRendered) {
+  device_.on_read = DeviceStatus::kLinkLost;
+  tick();
+  ASSERT_EQ(state_.safety.fault, Fault::kLinkLost);
+  for (int i = 0; i < 10; ++i)
+    tick();
+  recover_ = true;
+  tick();
+  recover_ = false;
+  device_.on_read = DeviceStatus::kOk;
+  go_to(0.121);
+  tick_at(0);
+  for (int i = 0; state_.safety.state != SafetyState::kRunning && i < 400; ++i) {
+    tick();
+    ASSERT_EQ(result_.row.device_read, DeviceStatus::kOk);
+    EXPECT_NEAR(state_.limits.twist_device.norm(), 0, 1e-9);
+  }
+  EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+}
+
+// A late tick has held its torques for longer: every other one is three periods late here.
+TEST_F(DeviceTime, HeatCountsTheTimeThatPassed) {
+  model_.device.motor_continuous_torque_Nm = 0.5 * largest(good_);
+  model_.device.motor_peak_torque_Nm = 1.5 * largest(good_);
+  model_.device.motor_peak_time_s = 10;
+  const MotorModel motor = make_motor_model(model_.device);
+  const LoopState before = state_;
+  for (int i = 0; i < 60; ++i)
+    tick();
+  const double on_time = i2t_share_used(motor, state_.limits.load);
+  state_ = before;
+  device_.next.t_s = before.device.t_s;
+  for (int i = 0; i < 30; ++i) {
+    tick_after(1e-3);
+    tick_after(4e-3);
+  }
+  EXPECT_NEAR(i2t_share_used(motor, state_.limits.load) / on_time, 2.5, 0.1);
+}
+
+TEST_F(DeviceTime, ARecordingHoldsTheTimesAndReplays) {
+  std::vector<RecordingRow> rows;
+  state_ = LoopState{};
+  go_to(0.125);
+  double z_m = 0.125;
+  for (int i = 0; i < 400; ++i) {
+    go_to(z_m -= 2e-5 * (i % 4));
+    device_.on_read = i % 7 == 3 ? DeviceStatus::kNoData : DeviceStatus::kOk;
+    tick_after(i % 11 == 5 ? -1e-3 : 1e-3 * (0.25 + i % 5));
+    rows.push_back(result_.row);
+  }
+  ASSERT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
+  ReplayDevice replay(rows);
+  LoopState again;
+  TickResult result;
+  for (const RecordingRow& row : rows) {
+    TickInputs inputs;
+    inputs.sheets = current_;
+    haptic_tick(model_, inputs, replay, again, result);
+    ASSERT_EQ(result.row.tau_Nm, row.tau_Nm) << row.t_s;
+    ASSERT_EQ(result.row.state_t_s, row.state_t_s);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime
