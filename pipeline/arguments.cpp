@@ -129,10 +129,9 @@ void add_scan_options(CLI::App& app, Arguments& a) {
   app.add_option("--spacing", a.spacing, "X,Y,Z in mm, where the input has none");
   app.add_option("--slices", a.slices, "A:B, first and last slice, from 0");
   app.add_option("--crop", a.crop, "X0:X1,Y0:Y1, first and last pixel, from 0");
-  app.add_option("--series", a.series, "SeriesInstanceUID, of several in a folder");
-  app.add_option("--axis", a.axis, "slices of a volume: transverse, coronal or sagittal")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
+  app.add_option("--series", a.series, "UID, number or description, of several in a folder");
+  a.axis_given = app.add_option("--axis", a.axis, "of a volume; else as stored, a NIfTI transverse")
+                     ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
 }
 
 }  // namespace
@@ -197,10 +196,12 @@ Result<BatchOptions> batch_options(const Arguments& a) {
 
 Result<OpenOptions> open_options(const Arguments& a) {
   OpenOptions out;
-  out.series_uid = a.series;
-  out.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
-             : a.axis == "sagittal" ? SliceAxis::kSagittal
-                                    : SliceAxis::kTransverse;
+  out.series = a.series;
+  if (a.axis_given->count() > 0) {
+    out.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
+               : a.axis == "sagittal" ? SliceAxis::kSagittal
+                                      : SliceAxis::kTransverse;
+  }
   out.as_labels = a.labels_given->count() > 0;
   if (!a.spacing.empty()) {
     const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing");
@@ -232,9 +233,12 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
-  if (!input.series_uid.empty()) out["series"] = input.series_uid;
-  if (input.axis != SliceAxis::kTransverse)
-    out["axis"] = input.axis == SliceAxis::kCoronal ? "coronal" : "sagittal";
+  if (!input.series.empty()) out["series"] = input.series;
+  if (input.axis) {
+    out["axis"] = *input.axis == SliceAxis::kCoronal    ? "coronal"
+                  : *input.axis == SliceAxis::kSagittal ? "sagittal"
+                                                        : "transverse";
+  }
   return out;
 }
 

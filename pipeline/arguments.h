@@ -23,7 +23,8 @@ struct Arguments {
   int lattice_bits = 8, jobs = 0, dump_slice = -1;
   bool quiet = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
-              *contour_given = nullptr, *area_given = nullptr, *dump_slice_given = nullptr;
+              *contour_given = nullptr, *area_given = nullptr, *axis_given = nullptr,
+              *dump_slice_given = nullptr;
 };
 
 /// Declares the options; `a` must outlive the app.

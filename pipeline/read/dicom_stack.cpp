@@ -81,27 +81,49 @@ Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string&
               "positions"};
 }
 
+Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
+  if (files.size() == 1) {
+    return refused(files[0].file.string() +
+                   ": not a DICOM image, and its name is not that of a NIfTI (.nii, .nii.gz) or an "
+                   "image (.png, .tif, .bmp, .jpg)");
+  }
+  return refused(where + ": contains no DICOM images (" + files[0].file.filename().string() +
+                 " is not one)");
+}
+
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options) {
-  auto stack = std::make_unique<DicomStack>();
   const std::filesystem::path folder = files[0].parent_path();
   const std::string where = ((folder.empty() ? "." : folder) / "").string();
   std::vector<DicomFile> headers;
   headers.reserve(files.size());
   for (const std::filesystem::path& file : files)
     headers.push_back(read_dicom_headers(file, options.spacing_mm));
-  auto chosen = choose_series(headers, options.series_uid, where, stack->warnings);
+  return open_dicom(headers, where, options);
+}
+
+Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<DicomFile>& headers,
+                                               const std::string& where,
+                                               const OpenOptions& options) {
+  auto stack = std::make_unique<DicomStack>();
+  const auto series = group_series(headers, stack->warnings);
+  if (series.empty()) return no_dicom(headers, where);
+  const auto chosen = choose_series(series, options.series, where);
   if (!chosen) return chosen.error();
-  stack->slices_ = std::move(*chosen);
+  auto slices = slices_of(series, *chosen, where, stack->warnings);
+  if (!slices) return slices.error();
+  stack->slices_ = std::move(*slices);
+  stack->series = series[chosen->index].info;
   if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) return ok.error();
   if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)
     used.insert(h.file);
-  std::copy_if(files.begin(), files.end(), std::back_inserter(stack->files),
-               [&used](const std::filesystem::path& file) { return used.count(file) > 0; });
+  for (const DicomFile& file : headers) {
+    if (used.count(file.file) > 0) stack->files.push_back(file.file);
+  }
   const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
   for (const DicomFrame& h : stack->slices_) {
     SlicePlane plane{h.spacing_u_mm, h.spacing_v_mm, Eigen::Affine3d::Identity(), 0};
@@ -110,6 +132,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
     plane.z_mm = normal.dot(h.position);
     stack->planes_.push_back(plane);
   }
+  if (options.axis) return resliced(std::move(stack), *options.axis, where);
   return std::unique_ptr<SliceStack>(std::move(stack));
 }
 
