@@ -130,6 +130,8 @@ void add_scan_options(CLI::App& app, Arguments& a) {
   app.add_option("--slices", a.slices, "A:B, first and last slice, from 0");
   app.add_option("--crop", a.crop, "X0:X1,Y0:Y1, first and last pixel, from 0");
   app.add_option("--series", a.series, "UID, number or description, of several in a folder");
+  app.add_flag("--any-modality", a.any_modality,
+               "take DICOM that is not CT; its values are not HU");
   a.axis_given = app.add_option("--axis", a.axis, "of a volume; else as stored, a NIfTI transverse")
                      ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
 }
@@ -202,6 +204,7 @@ Result<OpenOptions> open_options(const Arguments& a) {
                : a.axis == "sagittal" ? SliceAxis::kSagittal
                                       : SliceAxis::kTransverse;
   }
+  out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
   if (!a.spacing.empty()) {
     const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing");

@@ -21,7 +21,7 @@ struct Arguments {
   std::vector<std::string> labels;
   std::string contour = "subpixel", axis = "transverse", preset, series, spacing, slices, crop;
   int lattice_bits = 8, jobs = 0, dump_slice = -1;
-  bool quiet = false;
+  bool any_modality = false, quiet = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
               *contour_given = nullptr, *area_given = nullptr, *axis_given = nullptr,
               *dump_slice_given = nullptr;

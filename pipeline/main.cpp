@@ -111,9 +111,17 @@ std::function<void(int, int)> progress_bar() {
 // Grey levels are not HU: the default threshold has no meaning for them, and one outside 0..255
 // selects all pixels or none.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
-  if (stack.pixel_unit() != PixelUnit::kGrey || a.labels_given->count() > 0 ||
+  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_given->count() > 0 ||
       a.equalize_given->count() > 0 || !a.preset.empty())
     return {};
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    if (a.threshold_given->count() == 0) {
+      stack.warnings.push_back({"default_threshold", "--threshold",
+                                "the default of 226 is meant in HU; values of " + stack.modality +
+                                    " need one of their own"});
+    }
+    return {};
+  }
   if (a.threshold_given->count() == 0) {
     return usage(
         "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");

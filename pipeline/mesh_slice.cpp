@@ -74,6 +74,10 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (!image) return image.error();
   out.times.read_ms = watch.lap_ms();
 
+  const bool as_labels = std::holds_alternative<Labels>(options.segmentation);
+  if (as_labels || stack.pixel_unit() == PixelUnit::kHounsfield)
+    out.values = tally_values(*image, as_labels);
+
   PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
   if (options.crop) {
     grid.offset_x = options.crop->x0;

@@ -83,13 +83,12 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
     out["usable"] = false;
     out["problem"] = without_prefix(why, found.where);
   };
-  if (series.is_localiser()) {
-    unusable("a localiser");
-    return out;
-  }
+  if (series.is_localiser() || series.content.kind == ImageContent::Kind::kOther)
+    unusable(why_not_ct(series.content));
+  if (series.is_localiser()) return out;
   auto slices = slices_of(all, {index, {}}, found.where, ignored);
   if (!slices) {
-    unusable(slices.error().message);
+    if (out["usable"] == true) unusable(slices.error().message);
     return out;
   }
   const DicomFrame first = (*slices)[0];
@@ -136,8 +135,15 @@ ScanFolder only(const fs::path& file) {
   } else if (is_image(file)) {
     out.images = {{file}};
   } else {
-    out.dicom = {read_dicom_headers(file, {}, DicomExtent::kHeader)};
+    out.dicom = {read_dicom_headers(file, {}, true, DicomExtent::kHeader)};
   }
+  return out;
+}
+
+// The shape of what is not CT is listed, too.
+OpenOptions of_any_modality() {
+  OpenOptions out;
+  out.any_modality = true;
   return out;
 }
 
@@ -147,12 +153,13 @@ Result<ScanFolder> look_into(const fs::path& input, std::vector<Warning>& warnin
   if (error && error != std::errc::no_such_file_or_directory)
     return refused(input.string() + ": " + error.message());
   if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
-  if (fs::is_directory(status)) return search_folder(input, DicomExtent::kHeader, {}, warnings);
+  if (fs::is_directory(status))
+    return search_folder(input, DicomExtent::kHeader, of_any_modality(), warnings);
   if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
   if (auto ok = check_readable(input); !ok) return ok.error();
   if (is_dicomdir(input)) {
     const fs::path folder = input.parent_path().empty() ? "." : input.parent_path();
-    return search_folder(folder, DicomExtent::kHeader, {}, warnings);
+    return search_folder(folder, DicomExtent::kHeader, of_any_modality(), warnings);
   }
   return only(input);
 }

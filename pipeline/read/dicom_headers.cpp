@@ -240,7 +240,7 @@ bool may_be_dicom(const std::filesystem::path& file) {
 }
 
 DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpacing& spacing_mm,
-                             DicomExtent extent) {
+                             bool any_modality, DicomExtent extent) {
   set_up_dcmtk();
   DicomFile out;
   out.file = file;
@@ -262,15 +262,18 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
     return out;
   }
   if (!data.tagExists(whole ? DCM_PixelData : DCM_Rows)) return out;
-  if (out.series.image_type.find("LOCALIZER") != std::string::npos) {
-    out.kind = DicomFile::Kind::kLocaliser;
-    return out;
-  }
-  out.kind = DicomFile::Kind::kImages;
+  out.content = image_content(data);
+  const bool is_localiser = out.content.kind == ImageContent::Kind::kLocaliser;
+  out.kind = is_localiser ? DicomFile::Kind::kLocaliser : DicomFile::Kind::kImages;
   out.is_capture = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1 ||
                    (dicom_text(&data, DCM_SOPClassUID) == UID_SecondaryCaptureImageStorage &&
                     !data.tagExists(DCM_ImagePositionPatient));
-  if (auto wrong = read_frames(format, spacing_mm, extent, out)) unusable(*wrong);
+  if (!any_modality && (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
+    unusable(why_not_ct(out.content));
+  } else if (auto wrong = read_frames(format, spacing_mm, extent, out)) {
+    unusable(*wrong);
+  }
+  if (is_localiser) out.kind = DicomFile::Kind::kLocaliser;
   return out;
 }
 

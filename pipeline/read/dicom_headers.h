@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "pipeline/read/modality.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
@@ -34,7 +35,7 @@ struct DicomFrame {
 struct DicomFile {
   enum class Kind {
     kNotImage,   ///< not DICOM, or DICOM without pixels
-    kLocaliser,  ///< a scout view
+    kLocaliser,  ///< a scout view; `problem` says why it is no slice
     kImages,
     kUnusable,  ///< `problem` says why
   };
@@ -43,6 +44,7 @@ struct DicomFile {
   SeriesInfo series;        ///< its UID is empty if missing
   std::string problem;      ///< one line, with the file's name
   bool is_capture = false;  ///< of a screen, for example: never a slice
+  ImageContent content;
   std::vector<DicomFrame> frames;
 };
 
@@ -62,9 +64,10 @@ enum class DicomExtent {
 };
 
 /// Never fails: problems are in the result. `spacing_mm`, if given, is for frames without a
-/// pixel spacing of their own.
+/// pixel spacing of their own. Images of another modality than CT are kUnusable, and localisers
+/// have no frames, unless `any_modality`.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
-                             DicomExtent extent = DicomExtent::kWhole);
+                             bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);
 
 }  // namespace trocar::pipeline

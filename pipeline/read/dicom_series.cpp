@@ -115,12 +115,10 @@ std::vector<const DicomSeries*> matches(const std::vector<DicomSeries>& series,
   return out;
 }
 
-// 0 what is taken before others: CT that is no overview.
+// 0 what is taken before others.
 int rank(const DicomSeries& s) {
-  const bool overview = s.info.image_type.find("SURVIEW") != std::string::npos ||
-                        s.info.image_type.find("LOCALIZER") != std::string::npos;
-  if (overview || (s.info.modality != "CT" && !s.info.modality.empty())) return 2;
-  return s.info.modality.empty() ? 1 : 0;
+  if (s.content.kind == ImageContent::Kind::kCt) return 0;
+  return s.content.kind == ImageContent::Kind::kUnknown ? 1 : 2;
 }
 
 // Warns of gaps unlike the median and of shifts within the planes (a tilted gantry).
@@ -159,7 +157,7 @@ Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Wa
   warnings.push_back({"no_rescale", first->name(),
                       std::to_string(without) +
                           " slices lack a rescale slope or intercept (this is the first); 1 and 0 "
-                          "are used, so that the stored values are HU"});
+                          "are used, so that the stored values are taken as they are"});
   return {};
 }
 
@@ -192,6 +190,7 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
     if (series.files.empty()) {
       series.info = file.series;
       series.info.uid = uid;
+      series.content = file.content;
     }
     series.files.push_back(file.file);
     if (file.kind == DicomFile::Kind::kLocaliser) {
@@ -203,10 +202,12 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
     if (series.localisers > 0 && series.images() == 0) {
       series.info = file.series;
       series.info.uid = uid;
+      series.content = file.content;
     }
     if (file.kind == DicomFile::Kind::kUnusable) {
       if (series.unusable++ == 0) series.problem = file.problem;
-      if (!file.is_capture) ++series.broken;
+      const bool is_other = file.content.kind == ImageContent::Kind::kOther;
+      if (!file.is_capture && !is_other) ++series.broken;
       continue;
     }
     if (file.frames[0].sop_uid.empty() && sop_count++ == 0) without_sop = name;
@@ -234,19 +235,28 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
   return out;
 }
 
-Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series,
-                                   const std::string& wanted, const std::string& where) {
+Result<std::string> named_series(const std::vector<DicomSeries>& series,
+                                 const std::string& wanted) {
+  const auto named_so = matches(series, wanted);
+  if (named_so.empty())
+    return usage("no series " + wanted + "; there are: " + named(pointers(series)));
+  if (named_so.size() > 1) {
+    return usage("--series " + wanted + " is said of " + std::to_string(named_so.size()) +
+                 " series: " + told_apart(named_so) + "; give a number or a UID");
+  }
+  return named_so[0]->info.uid;
+}
+
+Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
+                                   const std::string& where) {
   const auto all = pointers(series);
-  if (!wanted.empty()) {
-    const auto named_so = matches(series, wanted);
-    if (named_so.empty()) return usage("no series " + wanted + "; there are: " + named(all));
-    if (named_so.size() > 1) {
-      return usage("--series " + wanted + " is said of " + std::to_string(named_so.size()) +
-                   " series: " + told_apart(named_so) + "; give a number or a UID");
-    }
-    if (named_so[0]->is_localiser())
-      return refused(where + ": series " + series_name(named_so[0]->info) + " is a localiser");
-    return ChosenSeries{static_cast<std::size_t>(named_so[0] - series.data()), {}};
+  if (!uid.empty()) {
+    const auto chosen = std::find_if(series.begin(), series.end(),
+                                     [&uid](const DicomSeries& s) { return s.info.uid == uid; });
+    if (chosen == series.end()) return bug("no series " + uid);
+    if (chosen->is_localiser())
+      return refused(where + ": series " + series_name(chosen->info) + " is a localiser");
+    return ChosenSeries{static_cast<std::size_t>(chosen - series.begin()), {}};
   }
   std::vector<const DicomSeries*> candidates;
   std::copy_if(all.begin(), all.end(), std::back_inserter(candidates),

@@ -15,7 +15,8 @@ namespace trocar::pipeline {
 
 /// The files of a series.
 struct DicomSeries {
-  SeriesInfo info;  ///< of its first file; the UID is never empty
+  SeriesInfo info;       ///< of its first slice's file; the UID is never empty
+  ImageContent content;  ///< of the same
   std::vector<DicomFrame> slices;
   std::vector<std::filesystem::path> files;  ///< all: slices, localisers, unusable ones
   std::string problem;                       ///< of its first unusable file
@@ -32,17 +33,19 @@ struct DicomSeries {
 std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
                                       std::vector<Warning>& warnings);
 
+/// The UID of the series that `wanted` names: by UID, number or description (as it is, else
+/// case-insensitively a part of it). Errors: (usage) none, or several, are named so.
+Result<std::string> named_series(const std::vector<DicomSeries>& series, const std::string& wanted);
+
 struct ChosenSeries {
   std::size_t index = 0;
   std::string why;  ///< such as "the only CT series"; empty if there is no other
 };
 
-/// The one that `wanted` names, by UID, number or description (as it is, else case-insensitively
-/// a part of it), or, if that is empty, the one with most images, of CT if any is; among equals
-/// the first. Errors: (refused) no images, or only localisers; (usage) none, or several, are
-/// named so. The list must not be empty.
-Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series,
-                                   const std::string& wanted, const std::string& where);
+/// The one with this UID, or, if it is empty, the one with most images, of CT if any is; among
+/// equals the first. Errors: (refused) only localisers. The list must not be empty.
+Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
+                                   const std::string& where);
 
 /// As in "3 'Bone H60s'", or its UID.
 std::string series_name(const SeriesInfo& series);

@@ -49,7 +49,9 @@ class DicomStack final : public SliceStack {
   int size() const override { return static_cast<int>(slices_.size()); }
   int width() const override { return slices_[0].columns; }
   int height() const override { return slices_[0].rows; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  PixelUnit pixel_unit() const override {
+    return modality.empty() ? PixelUnit::kHounsfield : PixelUnit::kUncalibrated;
+  }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return slices_[slice].name(); }
 
@@ -100,17 +102,26 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
   std::vector<DicomFile> headers;
   headers.reserve(files.size());
   for (const std::filesystem::path& file : files)
-    headers.push_back(read_dicom_headers(file, options.spacing_mm));
-  return open_dicom(headers, where, options);
+    headers.push_back(read_dicom_headers(file, options.spacing_mm, options.any_modality));
+  return open_dicom(std::move(headers), where, options);
 }
 
-Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<DicomFile>& headers,
+Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options) {
   auto stack = std::make_unique<DicomStack>();
+  std::vector<Warning> ignored;
+  const auto before = group_series(headers, ignored);
+  if (before.empty()) return no_dicom(headers, where);
+  std::string uid;
+  if (!options.series.empty()) {
+    const auto wanted = named_series(before, options.series);
+    if (!wanted) return wanted.error();
+    uid = *wanted;
+  }
+  if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
   const auto series = group_series(headers, stack->warnings);
-  if (series.empty()) return no_dicom(headers, where);
-  const auto chosen = choose_series(series, options.series, where);
+  const auto chosen = choose_series(series, uid, where);
   if (!chosen) return chosen.error();
   auto slices = slices_of(series, *chosen, where, stack->warnings);
   if (!slices) return slices.error();
@@ -121,6 +132,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<DicomFile>& hea
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)
     used.insert(h.file);
+  stack->modality = other_modality(headers, used, stack->warnings);
   for (const DicomFile& file : headers) {
     if (used.count(file.file) > 0) stack->files.push_back(file.file);
   }

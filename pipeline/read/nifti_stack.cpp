@@ -12,6 +12,7 @@
 #include "pipeline/read/nifti_header.h"
 #include "pipeline/read/slice_stack.h"
 #include "pipeline/read/volume_file.h"
+#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -36,7 +37,9 @@ class NiftiStack final : public SliceStack {
   int size() const override { return static_cast<int>(planes_.size()); }
   int width() const override { return static_cast<int>(n_[0]); }
   int height() const override { return static_cast<int>(n_[1]); }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  PixelUnit pixel_unit() const override {
+    return modality.empty() ? PixelUnit::kHounsfield : PixelUnit::kUncalibrated;
+  }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return file_ + " slice " + std::to_string(slice); }
 
@@ -172,7 +175,8 @@ Result<std::unique_ptr<NiftiStack>> place(const std::string& file, const NiftiHe
   const Eigen::Vector3d u = direction[0] / su;
   Eigen::Vector3d v = direction[1] / sv;
   if (!(std::abs(u.dot(v)) <= 1e-3))
-    return refused(file + ": its rows and columns are not at right angles");
+    return refused(file + ": its rows and columns are not at right angles (its matrix shears by " +
+                   shear_text(T.topLeftCorner<3, 3>()) + "); slices along another --axis may be");
   v = (v - u * u.dot(v)).normalized();
   const Eigen::Vector3d normal = u.cross(v);
   if (!(normal.dot(direction[2]) > 0)) return refused(file + ": its affine has no volume");
@@ -201,6 +205,11 @@ Result<std::unique_ptr<NiftiStack>> place_file(const std::filesystem::path& path
   if (!head) return head.error();
   auto header = parse_nifti_header(*head, file, warnings);
   if (!header) return header.error();
+  if (options.any_modality) {
+    warnings.push_back({"no_modality", file,
+                        "a NIfTI names no modality; the values are taken as HU of a CT, with "
+                        "and without --any-modality"});
+  }
   if (!header->has_voxel_size) {
     if (!options.spacing_mm)
       return usage(file + ": carries no voxel size: give --spacing X,Y,Z in mm");
@@ -212,7 +221,15 @@ Result<std::unique_ptr<NiftiStack>> place_file(const std::filesystem::path& path
                         "--spacing is for input without a voxel size; the file's own is used"});
   }
   auto stack = place(file, *header, options.axis.value_or(SliceAxis::kTransverse));
-  if (stack) (*stack)->warnings = std::move(warnings);
+  if (!stack) return stack;
+  (*stack)->warnings = std::move(warnings);
+  if (header->pixdim_beside_sform_mm) {
+    auto& conflict = (*stack)->voxel_conflict;
+    conflict =
+        voxel_conflict(header->T_lps_voxel.topLeftCorner<3, 3>(), *header->pixdim_beside_sform_mm);
+    const SlicePlane& plane = (*stack)->plane(0);
+    if (conflict) conflict->pixel_mm2 = plane.spacing_u_mm * plane.spacing_v_mm;
+  }
   return stack;
 }
 

@@ -63,6 +63,7 @@ Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, 
   if (!out) return out.error();
   (*out)->warnings = std::move(stack->warnings);
   (*out)->series = std::move(stack->series);
+  (*out)->modality = std::move(stack->modality);
   (*out)->files = std::move(stack->files);
   return out;
 }

@@ -206,8 +206,7 @@ std::string ScanFolder::left_out() const {
 }
 
 Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
-                                 const std::optional<std::array<double, 3>>& spacing_mm,
-                                 std::vector<Warning>& warnings) {
+                                 const OpenOptions& options, std::vector<Warning>& warnings) {
   const auto files = files_below(folder, warnings);
   if (!files) return files.error();
   if (files->empty()) return refused(folder.string() + ": an empty folder");
@@ -222,7 +221,8 @@ Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
     } else if (!is_slice && is_image(file)) {
       images[file.parent_path()].push_back(file);
     } else if (is_slice || (may_be_dicom(file) && !is_left_by_system(file))) {
-      out.dicom.push_back(read_dicom_headers(file, spacing_mm, extent));
+      out.dicom.push_back(
+          read_dicom_headers(file, options.spacing_mm, options.any_modality, extent));
     } else {
       if (auto ok = check_readable(file); !ok && !is_document(file)) return ok.error();
       DicomFile other;

@@ -2,10 +2,8 @@
 // What a folder and its sub-folders hold, and what of it is the scan.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -46,11 +44,11 @@ struct ScanFolder {
   std::string left_out() const;
 };
 
-/// Reads the headers of all DICOM files. `spacing_mm` as of read_dicom_headers(). Errors (refused):
-/// those of files_below(); a file that may be DICOM cannot be read; an empty folder.
+/// Reads the headers of all DICOM files, with `spacing_mm` and `any_modality` of the options.
+/// Errors (refused): those of files_below(); a file that may be DICOM cannot be read; an empty
+/// folder.
 Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExtent extent,
-                                 const std::optional<std::array<double, 3>>& spacing_mm,
-                                 std::vector<Warning>& warnings);
+                                 const OpenOptions& options, std::vector<Warning>& warnings);
 
 bool is_nifti(const std::filesystem::path& file);  ///< by its name
 bool is_image(const std::filesystem::path& file);  ///< by its name

@@ -109,7 +109,7 @@ Result<std::unique_ptr<SliceStack>> open_image_files(const std::vector<fs::path>
 Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
                                                 const OpenOptions& options) {
   std::vector<Warning> warnings;
-  const auto found = search_folder(folder, DicomExtent::kWhole, options.spacing_mm, warnings);
+  auto found = search_folder(folder, DicomExtent::kWhole, options, warnings);
   if (!found) return found.error();
   warn_of_others(*found, warnings);
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
@@ -129,7 +129,7 @@ Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
       break;
     case ScanFolder::Kind::kDicom:
     case ScanFolder::Kind::kNothing:
-      stack = open_dicom(found->dicom, found->where, options);
+      stack = open_dicom(std::move(found->dicom), found->where, options);
       break;
   }
   if (stack) {

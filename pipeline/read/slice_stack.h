@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 
@@ -40,8 +41,9 @@ struct SeriesInfo {
 
 /// What the values of an image are.
 enum class PixelUnit {
-  kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
-  kGrey,        ///< image files: 0..255 for any bit depth, or labels
+  kHounsfield,    ///< DICOM after rescale, NIfTI after scl_slope/inter
+  kGrey,          ///< image files: 0..255 for any bit depth, or labels
+  kUncalibrated,  ///< DICOM that is not CT, after rescale
 };
 
 /// Where a slice lies. Plane coordinates are (u, v) in mm: u along a row, v along a
@@ -67,8 +69,10 @@ class SliceStack {
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
 
-  std::vector<Warning> warnings;     ///< what was noticed on opening
-  std::optional<SeriesInfo> series;  ///< that the slices are from; of DICOM input only
+  std::vector<Warning> warnings;                ///< what was noticed on opening
+  std::optional<SeriesInfo> series;             ///< that the slices are from; of DICOM input only
+  std::optional<VoxelConflict> voxel_conflict;  ///< of a NIfTI
+  std::string modality;                         ///< "MR", for example, of kUncalibrated; else empty
   /// All that the slices come from, in order: see digest_input().
   std::vector<std::filesystem::path> files;
 };
@@ -80,9 +84,10 @@ enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
-  std::string series;             ///< UID, number or description, as of choose_series()
+  std::string series;             ///< UID, number or description, as of named_series()
   std::optional<SliceAxis> axis;  ///< none: as stored; of a NIfTI volume transverse
   bool as_labels = false;         ///< image levels are labels: as stored, not 0..255
+  bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
 };
 
 /// Opens a list of files, or what search_folder() takes of one folder. Errors: (refused) nothing
@@ -106,7 +111,7 @@ Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::pat
                                                       const OpenOptions& options);
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options);
-Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<DicomFile>& headers,
+Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);
 /// The volume of a stack, sliced along an axis as a NIfTI volume is. Its voxels are written to a

@@ -211,7 +211,7 @@ def lists(s):
                   {**whole, "scans": [{k: v for k, v in whole["scans"][0].items() if k != "kernel"}]}):
         check(not s.schema.is_valid(wrong), "the schema accepts anything")
     want = {2: ("dicom", "Sch\u00e4del H60s", "H60s", "CT", SLICES, 0, True), 3: ("dicom", "Tilted", None, "CT", 5, 14.036, True),
-            9: ("dicom", "PET", None, "PT", 3, 0, True), 1: ("dicom", "Topogram", None, "CT", 1, None, False), 8: ("dicom", "Twice", None, "CT", 3, None, False),
+            9: ("dicom", "PET", None, "PT", 3, 0, False), 1: ("dicom", "Topogram", None, "CT", 1, None, False), 8: ("dicom", "Twice", None, "CT", 3, None, False),
             "ct.nii.gz": ("nifti", None, None, None, SLICES, 0, True), "png": ("images", None, None, None, SLICES, None, True)}
     check(set(scans) == set(want), f"listed: {list(scans)}")
     for key, (kind, description, kernel, modality, slices, tilted, usable) in want.items():
@@ -226,6 +226,7 @@ def lists(s):
     check(all(abs(a - b) < 1e-4 for a, b in zip(scans["ct.nii.gz"]["spacing_mm"], (pixel, pixel, 1))), f"spacing: {scans['ct.nii.gz']}")
     check(scans[2]["path"] == "DICOM/A" and "LOCALIZER" in scans[1]["image_type"], f"{scans[2]['path']}, {scans[1]}")
     check("same position" in scans[8]["problem"], f"{scans[8]}")
+    check("PT (positron" in (scans[9]["problem"] or "") and "LOCALIZER" in (scans[1]["problem"] or ""), f"{scans[9]}, {scans[1]}")
     table = s.run("list", study).stdout
     for text in ("Sch\u00e4del H60s", "H60s", "PT", "1.25 x 1.25 x 1", "14.0", "Topogram", "localiser", "same position", "ct.nii.gz", "png", "most slices of the 3 CT series", "--series"):
         check(text in table, f"the table lacks {text!r}:\n{table}")
@@ -276,7 +277,8 @@ def takes_the_series_that_is_named(s):
     s.refuses(2, ("--series 12", "2 series", uid + "12", "1.2.3.4"), study, "--series", "12", *out)
     check(s.asset(study, "--series", "Other") == s.asset(study, "--series", "1.2.3.4"), "a description of another study")
     s.series(study / "scout", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
-    s.refuses(3, ("Topogram", "localiser"), study, "--series", "1", *out)
+    s.refuses(3, ("scout/IM000000", "localiser"), study, "--series", "1", *out)
+    check(b"glTF" in s.asset(study, "--series", "topo", "--any-modality", "--threshold", "0"), "a localiser by its description")
 
 
 def slices_along_an_axis(s):
