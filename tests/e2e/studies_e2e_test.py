@@ -24,7 +24,7 @@ SLICES, SIZE = 9, 128
 
 class Studies:
     def __init__(self, programs, work):
-        self.mesh, self.work = programs / "trocar-mesh", work
+        self.programs, self.mesh, self.work = programs, programs / "trocar-mesh", work
         subprocess.run([programs / "trocar-sample-ct", work / "scan", "--size", str(SIZE), "--slices", str(SLICES), "--quiet"], check=True)
         self.scan = work / "scan"
         schema = json.loads((pathlib.Path(__file__).resolve().parents[2] / "formats" / "session" / "list.schema.json").read_text())
@@ -85,6 +85,13 @@ class Studies:
                 edit(ds, k)
             ds.save_as(folder / f"IM{k:06}")
         return folder
+
+
+def bytes_read(*command):
+    """By the system's count, libraries included."""
+    with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        return int(pathlib.Path(f"/proc/{process.pid}/io").read_text().split()[1])
 
 
 def litter(folder):
@@ -239,6 +246,12 @@ def lists(s):
     check(s.list(study)[1] == whole, "files without pixels are listed differently")
     check(s.run("list", study).stdout == table, "the table of files without pixels differs")
     s.refuses(3, ("truncated",), study, "-o", s.work / "none.glb")
+    litter(s.work / "litter")
+    large = s.work / "large"
+    subprocess.run([s.programs / "trocar-sample-ct", large, "--size", "512", "--slices", "4", "--quiet"], check=True)
+    size = sum(file.stat().st_size for file in (large / "dicom").iterdir())
+    extra = bytes_read(s.mesh, "list", large / "dicom") - bytes_read(s.mesh, "list", s.work / "litter" / "README")
+    check(extra < 0.05 * size, f"list read {extra} of {size} bytes")
     # What list says is what meshing takes.
     for folder in ("several", "two"):  # of chooses()
         _, taken = s.warnings(s.work / folder)
@@ -246,7 +259,6 @@ def lists(s):
         check([scan["uid"] for scan in made if scan["taken"]] == [(taken or {}).get("uid")], f"{folder}: {taken}")
     # A file; nothing usable.
     check(s.list(s.scan / "sample.nii.gz")[0].get("sample.nii.gz", {}).get("slices") == SLICES, "a file cannot be listed")
-    litter(s.work / "litter")
     s.refuses(3, ("litter", "no DICOM images"), "list", s.work / "litter")
     done = s.run("list", s.series(s.work / "scouts", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"]), "--json", expect=3)
     check("Topogram" in done.stdout and "scouts" in done.stderr and len(done.stderr.splitlines()) == 1, f"only a localiser: {done.stdout} {done.stderr}")
