@@ -121,6 +121,27 @@ int rank(const DicomSeries& s) {
   return s.content.kind == ImageContent::Kind::kUnknown ? 1 : 2;
 }
 
+// `candidates`: those of `all` that have slices.
+std::string why_chosen(const std::vector<const DicomSeries*>& all,
+                       const std::vector<const DicomSeries*>& candidates, const DicomSeries& best) {
+  const auto alike = std::count_if(candidates.begin(), candidates.end(),
+                                   [&best](const auto* s) { return rank(*s) == rank(best); });
+  const auto equal = std::count_if(candidates.begin(), candidates.end(), [&best](const auto* s) {
+    return rank(*s) == rank(best) && s->images() == best.images();
+  });
+  const bool is_ct = rank(best) == 0;
+  const std::string what = is_ct ? " CT series" : " series";
+  if (equal > 1) {
+    return std::string("the ") + (best.info.number ? "lowest number" : "first UID") + " of the " +
+           std::to_string(equal) + what + " with most slices";
+  }
+  if (alike > 1) return "most slices of the " + std::to_string(alike) + what;
+  const bool has_others = std::any_of(
+      all.begin(), all.end(), [](const auto* s) { return !s->is_localiser() && rank(*s) == 2; });
+  if (is_ct && has_others) return "the only CT series";
+  return candidates.size() == 1 ? "the only one with slices" : "the only one that may be CT";
+}
+
 // Warns of gaps unlike the median and of shifts within the planes (a tilted gantry).
 void warn_of_gaps(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
   const StackShape shape = stack_shape(slices);
@@ -275,25 +296,8 @@ Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const
       candidates.begin(), candidates.end(), [](const DicomSeries* a, const DicomSeries* b) {
         return std::pair(rank(*a), b->images()) < std::pair(rank(*b), a->images());
       });
-  ChosenSeries out{static_cast<std::size_t>(best - series.data()), {}};
-  const auto alike = std::count_if(candidates.begin(), candidates.end(),
-                                   [best](const auto* s) { return rank(*s) == rank(*best); });
-  const auto equal = std::count_if(candidates.begin(), candidates.end(), [best](const auto* s) {
-    return rank(*s) == rank(*best) && s->images() == best->images();
-  });
-  const char* const what = rank(*best) == 0 ? "CT series" : "series";
-  if (series.size() == 1) return out;
-  if (candidates.size() == 1) {
-    out.why = "the only one with slices";
-  } else if (alike == 1) {
-    out.why = rank(*best) == 0 ? "the only CT series" : "the only one that may be CT";
-  } else if (equal == 1) {
-    out.why = "most slices of the " + std::to_string(alike) + " " + what;
-  } else {
-    out.why = std::string("the ") + (best->info.number ? "lowest number" : "first UID") +
-              " of the " + std::to_string(equal) + " " + what + " with most slices";
-  }
-  return out;
+  const std::string why = series.size() == 1 ? "" : why_chosen(all, candidates, *best);
+  return ChosenSeries{static_cast<std::size_t>(best - series.data()), why};
 }
 
 Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series,
