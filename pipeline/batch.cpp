@@ -189,9 +189,10 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
 
 }  // namespace
 
-Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
+Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& given,
                                const json& parameters) {
-  if (auto ok = check_ranges(stack, options); !ok) return ok.error();
+  if (auto ok = check_ranges(stack, given); !ok) return ok.error();
+  BatchOptions options = given;
   const int first = options.slices ? options.slices->first : 0;
   const int last = options.slices ? options.slices->second : stack.size() - 1;
   const int threads =
@@ -199,6 +200,13 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
 
+  std::optional<SolidBone> solid;
+  if (options.solid.any()) {
+    auto made = SolidBone::make(stack, options.mesh.segmentation, options.axis, options.solid);
+    if (!made) return made.error();
+    solid = std::move(*made);
+    options.mesh.solid = &*solid;
+  }
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
   // The digests of the input's files are computed in parallel with the slices.
@@ -310,6 +318,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};
+  if (solid)
+    out.report["solid"] = {{"filled_mm3", solid->filled_mm3()},
+                           {"dropped_mm3", solid->dropped_mm3()}};
   return out;
 }
 

@@ -19,7 +19,9 @@
 #include "pipeline/arguments.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
+#include "pipeline/presets.h"
 #include "pipeline/scan_list.h"
+#include "pipeline/second_opinion.h"
 
 namespace {
 
@@ -59,23 +61,23 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
 
 // `--labels 41 42` as `--labels 41 --labels 42`: words after it that begin with a digit and hold
 // only digits, commas and hyphens are labels and not inputs.
-std::vector<const char*> with_repeated_labels(int argc, const char* const* argv) {
+std::vector<std::string> with_repeated_labels(const std::vector<std::string>& words) {
   const auto is_list = [](const std::string& word) {
     return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
            word.front() != ',' && word.front() != '-';
   };
-  std::vector<const char*> out;
+  std::vector<std::string> out;
   bool after_labels = false;
-  for (int i = 0; i < argc; ++i) {
-    const std::string word = argv[i];
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const std::string& word = words[i];
     if (after_labels && is_list(word)) {
-      out.push_back("--labels");
+      out.emplace_back("--labels");
     } else {
       after_labels = word.starts_with("--labels=");
     }
-    out.push_back(argv[i]);
-    if (word == "--labels" && i + 1 < argc) {
-      out.push_back(argv[++i]);
+    out.push_back(word);
+    if (word == "--labels" && i + 1 < words.size()) {
+      out.push_back(words[++i]);
       after_labels = true;
     }
   }
@@ -112,15 +114,20 @@ std::function<void(int, int)> progress_bar() {
 // selects all pixels or none.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_given->count() > 0 ||
-      a.equalize_given->count() > 0 || !a.preset.empty())
+      a.equalize_given->count() > 0)
     return {};
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
-    if (a.threshold_given->count() == 0) {
+    if (a.threshold_given->count() == 0 || !a.preset.empty()) {
       stack.warnings.push_back({"default_threshold", "--threshold",
-                                "the default of 226 is meant in HU; values of " + stack.modality +
-                                    " need one of their own"});
+                                "its default and the presets are meant in HU; values of " +
+                                    stack.modality + " need one of their own"});
     }
     return {};
+  }
+  if (!a.preset.empty()) {
+    return usage("--preset " + a.preset +
+                 " is for HU, which images do not carry: give --equalize "
+                 "LEVEL, or --threshold with a grey level of 0..255");
   }
   if (a.threshold_given->count() == 0) {
     return usage(
@@ -210,7 +217,15 @@ void print_outcome(const Arguments& a, const json& report) {
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
 }
 
+int explain(const std::string& preset) {
+  const auto text = explain_presets(preset);
+  if (!text) return fail(text.error());
+  std::fputs(text->c_str(), stdout);
+  return 0;
+}
+
 int mesh(const Arguments& a) {
+  if (a.explain) return explain(a.preset);
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
   if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
@@ -229,6 +244,7 @@ int mesh(const Arguments& a) {
   // without --axis, too.
   if (!open->series.empty()) open->series = (*stack)->series->uid;
   if (!(*stack)->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
+  options->axis = open->axis;
   auto result = mesh_stack(**stack, *options, parameters_json(*options, *open));
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
@@ -250,17 +266,35 @@ int list(const fs::path& folder, bool as_json) {
   return 0;
 }
 
-int verify(const fs::path& file, bool as_json) {
+Result<std::size_t> verify(const fs::path& file, bool independent) {
   const auto asset = read_asset(file);
-  const Result<void> ok = asset ? verify_asset(*asset, file.string()) : Result<void>(asset.error());
-  if (as_json) {
-    json out = {{"file", file.string()}, {"valid", static_cast<bool>(ok)}};
-    if (!ok) out["reason"] = ok.error().message;
-    std::cout << json_text(out, 1) << '\n';
+  if (!asset) return asset.error();
+  if (auto ok = verify_asset(*asset, file.string()); !ok) return ok.error();
+  if (independent) {
+    if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
   }
-  if (!ok) return fail(ok.error());
-  if (!as_json) std::printf("%s: valid, %zu slices\n", file.c_str(), asset->slices.size());
-  return 0;
+  return asset->slices.size();
+}
+
+// Every file is looked at; the exit code is the first error's.
+int verify_all(const std::vector<fs::path>& files, bool independent, bool as_json) {
+  int code = 0;
+  json out = json::array();
+  for (const fs::path& file : files) {
+    const auto slices = verify(file, independent);
+    out.push_back({{"file", file.string()}, {"valid", static_cast<bool>(slices)}});
+    if (independent) out.back()["independent"] = true;
+    if (!slices) {
+      out.back()["reason"] = slices.error().message;
+      const int failed = fail(slices.error());
+      if (code == 0) code = failed;
+    } else if (!as_json) {
+      std::printf("%s: valid, %zu slices%s\n", file.c_str(), *slices,
+                  independent ? ", confirmed by CGAL" : "");
+    }
+  }
+  if (as_json) std::cout << json_text(out.size() == 1 ? out[0] : out, 1) << '\n';
+  return code;
 }
 
 int info(const fs::path& file, bool as_json) {
@@ -335,15 +369,23 @@ int run(int argc, char** argv) {
   CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
       app.add_subcommand("export", "write each slice as .poly, .obj and .svg");
-  for (CLI::App* command : {verify_command, info_command, export_command}) {
+  std::vector<fs::path> assets;
+  bool independent = false;
+  verify_command->add_option("ASSET", assets, "the .glb, or several")->required();
+  verify_command->add_flag("--independent", independent,
+                           "also compare with CGAL's triangulation, which is not Trocar's code");
+  for (CLI::App* command : {info_command, export_command})
     command->add_option("ASSET", asset, "the .glb")->required();
-  }
   for (CLI::App* command : {list_command, verify_command, info_command})
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
-  const std::vector<const char*> words = with_repeated_labels(argc, argv);
-  if (const auto done = parse_command_line(app, static_cast<int>(words.size()), words.data()))
+  const std::vector<std::string> words =
+      with_preset_options(with_repeated_labels(std::vector<std::string>(argv, argv + argc)));
+  std::vector<const char*> pointers;
+  for (const std::string& word : words)
+    pointers.push_back(word.c_str());
+  if (const auto done = parse_command_line(app, static_cast<int>(pointers.size()), pointers.data()))
     return *done;
   if (app.get_subcommands().empty()) {
     if (const auto ok = check_command(app, a); !ok) return fail(ok.error());
@@ -351,7 +393,7 @@ int run(int argc, char** argv) {
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
   if (*list_command) return list(study, as_json);
-  if (*verify_command) return verify(asset, as_json);
+  if (*verify_command) return verify_all(assets, independent, as_json);
   if (*info_command) return info(asset, as_json);
   return export_to(asset, folder);
 }

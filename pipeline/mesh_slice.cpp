@@ -85,9 +85,12 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   }
   Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
   out.labels = std::move(field.labels);
+  std::optional<double> solid_mean;
+  if (options.solid != nullptr)
+    solid_mean = options.solid->apply(slice, grid.offset_x, grid.offset_y, field);
   if (stack.pixel_unit() == PixelUnit::kHounsfield &&
       std::holds_alternative<Threshold>(options.segmentation)) {
-    out.mean_hu = mean_of_material(field);
+    out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
   }
   out.times.segment_ms = watch.lap_ms();
 

@@ -13,6 +13,7 @@
 #include "pipeline/mesh/mesh_quality.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/solid_bone.h"
 
 namespace trocar::pipeline {
 
@@ -29,6 +30,7 @@ struct MeshOptions {
   double min_region_mm2 = 1;
   Lattice lattice;
   std::optional<Crop> crop;
+  const SolidBone* solid = nullptr;  ///< which voxels are material, if not the segmentation alone
 };
 
 struct StageTimes {

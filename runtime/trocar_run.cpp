@@ -27,10 +27,12 @@
 #include "runtime/library_versions.h"
 #include "runtime/session/display.h"
 #include "runtime/session/open_device.h"
+#include "runtime/session/origin.h"
 #include "runtime/session/replay_device.h"
-#include "runtime/session/scene_needs.h"
+#include "runtime/session/scene_check.h"
 #include "runtime/session/session.h"
 #include "runtime/session/summary.h"
+#include "runtime/session/tissue_report.h"
 
 namespace trocar::runtime {
 namespace {
@@ -44,6 +46,7 @@ void request_recovery(int) {
 }
 
 constexpr const char* kName = "trocar-run";
+constexpr int kProgressWidth = 72;
 
 struct Arguments {
   std::string scene, asset, device{kDefaultDevice}, key_file, description, clock = "real",
@@ -53,7 +56,7 @@ struct Arguments {
   std::string black_box, recover = "never", passivity = "on", compensate = "none";
   std::optional<double> coupling_N_per_m;
   int cpu = -1, late_ticks = 3;
-  bool check = false, quiet = false;
+  bool check = false, strict = false, quiet = false;
 };
 
 int fail(const Error& error) {
@@ -87,7 +90,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--frames", arguments.frames,
                  "write the sheet around the tool 30 times a second: JSON lines");
   app.add_option("--replay", arguments.replay,
-                 "run on a recording's inputs (virtual clock), compare the torques");
+                 "run on a recording's inputs (virtual clock), compare the torques; exit code 3\n"
+                 "if they differ, or if scene, asset, device or options are not the recorded ones");
   app.add_option("--asset", arguments.asset, "an asset (.glb) instead of the scene's");
   app.add_option("--device-description", arguments.description,
                  "a device description (JSON) instead of the scene's");
@@ -105,7 +109,10 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option("--compensate", arguments.compensate,
                  "torques that cancel the device's own: none, friction, weight or both (none)");
   app.add_option("--cpu", arguments.cpu, "the processor that the loop stays on (any)");
-  app.add_flag("--check", arguments.check, "load the scene, print what it needs, run nothing");
+  app.add_flag("--check", arguments.check,
+               "judge the scene instead: what it needs, where its hand can go, what a trial with\n"
+               "the simulated device does, and warnings of what ends it or touches nothing");
+  app.add_flag("--strict", arguments.strict, "with --check: exit code 3 after a warning");
   app.add_flag("--quiet", arguments.quiet, "print errors only");
   app.footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 could not be written; 5 stopped by\n"
@@ -144,6 +151,7 @@ Result<void> check_arguments(const Arguments& a) {
   if (a.coupling_N_per_m && !(*a.coupling_N_per_m >= 100 && *a.coupling_N_per_m <= 1e6)) {
     return usage("--coupling: must be within 100 and 1000000 N/m");
   }
+  if (a.strict && !a.check) return usage("--strict: is for --check");
   if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
   if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
     return usage(
@@ -156,7 +164,9 @@ struct Loaded {
   Scene scene;
   DeviceDescription description;
   std::vector<std::unique_ptr<const Sheet>> sheets;
+  std::vector<SliceTissue> tissues;  ///< of the sheets
   std::vector<RecordingRow> replay;
+  RecordingOrigin replay_origin;
   LoadedBytes bytes;
 };
 
@@ -185,10 +195,12 @@ Result<Loaded> load(const Arguments& arguments) {
   auto sheets = place_slices(loaded.scene, part->asset, loaded.scene.asset.string());
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
+  loaded.tissues = choose_tissues(loaded.scene, part->asset);
   loaded.bytes = {part->file_bytes, part->read_bytes, part->asset_slices};
 
   if (!arguments.replay.empty()) {
-    Result<std::vector<RecordingRow>> rows = read_recording(arguments.replay);
+    Result<std::vector<RecordingRow>> rows =
+        read_recording(arguments.replay, &loaded.replay_origin);
     if (!rows) return rows.error();
     loaded.replay = std::move(*rows);
   }
@@ -206,9 +218,21 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
     std::printf("slice %d was punctured at %.4f s: force %.3f N, depth %.3f mm, tip at %.5f m\n",
                 event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
   }
-  if (!options.replay.empty() && report.replay_first_difference < 0) {
+  if (!options.replay.empty() && report.replay_first_difference < 0 &&
+      report.ticks == options.replay.size()) {
     std::printf("replay: all torques identical to the recording's\n");
   }
+}
+
+/// One line, at once, also into a file. On a terminal it takes the place of the progress line.
+void tell(const Arguments& arguments, const Notice& notice) {
+  std::string line = kName + std::string(": ") + describe(notice);
+  if (notice.kind == Notice::Kind::kFault && arguments.recover == "signal" &&
+      arguments.replay.empty())
+    line += "; then ask for recovery: kill -USR1 " + std::to_string(::getpid());
+  if (::isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
+  std::fprintf(stderr, "%s\n", line.c_str());
+  std::fflush(stderr);
 }
 
 /// A line on the terminal while a session in real time runs.
@@ -223,7 +247,7 @@ class Progress {
             std::fprintf(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s,
                          duration_s, row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
           }
-          std::fprintf(stderr, "\r%*s\r", 72, "");
+          std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
         }) {}
   ~Progress() {
     done_.store(true);
@@ -323,14 +347,8 @@ void set_loop_options(const Arguments& arguments, SessionOptions& options) {
   }
 }
 
-/// Prints a line for each fault that was recovered from and for each black box. False: a black box
-/// could not be written.
-bool print_faults(const SessionReport& report) {
-  for (const FaultEvent& event : report.faults) {
-    if (event.recovered_t_s < 0) continue;  // conclude() reports the one that ended the session
-    std::fprintf(stderr, "trocar-run: recovered at %.4f s from the fault %s at %.4f s\n",
-                 event.recovered_t_s, to_string(event.fault), event.t_s);
-  }
+/// Prints a line for each black box. False: one could not be written.
+bool print_black_boxes(const SessionReport& report) {
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {
     if (box.error) {
@@ -386,23 +404,44 @@ std::optional<Error> failed_hole(const SessionReport& report, const Remesher& re
 }
 
 /// Prints a line for each problem of a session and returns the exit code. A fault's exit code takes
-/// precedence, since the operator of the device must know of it.
+/// precedence, since the operator of the device must know of it; in a replay, which has no device,
+/// that of torques that differ.
 int conclude(const SessionReport& report, std::vector<Error> errors, const Remesher& remesher) {
   if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
-  if (report.replay_first_difference >= 0) {  // not an error: the scene may differ
-    std::fprintf(stderr, "trocar-run: the torques differ from the recording's from row %lld on\n",
-                 static_cast<long long>(report.replay_first_difference) + 1);
-  }
-  const bool black_boxes_written = print_faults(report);
+  const bool black_boxes_written = print_black_boxes(report);
   int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
   for (const Error& error : errors) {
     const int error_code = fail(error);
     if (code == 0) code = error_code;
   }
+  if (report.fault != Fault::kNone) {
+    std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
+                 to_string(report.fault));
+  }
+  if (report.replay_first_difference >= 0) {
+    return fail(refused("the torques differ from the recording's from row " +
+                        std::to_string(report.replay_first_difference + 1) + " on"));
+  }
   if (report.fault == Fault::kNone) return code;
-  std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
-               to_string(report.fault));
   return static_cast<int>(ExitCode::kDeviceFault);
+}
+
+void warn(const Arguments& arguments, const std::string& what) {
+  std::fprintf(stderr, "trocar-run: warning: %s: %s\n", arguments.scene.c_str(), what.c_str());
+}
+
+/// --check.
+int check(const Arguments& arguments, const Loaded& loaded, const SessionOptions& options) {
+  const Result<SceneCheck> checked = check_scene(loaded.scene, loaded.description, loaded.sheets,
+                                                 loaded.tissues, loaded.bytes, options);
+  if (!checked) return fail(checked.error());
+  if (!arguments.quiet) std::fputs(checked->text.c_str(), stdout);
+  for (const std::string& warning : checked->warnings)
+    warn(arguments, warning);
+  if (!arguments.strict || checked->warnings.empty()) return 0;
+  return fail(refused(arguments.scene + ": " + std::to_string(checked->warnings.size()) +
+                      (checked->warnings.size() == 1 ? " warning" : " warnings") +
+                      ", and --strict allows none"));
 }
 
 int session(const Arguments& arguments) {
@@ -422,7 +461,8 @@ int session(const Arguments& arguments) {
   options.rate_Hz = arguments.rate_Hz.value_or(loaded->scene.rate_Hz.value_or(kDefaultRate_Hz));
   options.duration_s = arguments.duration_s.value_or(loaded->scene.duration_s);
   if (!loaded->replay.empty()) {
-    const Result<double> rate_Hz = recorded_rate_Hz(loaded->replay, arguments.replay);
+    const Result<double> rate_Hz =
+        recorded_rate_Hz(loaded->replay, arguments.replay, stated_rate_Hz(loaded->replay_origin));
     if (!rate_Hz) return fail(rate_Hz.error());
     options.rate_Hz = *rate_Hz;
     options.duration_s = static_cast<double>(loaded->replay.size()) / *rate_Hz;
@@ -432,15 +472,22 @@ int session(const Arguments& arguments) {
   options.on_recording_error = [](const Error& error) {
     std::fprintf(stderr, "trocar-run: the recording has stopped: %s\n", error.message.c_str());
   };
+  options.on_notice = [&arguments](const Notice& notice) { tell(arguments, notice); };
   options.stop = &stop_requested;
   set_loop_options(arguments, options);
-  if (arguments.check) {
-    const Result<std::string> needs =
-        describe_needs(loaded->scene, loaded->description, loaded->sheets, loaded->bytes,
-                       options.rate_Hz, options.duration_s);
-    if (!needs) return fail(needs.error());
-    std::fputs(needs->c_str(), stdout);
-    return 0;
+  if (arguments.check) return check(arguments, *loaded, options);
+  const std::optional<std::string> unfitting = warn_of_unfitting(loaded->scene, loaded->tissues);
+  if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
+
+  const Result<RecordingOrigin> origin =
+      make_origin(arguments.scene, loaded->scene, loaded->description, options);
+  if (!origin) return fail(origin.error());
+  options.origin = *origin;
+  if (!loaded->replay.empty()) {
+    const Result<std::string> warning =
+        check_replay(loaded->replay_origin, *origin, arguments.replay);
+    if (!warning) return fail(warning.error());
+    if (!warning->empty()) std::fprintf(stderr, "trocar-run: warning: %s\n", warning->c_str());
   }
 
   FrameWriter frames(arguments.frames);

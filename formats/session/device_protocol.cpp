@@ -17,8 +17,6 @@ static_assert(kLinkMacBytes == crypto_generichash_BYTES);
 
 using Bytes = std::span<const std::uint8_t>;
 
-constexpr std::array<std::uint8_t, 4> kMagic = {'T', 'R', 'C', 'R'};
-constexpr std::uint8_t kVersion = 1;
 constexpr std::size_t kHeaderBytes = 32;
 
 /// Writes fields one after the other. The caller has checked the size.
@@ -91,6 +89,12 @@ struct Format<StatePacket> {
   static constexpr std::size_t kBytes = kStateBytes;
 };
 
+template <>
+struct Format<DenialPacket> {
+  static constexpr PacketKind kKind = PacketKind::kDenial;
+  static constexpr std::size_t kBytes = kDenialBytes;
+};
+
 struct Header {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
@@ -104,8 +108,8 @@ void mac_of(Bytes bytes, const LinkKey& key, std::uint8_t* out) noexcept {
 template <typename Packet>
 Writer write_header(const Header& header, std::uint8_t* out) noexcept {
   Writer writer(out);
-  writer.bytes(kMagic);
-  writer.u8(kVersion);
+  writer.bytes(kLinkMagic);
+  writer.u8(kLinkVersion);
   writer.u8(static_cast<std::uint8_t>(Format<Packet>::kKind));
   writer.u16(static_cast<std::uint16_t>(Format<Packet>::kBytes));
   writer.u64(header.session);
@@ -121,22 +125,33 @@ std::size_t seal(const LinkKey& key, std::uint8_t* out) noexcept {
   return kBytes;
 }
 
+/// Checks size, magic, version and kind.
+template <typename Packet>
+LinkRefusal open_header(Bytes bytes, Header& header) noexcept {
+  if (bytes.size() < kHeaderBytes || bytes.size() > kLargestPacketBytes) return LinkRefusal::kSize;
+  if (!std::equal(kLinkMagic.begin(), kLinkMagic.end(), bytes.begin()) ||
+      bytes[4] != kLinkVersion) {
+    return LinkRefusal::kMagic;
+  }
+  if (bytes[5] != static_cast<std::uint8_t>(Format<Packet>::kKind)) return LinkRefusal::kKind;
+  Reader reader(bytes.data() + 6);
+  if (reader.u16() != bytes.size() || bytes.size() != Format<Packet>::kBytes) {
+    return LinkRefusal::kSize;
+  }
+  header.session = reader.u64();
+  header.sequence = reader.u64();
+  header.time_ns = static_cast<std::int64_t>(reader.u64());
+  return LinkRefusal::kNone;
+}
+
 /// Checks everything except the contents. `any_session`: for hello and welcome, which belong to no
 /// known session.
 template <typename Packet>
 LinkRefusal open(Bytes bytes, const LinkKey& key, bool any_session, std::uint64_t session,
                  Header& header) noexcept {
   constexpr std::size_t kBytes = Format<Packet>::kBytes;
-  if (bytes.size() < kHeaderBytes || bytes.size() > kLargestPacketBytes) return LinkRefusal::kSize;
-  if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin()) || bytes[4] != kVersion) {
-    return LinkRefusal::kMagic;
-  }
-  if (bytes[5] != static_cast<std::uint8_t>(Format<Packet>::kKind)) return LinkRefusal::kKind;
-  Reader reader(bytes.data() + 6);
-  if (reader.u16() != bytes.size() || bytes.size() != kBytes) return LinkRefusal::kSize;
-  header.session = reader.u64();
-  header.sequence = reader.u64();
-  header.time_ns = static_cast<std::int64_t>(reader.u64());
+  const LinkRefusal refusal = open_header<Packet>(bytes, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
   if (!any_session && header.session != session) return LinkRefusal::kSession;
   std::array<std::uint8_t, kLinkMacBytes> mac;
   mac_of(bytes.first(kBytes - kLinkMacBytes), key, mac.data());
@@ -283,7 +298,24 @@ std::size_t encode(const StatePacket& packet, const LinkKey& key,
   return seal<StatePacket>(key, out.data());
 }
 
+std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept {
+  if (out.size() < kDenialBytes) return 0;
+  Writer writer = write_header<DenialPacket>({0, 1, packet.time_ns}, out.data());
+  writer.bytes(packet.host_nonce);
+  writer.u8(static_cast<std::uint8_t>(packet.reason));
+  writer.zeros(7);
+  return kDenialBytes;
+}
+
+bool hello_nonce(Bytes bytes, LinkNonce& nonce) noexcept {
+  Header header;
+  if (open_header<HelloPacket>(bytes, header) != LinkRefusal::kNone) return false;
+  Reader(bytes.data() + kHeaderBytes).bytes(nonce);
+  return true;
+}
+
 PacketKind claimed_kind(Bytes bytes) noexcept {
+  if (bytes.size() == kDenialBytes && bytes[5] == 5) return PacketKind::kDenial;
   if (bytes.size() == kWelcomeBytes && bytes[5] == 2) return PacketKind::kWelcome;
   if (bytes.size() == kCommandBytes && bytes[5] == 3) return PacketKind::kCommand;
   if (bytes.size() == kStateBytes && bytes[5] == 4) return PacketKind::kState;
@@ -324,6 +356,24 @@ LinkRefusal decode(Bytes bytes, const LinkKey& key, const LinkNonce& asked,
   if (!reader.zeros(7) || header.sequence != 1 ||
       header.session != session_number(read.drive_nonce) || read.host_nonce != asked ||
       !good_contents(read)) {
+    return LinkRefusal::kContents;
+  }
+  packet = read;
+  return LinkRefusal::kNone;
+}
+
+LinkRefusal decode(Bytes bytes, const LinkNonce& asked, DenialPacket& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open_header<DenialPacket>(bytes, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  DenialPacket read;
+  read.time_ns = header.time_ns;
+  Reader reader(bytes.data() + kHeaderBytes);
+  reader.bytes(read.host_nonce);
+  read.reason = static_cast<DenialReason>(reader.u8());
+  const bool known = read.reason == DenialReason::kKey || read.reason == DenialReason::kBusy;
+  if (!known || !reader.zeros(7) || header.session != 0 || header.sequence != 1 ||
+      read.host_nonce != asked) {
     return LinkRefusal::kContents;
   }
   packet = read;

@@ -22,9 +22,11 @@ namespace trocar {
 
 inline constexpr std::size_t kLinkKeyBytes = 32, kLinkNonceBytes = 16, kLinkMacBytes = 32;
 inline constexpr std::size_t kHelloBytes = 96, kWelcomeBytes = 112, kCommandBytes = 144,
-                             kStateBytes = 208;
+                             kStateBytes = 208, kDenialBytes = 56;
 inline constexpr std::size_t kLargestPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
+inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
+inline constexpr std::uint8_t kLinkVersion = 1;
 /// Numbers beyond these are refused; no device of this kind reaches them.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMinPeriod_s = 1e-5, kLinkMaxPeriod_s = 0.1;
@@ -34,7 +36,13 @@ struct LinkKey {
 };
 using LinkNonce = std::array<std::uint8_t, kLinkNonceBytes>;
 
-enum class PacketKind : std::uint8_t { kHello = 1, kWelcome = 2, kCommand = 3, kState = 4 };
+enum class PacketKind : std::uint8_t {
+  kHello = 1,
+  kWelcome = 2,
+  kCommand = 3,
+  kState = 4,
+  kDenial = 5
+};
 
 enum class LinkClock : std::uint8_t {
   kReal = 1,      ///< the drive's own clock
@@ -86,6 +94,19 @@ struct StatePacket {
   friend bool operator==(const StatePacket&, const StatePacket&) = default;
 };
 
+enum class DenialReason : std::uint8_t {
+  kKey = 1,   ///< the hello was not made with the drive's key
+  kBusy = 2,  ///< a session with another host is alive
+};
+/// Tells a host why its hello gets no welcome. Not authenticated, since the host may lack the key:
+/// a hint for the operator, on which nothing else may depend.
+struct DenialPacket {
+  std::int64_t time_ns = 0;
+  LinkNonce host_nonce{};  ///< as in the hello
+  DenialReason reason = DenialReason::kKey;
+  friend bool operator==(const DenialPacket&, const DenialPacket&) = default;
+};
+
 /// Why a packet was refused: the first of these that applies.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
@@ -125,6 +146,12 @@ std::size_t encode(const CommandPacket& packet, const LinkKey& key,
 std::size_t encode(const StatePacket& packet, const LinkKey& key,
                    std::span<std::uint8_t> out) noexcept;
 
+std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
+
+/// The host's nonce of a datagram that has the size, magic, version and kind of a hello, authentic
+/// or not; false: it is none.
+bool hello_nonce(std::span<const std::uint8_t> bytes, LinkNonce& nonce) noexcept;
+
 /// The kind of a datagram by its header and size, without authentication; kHello if it is none
 /// (decode then refuses it).
 PacketKind claimed_kind(std::span<const std::uint8_t> bytes) noexcept;
@@ -136,6 +163,9 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key,
 /// `asked`: the host's nonce in its hello.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, const LinkNonce& asked,
                    WelcomePacket& packet) noexcept;
+/// `asked` as above. Not authenticated.
+LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkNonce& asked,
+                   DenialPacket& packet) noexcept;
 /// `last_sequence`: of the session's packets of this kind; 0 at its start.
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
                    std::uint64_t& last_sequence, CommandPacket& packet) noexcept;

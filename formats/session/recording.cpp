@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/session/fault_words.h"
 
 namespace trocar {
 namespace {
@@ -21,30 +22,22 @@ namespace {
 constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
 constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
                                                     "fault"};
-constexpr std::array<const char*, kFaults> kFaultNames = {"none",
-                                                          "no_data",
-                                                          "link_lost",
-                                                          "write_failed",
-                                                          "encoder_not_finite",
-                                                          "encoder_jump",
-                                                          "joint_limit",
-                                                          "pose_residual",
-                                                          "singularity",
-                                                          "torque_not_finite",
-                                                          "deadline_missed",
-                                                          "remesh_backlog",
-                                                          "tool_tilt",
-                                                          "emergency_stop",
-                                                          "motor_fault",
-                                                          "workspace",
-                                                          "speed",
-                                                          "torque_limit",
-                                                          "torque_rate",
-                                                          "motor_overload"};
+/// Columns that recordings of older versions do not have.
+constexpr std::array<const char*, 1> kLaterColumns = {"origin"};
 constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
                                                                  "fault", "recovering"};
 constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
     "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
+
+const std::array<const char*, kFaults>& fault_names() {
+  static const auto names = [] {
+    std::array<const char*, kFaults> made{};
+    for (std::size_t i = 0; i < made.size(); ++i)
+      made[i] = words_of(static_cast<Fault>(i)).name;
+    return made;
+  }();
+  return names;
+}
 
 std::vector<std::string> make_columns() {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
@@ -89,12 +82,35 @@ std::vector<std::string> make_columns() {
                            "motor_heat_max"}) {
     columns.emplace_back(name);
   }
+  columns.emplace_back("origin");  // the last: text, in the first row only
   return columns;
 }
 
 const std::vector<std::string>& columns() {
   static const std::vector<std::string> names = make_columns();
   return names;
+}
+
+std::string joined(std::span<const std::string> names) {
+  std::string line;
+  for (const std::string& name : names)
+    line.append(line.empty() ? "" : ",").append(name);
+  return line;
+}
+
+/// The columns of a recording with this header: all, or those of an older version; empty: it is
+/// none.
+std::vector<std::string> columns_of(std::string_view header) {
+  for (unsigned absent = 0; absent < 1U << kLaterColumns.size(); ++absent) {
+    std::vector<std::string> names;
+    for (const std::string& name : columns()) {
+      const auto later = static_cast<std::size_t>(
+          std::find(kLaterColumns.begin(), kLaterColumns.end(), name) - kLaterColumns.begin());
+      if (later == kLaterColumns.size() || (absent >> later & 1U) == 0) names.push_back(name);
+    }
+    if (header == joined(names)) return names;
+  }
+  return {};
 }
 
 template <typename Number>
@@ -163,6 +179,19 @@ class RowReader {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
     if (error != std::errc() || end != text.data() + text.size()) why_ = "is not a number";
   }
+  /// The origin: in the first row, empty in others.
+  void origin(bool first_row, RecordingOrigin& origin) {
+    const std::string_view text = next();
+    if (!ok()) return;
+    if (!first_row && !text.empty()) {
+      why_ = "belongs to the first row only";
+      return;
+    }
+    if (!first_row) return;
+    Result<RecordingOrigin> parsed = parse_origin(text);
+    if (parsed) origin = std::move(*parsed);
+    if (!parsed) why_ = "is not KEY=VALUE;KEY=VALUE";
+  }
   void flag(std::uint8_t& x) {
     number(x);
     if (ok() && x > 1) why_ = "is neither 0 nor 1";
@@ -216,7 +245,7 @@ const char* to_string(ContactPhase phase) {
   return kPhaseNames.at(static_cast<std::size_t>(phase));
 }
 const char* to_string(Fault fault) {
-  return kFaultNames.at(static_cast<std::size_t>(fault));
+  return words_of(fault).name;
 }
 const char* to_string(SafetyState state) {
   return kSafetyNames.at(static_cast<std::size_t>(state));
@@ -226,12 +255,7 @@ const char* to_string(DeviceStatus status) {
 }
 
 const std::string& recording_header() {
-  static const std::string header = [] {
-    std::string line;
-    for (const std::string& name : columns())
-      line += (line.empty() ? "" : ",") + name;
-    return line;
-  }();
+  static const std::string header = joined(columns());
   return header;
 }
 
@@ -243,6 +267,7 @@ RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
       partial_(std::exchange(other.partial_, {})),
       fd_(std::exchange(other.fd_, -1)),
       buffer_(std::move(other.buffer_)),
+      origin_(std::move(other.origin_)),
       lines_(other.lines_) {}
 
 RecordingWriter::~RecordingWriter() {
@@ -301,7 +326,8 @@ int open_partial(const std::string& partial) {
 
 }  // namespace
 
-Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file) {
+Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
+                                              const RecordingOrigin& origin) {
   if (const Result<void> ok = check_writable(file); !ok) return ok.error();
   const std::string partial = file.string() + kPartialSuffix;
   const int fd = open_partial(partial);
@@ -311,12 +337,16 @@ Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file)
   RecordingWriter writer(file, partial, fd);
   writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
   writer.buffer_ = recording_header() + "\n";
+  writer.origin_ = to_text(origin);
   return writer;
 }
 
 Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
   for (const RecordingRow& row : rows) {
     put(buffer_, row);
+    buffer_.back() = ',';
+    buffer_ += std::exchange(origin_, {});
+    buffer_ += '\n';
     if (buffer_.size() < kFlushBytes) continue;
     if (Result<void> flushed = flush(); !flushed) return flushed;
   }
@@ -358,9 +388,15 @@ Result<void> RecordingWriter::commit() {
   return {};
 }
 
-Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name) {
+Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
+                                                  RecordingOrigin* origin) {
   std::vector<RecordingRow> rows;
+  RecordingOrigin found;
   std::size_t line_number = 0;
+  std::vector<std::string> columns_here;
+  const auto has = [&](std::string_view column) {
+    return std::find(columns_here.begin(), columns_here.end(), column) != columns_here.end();
+  };
   while (!csv.empty()) {
     ++line_number;
     const std::size_t end = csv.find('\n');
@@ -369,7 +405,8 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     const std::string_view line = csv.substr(0, end);
     csv.remove_prefix(end + 1);
     if (line_number == 1) {
-      if (line != recording_header()) return refused(where + ": is not the header of a recording");
+      columns_here = columns_of(line);
+      if (columns_here.empty()) return refused(where + ": is not the header of a recording");
       continue;
     }
     RecordingRow row;
@@ -393,18 +430,19 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.number(row.response_stiffness_N_per_m);
     for (double& offset_m : row.response_offset_m)
       reader.number(offset_m);
-    reader.name(row.fault, kFaultNames);
+    reader.name(row.fault, fault_names());
     reader.name(row.device_read, kDeviceStatusNames);
     reader.name(row.device_write, kDeviceStatusNames);
-    reader.name(row.outside_fault, kFaultNames);
+    reader.name(row.outside_fault, fault_names());
     reader.flag(row.recovery_asked);
     reader.name(row.safety, kSafetyNames);
     reader.finite(row.authority);
     reader.finite(row.passivity_J);
     reader.finite(row.passivity_N_s_per_m);
     reader.finite(row.motor_heat_max);
+    if (has("origin")) reader.origin(rows.empty(), found);
     if (!reader.ok()) {
-      return refused(where + ": " + columns().at(reader.field() - 1) + " " + reader.why());
+      return refused(where + ": " + columns_here.at(reader.field() - 1) + " " + reader.why());
     }
     if (!reader.at_end()) return refused(where + ": has too many fields");
     if (!rows.empty() && !(row.t_s > rows.back().t_s)) {
@@ -413,14 +451,17 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     rows.push_back(row);
   }
   if (rows.empty()) return refused(name + ": has no row");
+  if (origin != nullptr) *origin = std::move(found);
   return rows;
 }
 
-Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file) {
+Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
+                                                 RecordingOrigin* origin) {
   const Result<std::vector<std::uint8_t>> bytes = read_file(file);
   if (!bytes) return bytes.error();
   return parse_recording(
-      std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string());
+      std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string(),
+      origin);
 }
 
 }  // namespace trocar

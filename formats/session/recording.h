@@ -14,6 +14,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/device_status.h"
+#include "formats/session/recording_origin.h"
 
 namespace trocar {
 
@@ -26,7 +27,8 @@ enum class ContactPhase : std::uint8_t {
   kFault,      ///< "fault": latched; torques ramp to zero
 };
 
-/// Why the loop entered its safe state; to_string() gives the name in recording and summary.
+/// Why the loop entered its safe state; to_string() gives the name in recording and summary,
+/// fault_words.h what it means and what to do.
 enum class Fault : std::uint8_t {
   kNone,
   kNoData,            ///< no data from the device for too long
@@ -109,7 +111,8 @@ struct RecordingRow {
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,device_write,outside_fault,recovery_asked,safety,authority,
-/// passivity_J,passivity_N_s_per_m,motor_heat_max
+/// passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The last, to_text() of the
+/// RecordingOrigin, is empty but in the first row.
 const std::string& recording_header();
 
 /// Added to a recording's name while it is being written.
@@ -123,7 +126,8 @@ class RecordingWriter {
  public:
   /// Fails (unwritable) also if the target exists and is not a regular file, or is being recorded.
   /// A partial file that an interrupted recording left is renamed to NAME.partial.1, .2 and so on.
-  static Result<RecordingWriter> open(const std::filesystem::path& file);
+  static Result<RecordingWriter> open(const std::filesystem::path& file,
+                                      const RecordingOrigin& origin = {});
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;
   ~RecordingWriter();
@@ -145,13 +149,18 @@ class RecordingWriter {
   std::string partial_;  ///< empty once committed or moved from
   int fd_ = -1;
   std::string buffer_;
+  std::string origin_;       ///< until the first row is written
   std::uint64_t lines_ = 0;  ///< written as a whole, with the header
 };
 
 /// The whole recording. Refused, naming line and column: another header, a missing or surplus
 /// field, text that is not a number, a number that is not finite (allowed in encoders and
-/// responses: such faults are recorded), t_s not ascending, an unknown name, no row.
-Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name);
-Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file);
+/// responses: such faults are recorded), t_s not ascending, an unknown name, no row. Columns that
+/// recordings of older versions do not have may be absent. `origin`: gets the
+/// recording's, without entries if it has none.
+Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
+                                                  RecordingOrigin* origin = nullptr);
+Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
+                                                 RecordingOrigin* origin = nullptr);
 
 }  // namespace trocar

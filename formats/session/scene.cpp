@@ -307,6 +307,7 @@ Result<Scene> parse_scene(std::string_view text, const std::string& name,
   }
   if (const auto* value = object.optional_value("tissue")) {
     scene.tissue = read_tissue(*value, errors);
+    scene.tissue_is_given = true;
   }
   if (object.has("tissues")) {
     if (const auto* value = object.array("tissues", 1, kMaxTissues)) {

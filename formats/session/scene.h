@@ -33,14 +33,15 @@ struct ShaftTissue {
   double viscous_friction_N_s_per_m = 0;
   /// Displacement over which dry friction builds up like a spring, so that it is defined at rest.
   double presliding_m = 2e-4;
-  double rim_stiffness_N_per_m = 0;  ///< for displacement from the hole's centre
+  double rim_stiffness_N_per_m = 0;  ///< for displacement from where the shaft entered the hole
   friend bool operator==(const ShaftTissue&, const ShaftTissue&) = default;
 };
 
 /// One elastic sheet; the defaults are the paper's.
 struct Tissue {
   double stiffness_N_per_m = 5000;
-  double threshold_N = 35;       ///< the sheet is punctured in the tick in which F would exceed it
+  double threshold_N = 35;       ///< times the share of the tool over material: the sheet is
+                                 ///< punctured in the tick in which F would exceed it
   double damping_N_s_per_m = 0;  ///< times the rate of dx, added to K dx; the sum is never negative
   ShaftTissue shaft;
   friend bool operator==(const Tissue&, const Tissue&) = default;
@@ -160,6 +161,7 @@ struct Scene {
   Placement placement;
   std::vector<SceneSlice> slices;    ///< in the file's order
   Tissue tissue;                     ///< of slices for which none of `tissues` is chosen
+  bool tissue_is_given = false;      ///< by the file; else `tissue` is the default
   std::vector<NamedTissue> tissues;  ///< a slice gets the first that applies to it
   ForceLaw force_law;
   SceneTool tool;

@@ -119,6 +119,33 @@ void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& mom
   }
 }
 
+/// The tool's outline relative to its first corner.
+Polygon whole_outline(const LatticeOutline& outline) noexcept {
+  Polygon whole;
+  whole.size = outline.size;
+  for (int i = 0; i < outline.size; ++i) {
+    whole.points[i] = relative(outline.points[i], outline.points[0]);
+  }
+  return whole;
+}
+
+/// The k-th convex piece of the tool's outline.
+Polygon convex_part(const Tool& tool, int k, const Polygon& whole) noexcept {
+  Polygon part;
+  part.size = tool.piece[k].size;
+  for (int i = 0; i < part.size; ++i)
+    part.points[i] = whole.points[tool.piece[k].corner[i]];
+  return part;
+}
+
+/// For parts of that outline.
+Moments moments_of_parts(const Polygon& whole) noexcept {
+  double reach = 0;
+  for (int i = 0; i < whole.size; ++i)
+    reach = std::max(reach, whole.points[i].cwiseAbs().maxCoeff());
+  return {4 * reach * reach, reach};  // a box of that size around the origin
+}
+
 }  // namespace
 
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
@@ -126,17 +153,9 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
   Overlap result;
   if (outline.size < 3 || outline.size != tool.sides) return result;
   const LatticePoint origin = outline.points[0];
-  Polygon whole, first, second;
-  whole.size = outline.size;
-  for (int i = 0; i < outline.size; ++i) {
-    whole.points[i] = relative(outline.points[i], origin);
-  }
-
-  double reach = 0;
-  for (int i = 0; i < whole.size; ++i)
-    reach = std::max(reach, whole.points[i].cwiseAbs().maxCoeff());
-  const double bound = 4 * reach * reach;  // of a box of that size around the origin
-  Moments covered(bound, reach);
+  const Polygon whole = whole_outline(outline);
+  Polygon first, second;
+  Moments covered = moments_of_parts(whole), all = covered;
   const Holes pending{tool, holes, origin};
   const auto add = [&](const Polygon& part, const std::array<Eigen::Vector2d, 3>& corner) {
     clip(part, corner[0], corner[1], first);
@@ -150,16 +169,10 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
                                                 relative(sheet.mesh.vertices[t[1]], origin),
                                                 relative(sheet.mesh.vertices[t[2]], origin)};
     if (holes.empty()) return add(whole, corner);
-    for (int k = 0; k < tool.pieces; ++k) {  // add_outside() needs convex parts
-      Polygon part;
-      part.size = tool.piece[k].size;
-      for (int i = 0; i < part.size; ++i)
-        part.points[i] = whole.points[tool.piece[k].corner[i]];
-      add(part, corner);
-    }
+    for (int k = 0; k < tool.pieces; ++k)  // add_outside() needs convex parts
+      add(convex_part(tool, k, whole), corner);
   });
 
-  Moments all(bound, reach);
   all.add(whole);
   const Eigen::Vector2d offset(origin.x, origin.y);
   result.fraction = covered.area() / all.area();
@@ -172,6 +185,20 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
     result.centroid_steps = offset + covered.centroid();
   }
   return result;
+}
+
+double outline_outside(const Tool& tool, const LatticeOutline& outline,
+                       std::span<const LatticeOutline> holes) noexcept {
+  if (outline.size < 3 || outline.size != tool.sides) return 1;
+  const Polygon whole = whole_outline(outline);
+  Moments outside = moments_of_parts(whole), all = outside;
+  const Holes open{tool, holes, outline.points[0]};
+  for (int k = 0; k < tool.pieces; ++k)
+    add_outside(convex_part(tool, k, whole), open, 0, outside);
+  all.add(whole);
+  const double share = outside.area() / all.area();
+  if (!(share > kSnap)) return 0;
+  return share > 1 - kSnap ? 1 : share;
 }
 
 }  // namespace trocar::runtime

@@ -24,4 +24,9 @@ struct Overlap {
 Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outline,
                 std::span<const LatticeOutline> holes) noexcept;
 
+/// The share of the tool's outline outside of all holes, wherever material is; 1 for an empty one.
+/// `holes` and a share near 0 or 1 as above. No allocation.
+double outline_outside(const Tool& tool, const LatticeOutline& outline,
+                       std::span<const LatticeOutline> holes) noexcept;
+
 }  // namespace trocar::runtime

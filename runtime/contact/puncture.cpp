@@ -2,6 +2,8 @@
 #include "runtime/contact/puncture.h"
 
 #include <algorithm>
+#include <array>
+#include <span>
 
 #include "runtime/contact/overlap.h"
 
@@ -38,6 +40,69 @@ ShaftPlace shaft_place(const ContactModel& model, const Sheet& sheet, const Pose
                        double penetration_m) noexcept {
   const Eigen::Vector3d axis = T_device_plate.q * model.tool.axis_plate;
   return {axis_at(model.tool, T_device_plate, sheet.z_m), axis, penetration_m / axis.z()};
+}
+
+/// What a hole that the sheet holds by this share exerts on the shaft.
+ShaftTissue held_by(const ShaftTissue& tissue, double share) noexcept {
+  ShaftTissue held = tissue;
+  held.dry_friction_N *= share;
+  held.viscous_friction_N_s_per_m *= share;
+  held.rim_stiffness_N_per_m *= share;
+  return held;
+}
+
+/// The holes that a sheet remembers around one place of the tool.
+struct HolesAround {
+  double outside = 1;  ///< share of the tool's outline outside; below least_overlap a bound
+  double share = 0;    ///< RememberedHole::share of the nearest
+};
+
+HolesAround holes_around(const ContactModel& model, const Sheet& sheet, const SheetTrack& track,
+                         const ToolSection& place) noexcept {
+  HolesAround around;
+  std::array<const RememberedHole*, kMaxHoles> hole;
+  const std::size_t known = std::min(static_cast<std::size_t>(track.cuts_requested), hole.size());
+  for (std::size_t k = 0; k < known; ++k)
+    hole[k] = &track.holes[k];
+  std::array<LatticeOutline, kMaxPendingHoles> outlines;
+  const std::size_t count = std::min(known, outlines.size());
+  if (count == 0) return around;
+  const Eigen::Vector2d at_m = place.shaft.at_m.head<2>();
+  std::partial_sort(hole.begin(), hole.begin() + count, hole.begin() + known,
+                    [&](const RememberedHole* a, const RememberedHole* b) {
+                      return (a->at_m - at_m).squaredNorm() < (b->at_m - at_m).squaredNorm();
+                    });
+  around.share = hole[0]->share;
+  // Mostly the nearest is enough; each more makes the cutting off take longer.
+  for (std::size_t k = 0; k < count && !(around.outside < model.least_overlap); ++k) {
+    outlines[k] =
+        outline_on_lattice(model.tool, hole[k]->T_device_plate, sheet.transform, sheet.z_m);
+    around.outside = outline_outside(model.tool, place.outline, std::span(outlines.data(), k + 1));
+  }
+  return around;
+}
+
+/// The tool is beside the sheet now: in one of its holes, or without force.
+void enter_old_hole(const ContactModel& model, const Sheet& sheet, const ToolSection& place,
+                    SheetTrack& track) noexcept {
+  const HolesAround around = holes_around(model, sheet, track, place);
+  if (!(around.outside < model.least_overlap)) return;
+  enter_hole(place.shaft, track.shaft);
+  track.shaft_share = around.share;
+}
+
+/// The tool is in the hole of its puncture. Remembers it as the latest of the sheet.
+void enter_new_hole(const ContactModel& model, const Sheet& sheet, const ToolSection& place,
+                    const Pose& T_device_plate, SheetTrack& track) noexcept {
+  double share = place.overlap.fraction;
+  if (share < 1) {
+    const HolesAround around = holes_around(model, sheet, track, place);
+    share = std::min(1.0, share + (1 - around.outside) * around.share);
+  }
+  enter_hole(place.shaft, track.shaft);
+  track.shaft_share = share;
+  track.holes[track.cuts_requested % track.holes.size()] = {place.shaft.at_m.head<2>(),
+                                                            T_device_plate, share};
 }
 
 /// The contact state of a sheet that the tip is below. `shielded`: a sheet above it bears the tool,
@@ -152,8 +217,9 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     }
     ToolSection place;
     place.shaft = shaft_place(model, sheet, T_device_plate, penetration_m);
+    const ShaftTissue held = held_by(sheet.tissue.shaft, track.shaft_share);
     const Eigen::Vector3d hole_force_N =
-        shaft_force(sheet.tissue.shaft, place.shaft, pose_interval_s, track.shaft);
+        shaft_force(held, place.shaft, pose_interval_s, track.shaft);
     output.wrench_device += wrench_at(hole_force_N, place.shaft.at_m, T_device_plate);
 
     const bool begins = track.state != SheetState::kContact;
@@ -167,6 +233,9 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
                   std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)));
     }
     track.state = next_state(model, track, shielded, place.overlap.fraction);
+    if (may_bear && track.state == SheetState::kBeside) {
+      enter_old_hole(model, sheet, place, track);
+    }
     if (track.state != SheetState::kContact) {
       if (!shielded && track.state != SheetState::kShielded) {
         output.active_sheet = static_cast<std::int32_t>(i);
@@ -186,10 +255,17 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     track.has_last = true;
     const SheetForce force = sheet_force(model, sheet, static_cast<std::int32_t>(i), place,
                                          response, begins, penetration_m, track);
-    shielded = true;
     output.active_sheet = static_cast<std::int32_t>(i);
+    const bool holds = force.force_N <= place.overlap.fraction * sheet.tissue.threshold_N;
+    if (!holds && place.overlap.fraction < model.least_overlap) {
+      track.state = SheetState::kBeside;  // too little for a hole
+      output.phase = ContactPhase::kBeside;
+      enter_old_hole(model, sheet, place, track);
+      continue;
+    }
+    shielded = true;
     output.penetration_m = penetration_m;
-    if (force.force_N <= sheet.tissue.threshold_N) {
+    if (holds) {
       output.phase = ContactPhase::kContact;
       output.force_N = force.force_N;
       output.stiffness_N_per_m = force.stiffness_N_per_m;
@@ -207,7 +283,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
       output.backlog = true;
       continue;
     }
-    enter_hole(place.shaft, track.shaft);
+    enter_new_hole(model, sheet, place, T_device_plate, track);
     output.punctured_now = true;
     track.pending[track.pending_count++] = place.outline;
     output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline};

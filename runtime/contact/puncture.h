@@ -4,8 +4,9 @@
 //
 // Contract (tests/runtime/contact/contact_test.cpp tests each point):
 //  1. Contact begins when the tip passes from above to below a sheet with at least `least_overlap`
-//     of the tool outline over material. With less the tool passes beside the sheet, without force,
-//     until the tip has been above it again. It does so too if it slides off the material later.
+//     of the tool outline over material. With less the tool passes beside the sheet, without force
+//     but that of a hole (7), until the tip has been above it again. It does so too if it slides
+//     off the material later.
 //  2. In contact F = k dx + s b dx', at least 0, where dx = z_sheet - z_tip, s is the share of the
 //     tool outline over material, and dx' the backward difference of dx over the time since the
 //     previous new pose. Without a new pose dx' is held, and the next pose causes no force spike.
@@ -13,14 +14,20 @@
 //     `network` k and the point are the sheet's response, which a worker prepared for a place of
 //     the tool near this one; a new response is blended in over kBlend_s, and without any the law
 //     `hooke` applies.
-//  3. If F would exceed the threshold, the sheet is punctured in this tick: the force is zero, and
-//     a hole with the tool's outline is requested. In later ticks the sheet exerts only the force
-//     of its hole on the shaft (shaft.h), until the tip has been above it.
+//  3. If F would exceed s times the threshold, the sheet is punctured in this tick: the force is
+//     zero, and a hole with the tool's outline is requested. In later ticks the sheet exerts only
+//     the force of its hole on the shaft (shaft.h), until the tip has been above it. A share that
+//     has become less than `least_overlap` is not punctured: the tool slides off it.
 //  4. The topmost sheet in contact bears the force. Those below are shielded from the tool until
 //     the tick after its puncture, or until the tool slides off it.
 //  5. A requested hole counts as open at once, whether its mesh is there or not.
 //  6. The tool's outline in a sheet is the section of its prism with the undeformed sheet: a tool
 //     that moves along its own axis keeps its outline, however much it is tilted.
+//  7. A sheet remembers its last kMaxHoles holes. If the tool passes beside it, or slides off it,
+//     with all but less than `least_overlap` of its outline in the nearest kMaxPendingHoles of
+//     them, the shaft is in the hole again, as after its puncture: its force acts from the next
+//     tick on. A hole over an edge of the sheet acts on the shaft by its share, as the sheet does
+//     on the tool: that of its outline over material at the puncture, and in older holes by theirs.
 //
 // To add a force law: the four places at ForceLawKind (formats/session/scene.h). Its force is a
 // case of sheet_force() in puncture.cpp.
@@ -53,6 +60,16 @@ struct ContactModel {
   double lookahead_m = 0.03;
 };
 
+/// Holes that a sheet remembers.
+inline constexpr int kMaxHoles = 64;
+
+/// A hole that was requested: the plate's pose at the puncture gives its outline again.
+struct RememberedHole {
+  Eigen::Vector2d at_m = Eigen::Vector2d::Zero();  ///< where the tool's axis met the sheet
+  Pose T_device_plate;
+  double share = 0;  ///< of the outline that the sheet holds (contract 7)
+};
+
 enum class SheetState : std::uint8_t { kFree, kContact, kShielded, kPunctured, kBeside };
 
 /// A sheet's response to the tool at one place: force = stiffness * depth, acting `offset_m` (x, y)
@@ -70,8 +87,11 @@ struct SheetTrack {
   bool has_last = false;
   double rate_m_per_s = 0;  ///< dx' of the tick before; meaningful in kContact
   SheetResponse blended;    ///< by `network`; meaningful in kContact
-  ShaftState shaft;         ///< in_hole only in kPunctured
+  ShaftState shaft;         ///< in_hole only in kPunctured and kBeside
+  double shaft_share = 0;   ///< of the hole that the shaft is in
   std::uint32_t cuts_requested = 0;
+  /// The k-th hole, from 0, in place k % kMaxHoles; `cuts_requested` in all.
+  std::array<RememberedHole, kMaxHoles> holes;
   int pending_count = 0;
   std::array<LatticeOutline, kMaxPendingHoles> pending;  ///< requested, mesh not there yet
 };
@@ -109,7 +129,7 @@ struct ContactOutput {
       -1;  ///< in contact or punctured in this tick; else the lowest above the tip
   ContactPhase phase = ContactPhase::kFree;
   bool punctured_now = false;  ///< a puncture in this tick: send `cut` to the remesher
-  double judged_force_N = 0;   ///< F of the puncture: above the threshold, not applied
+  double judged_force_N = 0;   ///< F of the puncture: above s times the threshold, not applied
   CutRequest cut;
   bool backlog = false;  ///< more than kMaxPendingHoles wait for one sheet: `cut` is not valid
   bool not_upright =
@@ -121,7 +141,8 @@ struct ContactOutput {
 /// `cuts` never decreases from tick to tick. `response`: the latest one (`network`).
 /// `pose_interval_s`: the time since the previous new pose; 0: the pose is not new.
 /// No allocation; at most one overlap for each sheet that the tip is below and that is not
-/// punctured, shielded or passed beside.
+/// punctured, shielded or passed beside, and kMaxPendingHoles outline_outside() for each that is
+/// punctured or passed beside in this tick.
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
                     double pose_interval_s, ContactState& state, ContactOutput& output) noexcept;

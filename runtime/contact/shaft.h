@@ -8,7 +8,8 @@
 //     a linear rise): it never exceeds dry_friction_N, opposes the motion, and dissipates: over a
 //     closed motion its work on the shaft is never positive.
 //  2. The rim's force lies in the sheet's plane, against the displacement of the shaft's axis from
-//     where it was at the puncture.
+//     where it was when it entered the hole: at the puncture, or when it came back. So entering a
+//     hole takes and gives no energy.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,7 +21,7 @@ namespace trocar::runtime {
 /// Kept between ticks.
 struct ShaftState {
   bool in_hole = false;
-  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet at the puncture
+  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet, on entering
   bool has_last = false;
   double last_m = 0;     ///< inserted length in the last tick
   double spring_m = 0;   ///< within +-presliding_m

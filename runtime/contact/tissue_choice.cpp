@@ -6,30 +6,44 @@
 namespace trocar::runtime {
 namespace {
 
-bool has_label(const Asset& asset, const NamedTissue& tissue) {
-  if (tissue.labels.empty()) return false;
-  const std::vector<int> labels = labels_of(asset);
+bool has_label(const TissueChoice& choice, const NamedTissue& tissue) {
   return std::any_of(tissue.labels.begin(), tissue.labels.end(), [&](int wanted) {
-    return std::find(labels.begin(), labels.end(), wanted) != labels.end();
+    return std::find(choice.asset_labels.begin(), choice.asset_labels.end(), wanted) !=
+           choice.asset_labels.end();
   });
 }
 
-bool has_hu(const AssetSlice& slice, const NamedTissue& tissue) {
-  if (!tissue.hu) return false;
-  const std::optional<double> mean_hu = mean_hu_of(slice);
-  return mean_hu && *mean_hu >= (*tissue.hu)[0] && *mean_hu <= (*tissue.hu)[1];
+bool has_hu(const TissueChoice& choice, const NamedTissue& tissue) {
+  return tissue.hu && choice.mean_hu && *choice.mean_hu >= (*tissue.hu)[0] &&
+         *choice.mean_hu <= (*tissue.hu)[1];
 }
 
 }  // namespace
 
+TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
+                           const AssetSlice& slice) {
+  TissueChoice choice;
+  choice.tissue = scene.tissue;
+  choice.asset_labels = labels_of(asset);
+  choice.mean_hu = mean_hu_of(slice);
+  for (const NamedTissue& tissue : scene.tissues) {
+    const bool named = wanted.tissue && tissue.name == *wanted.tissue;
+    if (!named && (wanted.tissue || !(has_label(choice, tissue) || has_hu(choice, tissue)))) {
+      continue;
+    }
+    choice.tissue = tissue.tissue;
+    choice.name = tissue.name;
+    choice.reason = named                       ? TissueReason::kNamed
+                    : has_label(choice, tissue) ? TissueReason::kLabel
+                                                : TissueReason::kMeanHu;
+    break;
+  }
+  return choice;
+}
+
 Tissue tissue_of(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                  const AssetSlice& slice) {
-  const auto found =
-      std::find_if(scene.tissues.begin(), scene.tissues.end(), [&](const NamedTissue& tissue) {
-        return wanted.tissue ? tissue.name == *wanted.tissue
-                             : has_label(asset, tissue) || has_hu(slice, tissue);
-      });
-  return found == scene.tissues.end() ? scene.tissue : found->tissue;
+  return choose_tissue(scene, wanted, asset, slice).tissue;
 }
 
 }  // namespace trocar::runtime

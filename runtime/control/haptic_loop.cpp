@@ -2,7 +2,10 @@
 #include "runtime/control/haptic_loop.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <limits>
+#include <numbers>
 
 namespace trocar::runtime {
 namespace {
@@ -12,14 +15,17 @@ namespace {
 constexpr double kCooled = 0.5;
 
 /// The fault of a status other than kOk and kNoData.
-Fault fault_of(DeviceStatus status) noexcept {
+FaultDetail fault_of(DeviceStatus status, const Device& device) noexcept {
   if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
-  return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
+  if (status != DeviceStatus::kMotorFault) return Fault::kLinkLost;
+  const unsigned motors = device.motor_faults();
+  if (motors == 0) return Fault::kMotorFault;
+  return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
 }
 
 /// Fills `read` with the device's state, or with the last one if there is no new one (not `fresh`).
-Fault read_device(const LoopModel& model, Device& device, LoopState& state, TickResult& result,
-                  DeviceState& read, bool& fresh) noexcept {
+FaultDetail read_device(const LoopModel& model, Device& device, LoopState& state,
+                        TickResult& result, DeviceState& read, bool& fresh) noexcept {
   read = state.device;
   const DeviceStatus status = device.read(read);
   result.end_of_data = status == DeviceStatus::kEndOfData;
@@ -28,101 +34,141 @@ Fault read_device(const LoopModel& model, Device& device, LoopState& state, Tick
   if (fresh || result.end_of_data) return Fault::kNone;
   read = state.device;
   ++state.no_data_ticks;
-  if (status != DeviceStatus::kNoData) return fault_of(status);
+  if (status != DeviceStatus::kNoData) return fault_of(status, device);
   // Half a tick for rounding: 10 ms are ten ticks at 1 kHz.
   const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
-  return no_data_s < model.limits.no_data_max_s - 0.5 / model.rate_Hz ? Fault::kNone
-                                                                      : Fault::kNoData;
+  if (no_data_s < model.limits.no_data_max_s - 0.5 / model.rate_Hz) return {};
+  return {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, no_data_s,
+          model.limits.no_data_max_s};
 }
 
 /// A fault of the clock or of the caller.
-Fault outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
+FaultDetail outside_fault(const SafetyLimits& limits, const TickInputs& inputs) noexcept {
   if (inputs.outside != Fault::kNone) return inputs.outside;
   if (limits.gap_max_s == 0) return Fault::kNone;
-  const bool late = !(inputs.gap_s <= limits.gap_max_s);  // nan is late
-  const bool missed = inputs.missed_in_row > limits.missed_deadlines_max;
-  return late || missed ? Fault::kDeadlineMissed : Fault::kNone;
+  if (!(inputs.gap_s <= limits.gap_max_s)) {  // nan is late
+    return {Fault::kDeadlineMissed, FaultQuantity::kTickGap, -1, inputs.gap_s, limits.gap_max_s};
+  }
+  if (inputs.missed_in_row <= limits.missed_deadlines_max) return Fault::kNone;
+  return {Fault::kDeadlineMissed, FaultQuantity::kMissedDeadlines, -1,
+          static_cast<double>(inputs.missed_in_row),
+          static_cast<double>(limits.missed_deadlines_max)};
 }
 
-Fault check_encoders(const LoopModel& model, const LoopState& state,
-                     const DeviceState& read) noexcept {
-  for (const double angle : read.encoder_rad) {
-    if (!std::isfinite(angle)) return Fault::kEncoderNotFinite;
+FaultDetail check_encoders(const LoopModel& model, const LoopState& state,
+                           const DeviceState& read) noexcept {
+  constexpr double kAnyFinite = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < kEncoders; ++i) {
+    if (!std::isfinite(read.encoder_rad[i])) {
+      return {Fault::kEncoderNotFinite, FaultQuantity::kEncoderAngle, i, read.encoder_rad[i],
+              kAnyFinite};
+    }
   }
   if (state.has_state) {
     const double step_max_rad =
         model.limits.encoder_rate_max_rad_per_s * (1 + state.no_data_ticks) / model.rate_Hz;
     for (int i = 0; i < kEncoders; ++i) {
-      // Negated so that a limit of nan always trips.
-      if (!(std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]) <= step_max_rad)) {
-        return Fault::kEncoderJump;
+      const double step_rad = std::abs(read.encoder_rad[i] - state.device.encoder_rad[i]);
+      if (!(step_rad <= step_max_rad)) {  // negated so that a limit of nan always trips
+        return {Fault::kEncoderJump, FaultQuantity::kEncoderStep, i, step_rad, step_max_rad};
       }
     }
   }
-  return check_joint_limits(model.device, read.encoder_rad) ? Fault::kNone : Fault::kJointLimit;
+  const KinematicsStatus inside = check_joint_limits(model.device, read.encoder_rad);
+  if (inside) return Fault::kNone;
+  const int i = 4 * (inside.leg - 1) + inside.joint - 1;
+  const JointLimit& limit = model.device.joint_limit[inside.joint - 1];
+  return {Fault::kJointLimit, FaultQuantity::kEncoderAngle, i, read.encoder_rad[i],
+          read.encoder_rad[i] > limit.max_rad ? limit.max_rad : limit.min_rad};
 }
 
 /// Computes the pose and the Jacobian. The pose is fitted to the upper chains; the lower chains'
 /// joints and theta4 follow from it, so comparing them with the measured theta4 is a further check.
-Fault find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
-                double& residual_m) noexcept {
+FaultDetail find_pose(const LoopModel& model, const DeviceState& read, LoopState& state,
+                      double& residual_m) noexcept {
   const ForwardResult forward = forward_kinematics(model.device, read.encoder_rad);
-  if (!forward.status || !(forward.residual_m <= model.limits.pose_residual_max_m)) {
-    return Fault::kPoseResidual;
+  if (!forward.status) return Fault::kPoseResidual;
+  if (!(forward.residual_m <= model.limits.pose_residual_max_m)) {
+    return {Fault::kPoseResidual, FaultQuantity::kPoseResidual, -1, forward.residual_m,
+            model.limits.pose_residual_max_m};
   }
   const InverseResult inverse = inverse_kinematics(model.device, forward.T_device_plate);
   if (!inverse.status) return Fault::kPoseResidual;
   const MotorVector difference = motor_angles(inverse.joints) - motor_angles(read.encoder_rad);
   for (int motor = 1; motor < kMotors; motor += 2) {
     if (!(std::abs(difference[motor]) <= model.limits.theta4_residual_max_rad)) {
-      return Fault::kPoseResidual;
+      return {Fault::kPoseResidual, FaultQuantity::kEncoderResidual, 2 * motor + 1,
+              std::abs(difference[motor]), model.limits.theta4_residual_max_rad};
     }
   }
   const JacobianResult motion = jacobian(model.device, forward.T_device_plate, inverse.joints);
-  if (!motion.status) return Fault::kSingularity;
+  if (!motion.status) {
+    return {Fault::kSingularity, FaultQuantity::kBranchDistance, motion.status.leg - 1, 0,
+            model.limits.branch_distance_min_m};
+  }
   const Singularity singularity =
       measure_singularity(model.device, forward.T_device_plate, inverse.joints, motion.G);
-  if (const Fault f = check_singularity(model.limits, singularity); f != Fault::kNone) return f;
+  if (const FaultDetail f = check_singularity(model.limits, singularity); f != Fault::kNone)
+    return f;
   state.T_device_plate = forward.T_device_plate;
   state.G = motion.G;
   residual_m = forward.residual_m;
   return Fault::kNone;
 }
 
+FaultDetail tool_tilt(const Tool& tool, const Pose& T_device_plate) noexcept {
+  const double upright = (T_device_plate.q * tool.axis_plate).z();
+  return {Fault::kToolTilt, FaultQuantity::kToolTilt, -1, std::acos(std::clamp(upright, -1.0, 1.0)),
+          kMaxTilt_deg * std::numbers::pi / 180};
+}
+
 /// All checks that need no torque; the same in every state.
-Fault check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
-                   TickResult& result) noexcept {
-  if (const Fault f = check_encoders(model, state, read); f != Fault::kNone) return f;
-  if (const Fault f = find_pose(model, read, state, result.row.pose_residual_m);
+FaultDetail check_health(const LoopModel& model, const DeviceState& read, LoopState& state,
+                         TickResult& result) noexcept {
+  if (const FaultDetail f = check_encoders(model, state, read); f != Fault::kNone) return f;
+  if (const FaultDetail f = find_pose(model, read, state, result.row.pose_residual_m);
       f != Fault::kNone) {
     return f;
   }
   if (state.pose_interval_s > 0) {
-    const Fault speed =
+    const FaultDetail speed =
         check_speed(model.limits, state.T_device_plate, state.pose_interval_s, state.limits);
     if (speed != Fault::kNone) return speed;
   }
-  if (const Fault f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone) {
+  if (const FaultDetail f = check_workspace(model.limits, state.T_device_plate);
+      f != Fault::kNone) {
     return f;
   }
-  return is_upright(model.contact.tool, state.T_device_plate) ? Fault::kNone : Fault::kToolTilt;
+  return is_upright(model.contact.tool, state.T_device_plate)
+             ? FaultDetail()
+             : tool_tilt(model.contact.tool, state.T_device_plate);
 }
 
-/// Whether the tool touches no sheet, and no force would act on it if `running` began now.
-bool in_free_space(const LoopModel& model, const TickInputs& inputs,
-                   const LoopState& state) noexcept {
+/// How far the tool must be lifted until no force would act on it if `running` began now; 0: it
+/// touches no sheet.
+double depth_in_material_m(const LoopModel& model, const TickInputs& inputs,
+                           const LoopState& state) noexcept {
+  double depth_m = 0;
   const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
   for (std::size_t i = 0; i < inputs.sheets.size(); ++i) {
     const SheetTrack& track = state.contact.tracks[i];
     const bool standing = track.was_above && track.state != SheetState::kPunctured &&
                           track.state != SheetState::kBeside;
-    if (standing && tip_z_m < inputs.sheets[i]->z_m) return false;
+    if (standing) depth_m = std::max(depth_m, inputs.sheets[i]->z_m - tip_z_m);
   }
-  return true;
+  return depth_m;
 }
 
 void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
   std::copy(wrench.data(), wrench.data() + 6, out.begin());
+}
+
+FaultDetail not_finite(const Wrench& wanted) noexcept {
+  int i = 0;
+  while (i < 5 && std::isfinite(wanted[i]))
+    ++i;
+  return {Fault::kTorqueNotFinite, FaultQuantity::kWantedWrench, i, wanted[i],
+          std::numeric_limits<double>::quiet_NaN()};
 }
 
 bool is_finite(const SheetResponse& response) noexcept {
@@ -132,12 +178,13 @@ bool is_finite(const SheetResponse& response) noexcept {
 
 /// The wrench to render: contact, through the coupling if it is on, scaled by the safety state's
 /// authority, made passive.
-Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
-                    TickResult& result, Wrench& wanted) noexcept {
+FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
+                          TickResult& result, Wrench& wanted) noexcept {
   const double share = state.safety.authority;
   // A response that is not finite would spread into later ticks, since responses are blended.
   if (needs_response(model.contact.law.kind) && !is_finite(inputs.response)) {
-    return Fault::kTorqueNotFinite;
+    return {Fault::kTorqueNotFinite, FaultQuantity::kResponse, -1,
+            inputs.response.stiffness_N_per_m, std::numeric_limits<double>::quiet_NaN()};
   }
   const bool couples = model.coupling.on;
   const Pose T_device_tool = couples ? move_proxy(model.coupling, state.pose_interval_s,
@@ -146,8 +193,11 @@ Fault wanted_wrench(const LoopModel& model, const TickInputs& inputs, LoopState&
   ContactOutput& contact = result.contact;
   update_contact(model.contact, inputs.sheets, inputs.response, T_device_tool,
                  state.pose_interval_s, state.contact, contact);
-  if (contact.not_upright) return Fault::kToolTilt;
-  if (contact.backlog) return Fault::kRemeshBacklog;
+  if (contact.not_upright) return tool_tilt(model.contact.tool, T_device_tool);
+  if (contact.backlog) {
+    return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
+            kMaxPendingHoles};
+  }
 
   PassivityInput input;
   input.wrench_device = contact.wrench_device;
@@ -180,11 +230,13 @@ MotorVector compensation(const LoopModel& model, const MotorModel& motor,
 }
 
 /// Contact wrench, torque allocation, limits.
-Fault compute_torques(const LoopModel& model, const MotorModel& motor, const TickInputs& inputs,
-                      LoopState& state, TickResult& result, MotorVector& tau_motor_Nm) noexcept {
+FaultDetail compute_torques(const LoopModel& model, const MotorModel& motor,
+                            const TickInputs& inputs, LoopState& state, TickResult& result,
+                            MotorVector& tau_motor_Nm) noexcept {
   RecordingRow& row = result.row;
   Wrench wanted = Wrench::Zero();
-  if (const Fault f = wanted_wrench(model, inputs, state, result, wanted); f != Fault::kNone) {
+  if (const FaultDetail f = wanted_wrench(model, inputs, state, result, wanted);
+      f != Fault::kNone) {
     return f;
   }
   const double dt_s = 1 / model.rate_Hz;
@@ -192,17 +244,22 @@ Fault compute_torques(const LoopModel& model, const MotorModel& motor, const Tic
   const bool compensates = model.compensation.friction || model.compensation.gravity;
   const MotorVector compensation_Nm =
       compensates ? compensation(model, motor, state) : MotorVector::Zero();
-  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff() > 0)) return Fault::kMotorOverload;
+  int weakest = 0;
+  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff(&weakest) > 0)) {
+    return {Fault::kMotorOverload, FaultQuantity::kCompensationTorque, weakest,
+            std::abs(compensation_Nm[weakest]), limit_Nm[weakest]};
+  }
   const AllocationResult allocation =
       compensates ? allocate_torques_with_bias(state.G, wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(state.G, wanted, limit_Nm);
   if (allocation.kind == AllocationKind::kRefused) {
-    return wanted.allFinite() ? Fault::kSingularity : Fault::kTorqueNotFinite;
+    return wanted.allFinite() ? FaultDetail(Fault::kSingularity) : not_finite(wanted);
   }
-  const Fault overload = check_overload(model.limits, motor, allocation.scale, dt_s, state.limits);
+  const FaultDetail overload =
+      check_overload(model.limits, motor, allocation.scale, dt_s, state.limits);
   if (overload != Fault::kNone) return overload;
   MotorVector tau = allocation.tau_motor_Nm;
-  const Fault limited =
+  const FaultDetail limited =
       limit_torques(model.limits, limit_Nm, state.tau_motor_Nm, dt_s, tau, state.limits);
   if (limited != Fault::kNone) return limited;
   tau_motor_Nm = tau;
@@ -274,11 +331,12 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   // Read and check the device.
   DeviceState read;
   bool fresh = false;
-  Fault fault = read_device(model, device, state, result, read, fresh);
+  FaultDetail fault = read_device(model, device, state, result, read, fresh);
   if (result.end_of_data) return;
   state.pose_interval_s = fresh ? (1 + state.no_data_ticks) / model.rate_Hz : 0;
-  row.outside_fault = outside_fault(model.limits, inputs);
-  if (fault == Fault::kNone) fault = row.outside_fault;
+  const FaultDetail outside = outside_fault(model.limits, inputs);
+  row.outside_fault = outside.fault;
+  if (fault == Fault::kNone) fault = outside;
   row.recovery_asked = inputs.recover ? 1 : 0;
   if (inputs.recover) recover(safety, timing, model.rate_Hz);
   const bool seen = state.has_state || fresh;
@@ -294,12 +352,14 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
 
   // Advance the safety state.
   const SafetyState before = safety.state;
-  const Fault heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
-  const bool hot = safety.state == SafetyState::kRecovering &&
-                   safety.fault == Fault::kMotorOverload &&
-                   i2t_share_used(motor, state.limits.load) > kCooled;
-  if (fault == Fault::kNone && (heat != Fault::kNone || hot)) fault = Fault::kMotorOverload;
-  const bool free = fault == Fault::kNone && seen && in_free_space(model, inputs, state);
+  const FaultDetail heat = check_heat(motor, state.tau_motor_Nm, dt_s, state.limits);
+  if (fault == Fault::kNone) fault = heat;
+  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering &&
+      safety.fault == Fault::kMotorOverload) {
+    fault = check_motor_heat(motor, state.limits.load, kCooled);
+  }
+  if (fault == Fault::kNone && seen) result.lift_m = depth_in_material_m(model, inputs, state);
+  const bool free = fault == Fault::kNone && seen && !(result.lift_m > 0);
   advance(safety, timing, model.rate_Hz, fault, row.t_s, seen, free);
   const bool is_away =
       row.device_read == DeviceStatus::kLinkLost || row.device_read == DeviceStatus::kMotorFault;
@@ -327,8 +387,11 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
   if (written != DeviceStatus::kOk) {
     // The device may or may not have applied these torques; the ramp starts from them.
     const bool was_running = safety.state == SafetyState::kRunning;
-    raise(safety, written == DeviceStatus::kNoData ? Fault::kWriteFailed : fault_of(written),
-          row.t_s);
+    const FaultDetail unwritten = written == DeviceStatus::kNoData
+                                      ? FaultDetail(Fault::kWriteFailed)
+                                      : fault_of(written, device);
+    raise(safety, unwritten, row.t_s);
+    if (fault == Fault::kNone) fault = unwritten;
     if (was_running) state.tau_at_stop_Nm = tau_motor_Nm;
   }
   state.tau_motor_Nm = tau_motor_Nm;
@@ -337,6 +400,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, Device& devic
       safety.state == SafetyState::kFault || safety.state == SafetyState::kRecovering;
   const bool was_stopped = before == SafetyState::kFault || before == SafetyState::kRecovering;
   if (stopped && !was_stopped) result.new_fault = safety.fault;
+  result.found = fault;
   result.at_rest = at_rest(safety, timing, model.rate_Hz);
   describe(model, motor, state, read, row);
   ++state.tick;

@@ -14,6 +14,7 @@
 #include <span>
 
 #include "formats/session/device_description.h"
+#include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/contact/puncture.h"
 #include "runtime/control/limits.h"
@@ -65,7 +66,13 @@ struct TickResult {
   ContactOutput contact;           ///< of this tick; after a puncture its `cut` is to be requested
   bool end_of_data = false;        ///< the recording that is replayed has ended: no row
   Fault new_fault = Fault::kNone;  ///< latched in this tick
-  bool at_rest = false;            ///< the ramp after a fault has ended: torques are zero
+  /// The first fault that this tick found, with what was measured; of new_fault if there is one. In
+  /// `recovering` a fault is not latched, but prevents the recovery.
+  FaultDetail found;
+  /// How far the tool is below the top of the sheets that would press on it; 0: in free space.
+  /// Above 0 it prevents `running` from beginning.
+  double lift_m = 0;
+  bool at_rest = false;  ///< the ramp after a fault has ended: torques are zero
 };
 
 /// Inputs of a tick from other threads, the clock and the operator.

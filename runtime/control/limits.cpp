@@ -7,27 +7,41 @@
 
 namespace trocar::runtime {
 
+namespace {
+
+/// Of an axis whose upright part is the cosine; nan if that is nan.
+double tilt_rad(double cosine) noexcept {
+  return std::acos(std::clamp(cosine, -1.0, 1.0));
+}
+
+}  // namespace
+
 // Comparisons are negated so that a value of nan is beyond the limit, and a limit of nan always
 // trips.
 
-Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept {
+FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept {
   for (int i = 0; i < 3; ++i) {
     const double at_m = T_device_plate.p_m[i];
     const auto k = static_cast<std::size_t>(i);
-    if (!(at_m >= limits.workspace_min_m[k] && at_m <= limits.workspace_max_m[k])) {
-      return Fault::kWorkspace;
+    const bool above = at_m >= limits.workspace_min_m[k];
+    if (!(above && at_m <= limits.workspace_max_m[k])) {
+      return {Fault::kWorkspace, FaultQuantity::kPlatePosition, i, at_m,
+              above ? limits.workspace_max_m[k] : limits.workspace_min_m[k]};
     }
   }
   const double upright = (T_device_plate.q * Eigen::Vector3d::UnitZ()).z();
-  if (limits.plate_tilt_max_rad >= std::numbers::pi)  // no tilt is larger
-    return std::isfinite(upright) ? Fault::kNone : Fault::kWorkspace;
-  const bool good =  // a negative limit always trips: the cosine would lose its sign
-      limits.plate_tilt_max_rad >= 0 && upright >= std::cos(limits.plate_tilt_max_rad);
-  return good ? Fault::kNone : Fault::kWorkspace;
+  const bool good =
+      limits.plate_tilt_max_rad >= std::numbers::pi  // no tilt is larger
+          ? std::isfinite(upright)
+          // A negative limit always trips: the cosine would lose its sign.
+          : limits.plate_tilt_max_rad >= 0 && upright >= std::cos(limits.plate_tilt_max_rad);
+  if (good) return {};
+  return {Fault::kWorkspace, FaultQuantity::kPlateTilt, -1, tilt_rad(upright),
+          limits.plate_tilt_max_rad};
 }
 
-Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
-                  LimitState& state) noexcept {
+FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
+                        LimitState& state) noexcept {
   Twist now = Twist::Zero();
   if (state.has_pose) {
     now << (T_device_plate.p_m - state.T_device_plate.p_m) / dt_s,
@@ -38,33 +52,53 @@ Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double
   state.has_pose = true;
   state.T_device_plate = T_device_plate;
   state.twist_device += dt_s / (limits.speed_window_s + dt_s) * (now - state.twist_device);
-  const bool good = limits.speed_window_s >= 0 &&
-                    state.twist_device.head<3>().norm() <= limits.speed_max_m_per_s &&
-                    state.twist_device.tail<3>().norm() <= limits.rotation_rate_max_rad_per_s;
+  const double speed_m_per_s = state.twist_device.head<3>().norm();
+  const double rotation_rad_per_s = state.twist_device.tail<3>().norm();
   if (!state.twist_device.allFinite()) state.has_pose = false;
-  return good ? Fault::kNone : Fault::kSpeed;
+  if (!(limits.speed_window_s >= 0 && speed_m_per_s <= limits.speed_max_m_per_s)) {
+    return {Fault::kSpeed, FaultQuantity::kPlateSpeed, -1, speed_m_per_s, limits.speed_max_m_per_s};
+  }
+  if (!(rotation_rad_per_s <= limits.rotation_rate_max_rad_per_s)) {
+    return {Fault::kSpeed, FaultQuantity::kPlateRotation, -1, rotation_rad_per_s,
+            limits.rotation_rate_max_rad_per_s};
+  }
+  return {};
 }
 
-Fault check_singularity(const SafetyLimits& limits, const Singularity& singularity) noexcept {
-  return singularity.inverse_condition >= limits.inverse_condition_min &&
-                 singularity.nearest_branch_m >= limits.branch_distance_min_m
-             ? Fault::kNone
-             : Fault::kSingularity;
+FaultDetail check_singularity(const SafetyLimits& limits, const Singularity& singularity) noexcept {
+  if (!(singularity.inverse_condition >= limits.inverse_condition_min)) {
+    return {Fault::kSingularity, FaultQuantity::kInverseCondition, -1,
+            singularity.inverse_condition, limits.inverse_condition_min};
+  }
+  if (!(singularity.nearest_branch_m >= limits.branch_distance_min_m)) {
+    return {Fault::kSingularity, FaultQuantity::kBranchDistance, singularity.nearest_leg - 1,
+            singularity.nearest_branch_m, limits.branch_distance_min_m};
+  }
+  return {};
 }
 
-Fault check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
-                 LimitState& state) noexcept {
+FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
+                             double share_max) noexcept {
+  int hottest = 0;
+  const double share = i2t_share_used(motor, load, &hottest);
+  if (share <= share_max) return {};
+  return {Fault::kMotorOverload, FaultQuantity::kMotorHeat, hottest, share, share_max};
+}
+
+FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
+                       LimitState& state) noexcept {
   state.load = advance(motor, state.load, motor_currents(motor, tau_motor_Nm), dt_s);
-  return i2t_share_used(motor, state.load) <= 1 + 1e-9 ? Fault::kNone : Fault::kMotorOverload;
+  return check_motor_heat(motor, state.load, 1 + 1e-9);
 }
 
-Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale, double dt_s,
-                     LimitState& state) noexcept {
+FaultDetail check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale,
+                           double dt_s, LimitState& state) noexcept {
   const bool derated = (available_torque(motor, state.load).array() < motor.peak_Nm.array()).any();
   const bool too_little = derated && !(scale >= limits.overload_scale_min);
   state.overload_s = too_little ? state.overload_s + dt_s : 0;
-  return state.overload_s <= limits.overload_time_max_s + dt_s / 2 ? Fault::kNone
-                                                                   : Fault::kMotorOverload;
+  if (state.overload_s <= limits.overload_time_max_s + dt_s / 2) return {};
+  return {Fault::kMotorOverload, FaultQuantity::kWeakForceTime, -1, state.overload_s,
+          limits.overload_time_max_s};
 }
 
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
@@ -85,14 +119,19 @@ MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, doubl
   return last + share * (wanted - last);
 }
 
-Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
-                    const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
-                    LimitState& state) noexcept {
+FaultDetail limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
+                          const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
+                          LimitState& state) noexcept {
   if (!wanted_Nm.allFinite()) return Fault::kTorqueNotFinite;
   const MotorVector largest_Nm = limits.torque_max_Nm == 0
                                      ? MotorVector(limit_Nm * (1 + 1e-9))
                                      : MotorVector::Constant(limits.torque_max_Nm);
-  if (!(wanted_Nm.cwiseAbs().array() <= largest_Nm.array()).all()) return Fault::kTorqueLimit;
+  for (int i = 0; i < kMotors; ++i) {
+    if (!(std::abs(wanted_Nm[i]) <= largest_Nm[i])) {
+      return {Fault::kTorqueLimit, FaultQuantity::kMotorTorque, i, std::abs(wanted_Nm[i]),
+              largest_Nm[i]};
+    }
+  }
   const double rise_max_Nm = limits.torque_rise_max_Nm_per_s * dt_s;
   if (!(rise_max_Nm >= 0)) return Fault::kTorqueRate;
   bool shortened = false;
@@ -106,8 +145,9 @@ Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
   const double beyond = tau_Nm.cwiseQuotient(limit_Nm).cwiseAbs().maxCoeff();
   if (beyond > 1) tau_Nm /= beyond;
   wanted_Nm = tau_Nm.cwiseMax(-limit_Nm).cwiseMin(limit_Nm);  // rounding
-  return state.rise_s <= limits.torque_rise_time_max_s + dt_s / 2 ? Fault::kNone
-                                                                  : Fault::kTorqueRate;
+  if (state.rise_s <= limits.torque_rise_time_max_s + dt_s / 2) return {};
+  return {Fault::kTorqueRate, FaultQuantity::kTorqueRiseTime, -1, state.rise_s,
+          limits.torque_rise_time_max_s};
 }
 
 }  // namespace trocar::runtime

@@ -3,7 +3,8 @@
 // is a named fault, which stops the loop. Called from the haptic thread.
 //
 // Contract (limits_test.cpp and, in the loop, loop_motors_test.cpp in tests/runtime/control/):
-//  1. A check returns kNone within its limit and its own fault beyond it. A value that is not
+//  1. A check returns kNone within its limit and its own fault beyond it, with the quantity, its
+//     value and the limit. A value that is not
 //     finite is beyond every limit. A limit of nan always trips, and so does a negative limit of a
 //     quantity that cannot be negative.
 //  2. Speeds are smoothed over `speed_window_s`, so that one encoder count is not read as a speed.
@@ -26,6 +27,7 @@
 #include <array>
 
 #include "formats/session/device_description.h"
+#include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "runtime/control/safety.h"
 #include "runtime/mechanism/kinematics.h"
@@ -75,24 +77,28 @@ struct LimitState {
 };
 
 /// kWorkspace or none.
-Fault check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept;
+FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_plate) noexcept;
 
 /// kSpeed or none; stores the pose. `dt_s`: time since the last call. While has_pose is false the
 /// plate is taken to be at rest.
-Fault check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
-                  LimitState& state) noexcept;
+FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, double dt_s,
+                        LimitState& state) noexcept;
 
 /// kSingularity or none.
-Fault check_singularity(const SafetyLimits& limits, const Singularity& singularity) noexcept;
+FaultDetail check_singularity(const SafetyLimits& limits, const Singularity& singularity) noexcept;
 
 /// kMotorOverload or none, after torques that were held for dt_s: item 3, thermal limit exceeded.
-Fault check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
-                 LimitState& state) noexcept;
+FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
+                       LimitState& state) noexcept;
+
+/// kMotorOverload if a motor's thermal state is above `share_max` of its limit.
+FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
+                             double share_max) noexcept;
 
 /// kMotorOverload or none, in a tick of dt_s that renders `scale` of the wanted wrench: item 3, too
 /// little rendered for too long.
-Fault check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale, double dt_s,
-                     LimitState& state) noexcept;
+FaultDetail check_overload(const SafetyLimits& limits, const MotorModel& motor, double scale,
+                           double dt_s, LimitState& state) noexcept;
 
 /// Item 4. Returns the torques and, in `shortened`, whether they differ from `wanted`.
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
@@ -100,8 +106,8 @@ MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, doubl
 
 /// kTorqueLimit, kTorqueRate, kTorqueNotFinite or none. `wanted_Nm` becomes the torques that may be
 /// written: items 4 and 5. `limit_Nm`: positive, such as from available_torque().
-Fault limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
-                    const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
-                    LimitState& state) noexcept;
+FaultDetail limit_torques(const SafetyLimits& limits, const MotorVector& limit_Nm,
+                          const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
+                          LimitState& state) noexcept;
 
 }  // namespace trocar::runtime

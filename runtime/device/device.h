@@ -49,6 +49,8 @@ class Device {
   virtual DeviceStatus read(DeviceState& state) = 0;
   /// Torques to hold until the next write. Never gives kEndOfData.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
+  /// After a read() of kMotorFault: bit i is set if motor i does not give its torque; 0: not known.
+  virtual std::uint8_t motor_faults() const noexcept { return 0; }
   /// After a read() of kLinkLost or kMotorFault: requests a new connection. Returns at once; read()
   /// gives kLinkLost until the connection is there.
   virtual void restore() {}

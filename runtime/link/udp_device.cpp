@@ -3,9 +3,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <ctime>
+#include <string>
+#include <system_error>
 #include <utility>
 
 namespace trocar::runtime {
@@ -91,6 +94,52 @@ bool UdpDevice::shake_hands_again() {
   return static_cast<bool>(done);
 }
 
+/// What an attempt to reach the drive met, for the message if it fails.
+struct UdpDevice::Attempt {
+  LinkNonce nonce{};
+  bool welcomed = false, wrong_key = false, busy = false;
+  bool other_program = false, other_version = false;
+
+  /// A datagram that is no welcome.
+  void note(std::span<const std::uint8_t> datagram) noexcept {
+    constexpr std::size_t kVersionAt = 4;  // after the magic
+    DenialPacket denial;
+    if (decode(datagram, nonce, denial) == LinkRefusal::kNone) {
+      wrong_key = wrong_key || denial.reason == DenialReason::kKey;
+      busy = busy || denial.reason == DenialReason::kBusy;
+      return;
+    }
+    LinkNonce ignored;
+    const bool is_link = datagram.size() > kVersionAt &&
+                         std::equal(kLinkMagic.begin(), kLinkMagic.end(), datagram.begin());
+    other_version = other_version || (is_link && datagram[kVersionAt] != kLinkVersion);
+    // A hello comes back from a program that echoes.
+    other_program = other_program || !is_link || hello_nonce(datagram, ignored);
+  }
+
+  std::string why(int socket_error) const {
+    if (welcomed) return "the device answers but sends no states; restart it";
+    if (wrong_key) {
+      return "the device there has another key; --key-file must be a copy of the file that it was "
+             "started with";
+    }
+    if (busy) return "the device there is in a session with another host; end that one first";
+    if (other_version) return "the device there speaks another version of the device link";
+    if (other_program) {
+      return "another program answers there, not a device; check the address and the port";
+    }
+    if (socket_error == ECONNREFUSED) {
+      return "no device answers there: nothing listens on this port; start the device, or check "
+             "the port";
+    }
+    if (socket_error != 0) {
+      return "no device answers there: " + std::generic_category().message(socket_error);
+    }
+    return "no device answers there: the host is off or cannot be reached (address, cable, "
+           "firewall), or its device is of an older version and has another key";
+  }
+};
+
 Result<void> UdpDevice::shake_hands(bool fresh) {
   // Ends an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
@@ -101,7 +150,8 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
   hello.fresh = fresh;
   std::array<std::uint8_t, kLargestPacketBytes> buffer{};
   WelcomePacket welcome;
-  bool welcomed = false;
+  Attempt attempt;
+  attempt.nonce = hello.host_nonce;
   std::int64_t asked_ns = 0;
   std::size_t bytes = 0;
   Endpoint from;
@@ -109,11 +159,10 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
     return since_s(start_ns) < options_.connect_timeout_s && !closing_.load();
   };
   const auto no_answer = [&] {
-    return Error{ExitCode::kDeviceFault, to_string(options_.peer) +
-                                             ": no device answers there, or it has another key or "
-                                             "another host"};
+    return Error{ExitCode::kDeviceFault,
+                 to_string(options_.peer) + ": " + attempt.why(socket_.error())};
   };
-  while (!welcomed) {
+  while (!attempt.welcomed) {
     if (!in_time()) return no_answer();
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
       asked_ns = now_ns();
@@ -122,12 +171,15 @@ Result<void> UdpDevice::shake_hands(bool fresh) {
       socket_.send(std::span(buffer).first(size));
     }
     socket_.wait(kHelloPeriod_s);
-    while (!welcomed && socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
+    while (!attempt.welcomed && socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
       const auto datagram = std::span(buffer).first(std::min(bytes, buffer.size()));
-      if (bytes > buffer.size() || claimed_kind(datagram) != PacketKind::kWelcome) continue;
+      if (bytes > buffer.size() || claimed_kind(datagram) != PacketKind::kWelcome) {
+        attempt.note(datagram);
+        continue;
+      }
       const LinkRefusal refusal = decode(datagram, options_.key, hello.host_nonce, welcome);
       counts_.add(refusal);
-      welcomed = refusal == LinkRefusal::kNone;
+      attempt.welcomed = refusal == LinkRefusal::kNone;
     }
   }
   if (welcome.clock != options_.clock) {
@@ -188,6 +240,8 @@ bool UdpDevice::drain() noexcept {
       counts_.add(LinkRefusal::kSize);
       continue;
     }
+    // Of a hello that was repeated while its welcome was on the way.
+    if (claimed_kind(std::span(buffer).first(bytes)) == PacketKind::kDenial) continue;
     const std::uint64_t before = last_state_;
     const LinkRefusal refusal =
         decode(std::span(buffer).first(bytes), session_key_, session_, last_state_, newest_);

@@ -45,7 +45,8 @@ class UdpDevice final : public Device {
   UdpDevice& operator=(const UdpDevice&) = delete;
 
   /// Hello, welcome and a first state. Blocks for at most connect_timeout_s. Errors: device fault
-  /// (no answer); usage (the drive has another clock).
+  /// (no answer, another key, another host or another program); usage (the drive has another
+  /// clock).
   Result<void> start() override;
   /// Sends the drive the end of the session, and ends a restore(). The counts can still be read.
   void close() override;
@@ -65,6 +66,7 @@ class UdpDevice final : public Device {
   void advance(double /*dt_s*/) noexcept override {
     if (options_.clock == LinkClock::kLockStep) wait_for_answer();
   }
+  std::uint8_t motor_faults() const noexcept override { return newest_.motor_faults; }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
   /// Lock-step: waits at most answer_s for the answer to the last write. The next read() gives it,
@@ -90,6 +92,7 @@ class UdpDevice final : public Device {
  private:
   UdpDevice(const UdpDeviceOptions& options, UdpSocket socket)
       : options_(options), socket_(std::move(socket)) {}
+  struct Attempt;
   Result<void> shake_hands(bool fresh);
   /// The same as part of restore(); keeps its error.
   bool shake_hands_again();

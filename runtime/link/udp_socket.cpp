@@ -33,18 +33,6 @@ Endpoint from_system(const sockaddr_in& address) noexcept {
   return {ntohl(address.sin_addr.s_addr), ntohs(address.sin_port)};
 }
 
-UdpSocket::Outcome outcome_of(ssize_t done) noexcept {
-  if (done >= 0) return UdpSocket::Outcome::kDone;
-  switch (errno) {
-    case EAGAIN:
-    case EINTR:
-    case ENOBUFS:
-      return UdpSocket::Outcome::kNothing;
-    default:
-      return UdpSocket::Outcome::kGone;
-  }
-}
-
 int make_socket() noexcept {
   return ::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
 }
@@ -80,7 +68,8 @@ Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port) {
   addrinfo* found = nullptr;
   const std::string host(text.substr(0, colon));
   if (const int failed = ::getaddrinfo(host.c_str(), nullptr, &hints, &found); failed != 0) {
-    return usage(quoted + ": " + ::gai_strerror(failed));
+    return usage(quoted + ": the name \"" + host.substr(0, 256) + "\" gives no address (" +
+                 ::gai_strerror(failed) + "); check it, or give the address in digits");
   }
   Endpoint endpoint = from_system(*reinterpret_cast<const sockaddr_in*>(found->ai_addr));
   ::freeaddrinfo(found);
@@ -106,6 +95,19 @@ Result<UdpSocket> UdpSocket::connect(const Endpoint& peer) {
     return Error{ExitCode::kDeviceFault, to_string(peer) + ": " + why(errno)};
   }
   return made;
+}
+
+UdpSocket::Outcome UdpSocket::outcome_of(std::int64_t done) noexcept {
+  if (done >= 0) return Outcome::kDone;
+  switch (errno) {
+    case EAGAIN:
+    case EINTR:
+    case ENOBUFS:
+      return Outcome::kNothing;
+    default:
+      error_ = errno;
+      return Outcome::kGone;
+  }
 }
 
 UdpSocket::UdpSocket(UdpSocket&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}

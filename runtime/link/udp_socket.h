@@ -47,10 +47,14 @@ class UdpSocket {
   /// Waits for a datagram for at most `seconds`. False: none is waiting.
   bool wait(double seconds) noexcept;
   Endpoint local() const noexcept;
+  /// errno of the last Outcome::kGone; 0: there was none.
+  int error() const noexcept { return error_; }
 
  private:
   explicit UdpSocket(int fd) : fd_(fd) {}
+  Outcome outcome_of(std::int64_t done) noexcept;
   int fd_ = -1;
+  int error_ = 0;
 };
 
 }  // namespace trocar::runtime

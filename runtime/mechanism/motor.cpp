@@ -56,11 +56,13 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
   return next;
 }
 
-double i2t_share_used(const MotorModel& model, const MotorLoad& load) noexcept {
+double i2t_share_used(const MotorModel& model, const MotorLoad& load, int* hottest) noexcept {
   const MotorVector capacity = capacity_A2s(model);
   double most = 0;
   for (int i = 0; i < kMotors; ++i) {
-    if (capacity[i] > 0) most = std::max(most, load.excess_A2s[i] / capacity[i]);
+    const double share = capacity[i] > 0 ? load.excess_A2s[i] / capacity[i] : 0;
+    if (share > most && hottest != nullptr) *hottest = i;
+    most = std::max(most, share);
   }
   return most;
 }

@@ -49,8 +49,10 @@ MotorLoad advance(const MotorModel& model, const MotorLoad& load, const MotorVec
                   double dt_s) noexcept;
 
 /// The largest share of its i2t capacity that a motor has used; at most 1 while no current exceeds
-/// available_current(). A motor without capacity (peak is continuous) counts as 0.
-double i2t_share_used(const MotorModel& model, const MotorLoad& load) noexcept;
+/// available_current(). A motor without capacity (peak is continuous) counts as 0. `hottest`: that
+/// motor.
+double i2t_share_used(const MotorModel& model, const MotorLoad& load,
+                      int* hottest = nullptr) noexcept;
 
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept;
 /// The same as joint torque: the limit for allocate_torques. Exactly peak_Nm for a cold motor.

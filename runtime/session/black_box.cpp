@@ -28,19 +28,22 @@ std::string start_in_utc() {
 
 }  // namespace
 
-BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file)
+BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file,
+                   RecordingOrigin origin)
     : folder_(std::move(folder)),
       name_(std::move(name)),
       rows_of_file_(rows_of_file),
+      origin_(std::move(origin)),
       ring_(2 * rows_of_file) {}
 
 Result<std::unique_ptr<BlackBox>> BlackBox::make(const std::filesystem::path& folder,
-                                                 double rate_Hz) {
+                                                 double rate_Hz, const RecordingOrigin& origin) {
   const std::string name = "black_box_" + start_in_utc();
   if (const Result<void> good = check_writable(folder / name); !good)
     return unwritable(good.error().message + " (--black-box sets another folder for black boxes)");
   const auto rows = static_cast<std::size_t>(std::ceil(kBlackBox_s * rate_Hz - 1e-6));
-  return std::unique_ptr<BlackBox>(new BlackBox(folder, name, std::max<std::size_t>(rows, 1)));
+  return std::unique_ptr<BlackBox>(
+      new BlackBox(folder, name, std::max<std::size_t>(rows, 1), origin));
 }
 
 BlackBox::~BlackBox() {
@@ -78,7 +81,7 @@ void BlackBox::serve_one(const Request& request) {
     made.error =
         unwritable(made.file.string() +
                    ": rows were overwritten before they could be copied: the machine is too slow");
-  } else if (Result<RecordingWriter> writer = RecordingWriter::open(made.file); !writer) {
+  } else if (Result<RecordingWriter> writer = RecordingWriter::open(made.file, origin_); !writer) {
     made.error = writer.error();
   } else {
     Result<void> done = writer->append(rows);

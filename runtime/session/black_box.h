@@ -37,8 +37,9 @@ class BlackBox {
   /// Files go into `folder`, named black_box_DATE-TIME_tSECONDSs_FAULT.csv by the start in UTC, the
   /// session's time and the fault's name; existing files are not replaced. Unwritable: the folder
   /// does not exist or files cannot be created in it.
-  static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder,
-                                                double rate_Hz);
+  /// `origin`: for the first row of each file.
+  static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
+                                                const RecordingOrigin& origin = {});
   ~BlackBox();
   BlackBox(const BlackBox&) = delete;
   BlackBox& operator=(const BlackBox&) = delete;
@@ -70,13 +71,15 @@ class BlackBox {
     std::uint64_t end = 0;  ///< rows pushed so far
   };
 
-  BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file);
+  BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file,
+           RecordingOrigin origin);
   void serve_one(const Request& request);
   std::filesystem::path name_of(const Request& request) const;
 
   std::filesystem::path folder_;
   std::string name_;
   std::size_t rows_of_file_;
+  RecordingOrigin origin_;
   OverwritingRing<RecordingRow> ring_;
   SpscQueue<Request, 256> requests_;
   std::atomic<std::uint64_t> lost_{0};

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
 
 #include "runtime/contact/overlap.h"
 #include "runtime/mechanism/jacobian.h"
@@ -11,33 +10,19 @@
 #include "runtime/mechanism/torque_allocation.h"
 #include "runtime/session/responder.h"
 #include "runtime/session/session.h"
+#include "runtime/session/text_line.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
 
-template <typename... Values>
-std::string line(const char* format, Values... values) {
-  std::array<char, 256> text{};
-  const int size = std::snprintf(text.data(), text.size(), format, values...);
-  return {text.data(), static_cast<std::size_t>(std::clamp(size, 0, 255))};
-}
-
-/// The plate's pose with the tip over the anchor.
-Pose over_anchor(const Sheet& sheet, const Tool& tool, double tip_z_m) {
-  Pose T_device_plate;
-  T_device_plate.p_m << sheet.transform.at_m, tip_z_m;
-  T_device_plate.p_m -= tool.tip_plate_m;
-  return T_device_plate;
-}
-
-/// The torque that the threshold force takes where the sheet is punctured, or why it is not
-/// possible.
-std::string motor_need(const DeviceDescription& device, const Sheet& sheet, const Tool& tool) {
+/// The torque that the threshold force takes where a sheet that is touched at this pose is
+/// punctured, or why it is not possible.
+std::string motor_need(const DeviceDescription& device, const Sheet& sheet, const Tool& tool,
+                       Pose T_device_plate) {
   const Tissue& tissue = sheet.tissue;
-  const Pose T_device_plate =
-      over_anchor(sheet, tool, sheet.z_m - tissue.threshold_N / tissue.stiffness_N_per_m);
+  T_device_plate.p_m.z() -= tissue.threshold_N / tissue.stiffness_N_per_m;
   const InverseResult inverse = inverse_kinematics(device, T_device_plate);
   if (!inverse.status) return "out of the device's reach";
   const JacobianResult motion = jacobian(device, T_device_plate, inverse.joints);
@@ -46,17 +31,18 @@ std::string motor_need(const DeviceDescription& device, const Sheet& sheet, cons
       motion.G,
       wrench_at({0, 0, tissue.threshold_N}, T_device_plate * tool.tip_plate_m, T_device_plate),
       device.motor_peak_torque_Nm);
-  return line("threshold needs %.2f of %.2f Nm%s", allocation.tau_motor_Nm.cwiseAbs().maxCoeff(),
-              device.motor_peak_torque_Nm,
-              allocation.scale < 1 ? ", and is then not given in full" : "");
+  return text_line("threshold needs %.2f of %.2f Nm%s",
+                   allocation.tau_motor_Nm.cwiseAbs().maxCoeff(), device.motor_peak_torque_Nm,
+                   allocation.scale < 1 ? ", and is then not given in full" : "");
 }
 
-ResponseRequest request_at_anchor(std::size_t index, const Sheet& sheet, const Tool& tool) {
+ResponseRequest request_at(std::size_t index, const Sheet& sheet, const Tool& tool,
+                           const Pose& T_device_plate) {
+  const Eigen::Vector3d middle_m = axis_at(tool, T_device_plate, sheet.z_m);
   ResponseRequest request;
   request.sheet = static_cast<std::int32_t>(index);
-  request.middle_m = {sheet.transform.at_m.x(), sheet.transform.at_m.y()};
-  request.outline =
-      outline_on_lattice(tool, over_anchor(sheet, tool, sheet.z_m), sheet.transform, sheet.z_m);
+  request.middle_m = {middle_m.x(), middle_m.y()};
+  request.outline = outline_on_lattice(tool, T_device_plate, sheet.transform, sheet.z_m);
   return request;
 }
 
@@ -74,9 +60,17 @@ std::uint64_t kept_bytes(const Sheet& sheet) noexcept {
   return 2 * replica + first;
 }
 
-Result<std::string> describe_needs(const Scene& scene, const DeviceDescription& device,
-                                   const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                                   const LoadedBytes& bytes, double rate_Hz, double duration_s) {
+Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept {
+  Pose T_device_plate;
+  T_device_plate.p_m << sheet.transform.at_m, sheet.z_m;
+  T_device_plate.p_m -= tool.tip_plate_m;
+  return T_device_plate;
+}
+
+Result<SceneNeeds> describe_needs(const Scene& scene, const DeviceDescription& device,
+                                  const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                                  const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
+                                  double rate_Hz, double duration_s) {
   const Tool tool = make_tool(scene.tool);
   std::uint64_t kept = 0;
   std::vector<Tissue> tissues;
@@ -84,51 +78,50 @@ Result<std::string> describe_needs(const Scene& scene, const DeviceDescription& 
     kept += kept_bytes(*sheet);
     tissues.push_back(sheet->tissue);
   }
-  std::string out;
-  out += line("scene      %s\n", scene.name.c_str());
-  out += line(
+  SceneNeeds needs;
+  std::string& out = needs.scene;
+  out += text_line("scene      %s\n", scene.name.c_str());
+  out += text_line(
       "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
       scene.asset.c_str(), sheets.size(), bytes.asset_slices, static_cast<double>(bytes.read) / 1e3,
       static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
-  out += line("device     %s, %.3g Nm peak a motor\n", device.name.c_str(),
-              device.motor_peak_torque_Nm);
-  out += line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
-              static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
-  out += line("tool       %d corners, %.3g mm from the axis\n", tool.sides,
-              (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
+  out += text_line("device     %s, %.3g Nm peak a motor\n", device.name.c_str(),
+                   device.motor_peak_torque_Nm);
+  out += text_line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
+                   static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
+  out += text_line("tool       %d corners, %.3g mm from the axis\n", tool.sides,
+                   (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
 
   std::unique_ptr<Responder> responder;
   if (needs_response(scene.force_law.kind)) {
     auto made = Responder::make(scene, tissues, sheets.front()->transform.lattice);
     if (!made) return made.error();
     responder = std::move(*made);
-    out += line("force law  %s, solver %s, reach %.3g mm\n", to_string(scene.force_law.kind),
-                kSolverNames.at(static_cast<std::size_t>(scene.force_law.solver)),
-                scene.force_law.reach_m * 1e3);
+    out += text_line("force law  %s, solver %s, reach %.3g mm\n", to_string(scene.force_law.kind),
+                     kSolverNames.at(static_cast<std::size_t>(scene.force_law.solver)),
+                     scene.force_law.reach_m * 1e3);
   } else {
-    out += line("force law  %s\n", to_string(scene.force_law.kind));
+    out += text_line("force law  %s\n", to_string(scene.force_law.kind));
   }
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];
-    const ResponseRequest request = request_at_anchor(i, sheet, tool);
-    out += line(
-        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N; %.0f %% of the "
-        "tool over material at the anchor; %s\n",
+    const Pose& T = T_device_plate[i];
+    SliceNeeds slice;
+    slice.mesh = text_line(
+        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
         sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(), sheet.mesh.triangles_in_use(),
-        sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N,
-        100 * overlap(sheet, tool, request.outline, {}).fraction,
-        motor_need(device, sheet, tool).c_str());
+        sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N);
+    slice.force = motor_need(device, sheet, tool, T);
+    needs.slices.push_back(std::move(slice));
     if (responder == nullptr) continue;
-    const auto response = responder->answer(request, sheet);
-    if (!response) {
-      out += "           the network has nothing under the tool there\n";
-      continue;
-    }
+    const auto response = responder->answer(request_at(i, sheet, tool, T), sheet);
+    if (!response) continue;  // no material under the tool
     const ResponderReport& report = responder->report();
-    out += line("           the network has %.0f N/m there: %u free nodes, %.0f us to prepare\n",
-                response->stiffness_N_per_m, report.free_nodes_last, report.prepare.max_us());
+    needs.slices.back().force +=
+        text_line("; the network has %.0f N/m there: %u free nodes, %.0f us to prepare",
+                  response->stiffness_N_per_m, report.free_nodes_last, report.prepare.max_us());
   }
-  return out;
+  return needs;
 }
 
 }  // namespace trocar::runtime

@@ -58,6 +58,7 @@ class SessionLoop {
         options_(options),
         recorder_(recorder),
         black_box_(black_box),
+        notices_(options.on_notice),
         ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
                                       : options.replay.size()) {
     model_.device = description;
@@ -109,6 +110,7 @@ class SessionLoop {
     });
     if (recorder_ != nullptr) recorder_->start();
     if (black_box_ != nullptr) black_box_->start();
+    if (options_.on_notice) notices_.start();
     std::atomic<bool> done{false};
     std::thread display([this, &done] { show_frames(done); });
     RealtimeOptions realtime;
@@ -120,6 +122,7 @@ class SessionLoop {
         [this] { write_zero_torques(); });
     done.store(true);
     display.join();
+    notices_.stop();
     remesher_.stop();
   }
 
@@ -130,6 +133,7 @@ class SessionLoop {
       if (options_.stop != nullptr && options_.stop->load()) break;
       publish_due(due);
       if (!tick({})) break;
+      if (options_.on_notice) notices_.serve();
       if (black_box_ != nullptr) black_box_->serve();
       if (result_.contact.punctured_now) due.push_back(state_.tick - 1 + options_.handover_ticks);
       remesher_.serve();
@@ -138,6 +142,7 @@ class SessionLoop {
       if (recorder_ != nullptr && ++recorded % (Recorder::kCapacity / 2) == 0) recorder_->drain();
     }
     write_zero_torques();
+    notices_.stop();
     remesher_.stop();
   }
 
@@ -193,6 +198,7 @@ class SessionLoop {
   void track_faults() noexcept {
     const RecordingRow& row = result_.row;
     if (black_box_ != nullptr) black_box_->push(row);
+    if (options_.on_notice) notify(row);
     FaultEvent* last = report_.faults.empty() || report_.faults_count > kMaxListedFaults
                            ? nullptr
                            : &report_.faults.back();
@@ -203,6 +209,7 @@ class SessionLoop {
       if (++report_.faults_count <= kMaxListedFaults) {
         FaultEvent event;
         event.fault = result_.new_fault;
+        event.detail = result_.found;
         event.t_s = row.t_s;
         report_.faults.push_back(event);
         last = &report_.faults.back();
@@ -219,6 +226,22 @@ class SessionLoop {
     report_.damping_max_N_s_per_m =
         std::max(report_.damping_max_N_s_per_m, row.passivity_N_s_per_m);
     if (row.passivity_N_s_per_m > 0) ++report_.damped_ticks;
+  }
+
+  void notify(const RecordingRow& row) noexcept {
+    if (result_.new_fault != Fault::kNone) {
+      stopped_by_ = result_.new_fault;
+      watch_.fault_latched();
+      notices_.push({Notice::Kind::kFault, row.t_s, result_.found, 0});
+    }
+    if (stopped_by_ == Fault::kNone) return;
+    const bool waiting =
+        row.safety == SafetyState::kRecovering || row.safety == SafetyState::kReady;
+    if (watch_.tells(waiting, row.t_s, result_.found, result_.lift_m))
+      notices_.push({Notice::Kind::kNotRecovered, row.t_s, result_.found, result_.lift_m});
+    if (row.safety != SafetyState::kRunning) return;
+    notices_.push({Notice::Kind::kRecovered, row.t_s, stopped_by_, 0});
+    stopped_by_ = Fault::kNone;
   }
 
   void record_puncture() noexcept {
@@ -337,6 +360,9 @@ class SessionLoop {
   const SessionOptions& options_;
   Recorder* recorder_;
   BlackBox* black_box_;
+  Notices notices_;
+  RecoveryWatch watch_;
+  Fault stopped_by_ = Fault::kNone;  ///< until `running` begins again
   bool save_pending_ = false;
   Fault outside_ = Fault::kNone;  ///< for the next tick
   std::uint64_t ticks_;
@@ -353,9 +379,7 @@ class SessionLoop {
 
 }  // namespace
 
-Result<SimulatedDevice> make_simulated_device(const Scene& scene,
-                                              const DeviceDescription& description,
-                                              const std::optional<MechanicsOptions>& mechanics) {
+HandTrajectory hand_trajectory(const Scene& scene) {
   HandTrajectory trajectory;
   for (const TipKeyframe& keyframe : scene.hand.trajectory) {
     HandKeyframe frame;
@@ -365,6 +389,12 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                                  (std::numbers::pi / 180));
     trajectory.keyframes.push_back(frame);
   }
+  return trajectory;
+}
+
+Result<SimulatedDevice> make_simulated_device(const Scene& scene,
+                                              const DeviceDescription& description,
+                                              const std::optional<MechanicsOptions>& mechanics) {
   const SceneHand& hand = scene.hand;
   HandImpedance impedance = hand.grip == HandGrip::kLight   ? light_grip()
                             : hand.grip == HandGrip::kStiff ? stiff_grip()
@@ -380,19 +410,19 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
   SimulatedDeviceOptions options;
   options.mechanics = mechanics;
   options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
-  return SimulatedDevice::make(description, trajectory, impedance, options);
+  return SimulatedDevice::make(description, hand_trajectory(scene), impedance, options);
 }
 
 Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
                                     const SessionOptions& options) {
   SessionWorkers workers;
   if (options.record) {
-    Result<RecordingWriter> writer = RecordingWriter::open(*options.record);
+    Result<RecordingWriter> writer = RecordingWriter::open(*options.record, options.origin);
     if (!writer) return writer.error();
     workers.recorder = std::make_unique<Recorder>(std::move(*writer), options.on_recording_error);
   }
   if (options.black_box) {
-    auto made = BlackBox::make(*options.black_box, options.rate_Hz);
+    auto made = BlackBox::make(*options.black_box, options.rate_Hz, options.origin);
     if (!made) return made.error();
     workers.black_box = std::move(*made);
   }
@@ -450,8 +480,14 @@ std::uint64_t tick_count(double duration_s, double rate_Hz) {
       std::max(1.0, std::abs(ticks - nearest) < 1e-6 ? nearest : std::ceil(ticks)));
 }
 
-Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name) {
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name,
+                                double stated_Hz) {
   if (rows.size() < 2) return refused(name + ": one row alone has no rate");
+  if (rows.front().t_s != 0) {
+    return refused(name +
+                   ": does not begin at the start of its session, as a black box of a longer "
+                   "one; it cannot be replayed");
+  }
   const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
   if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
     return refused(name + ": its rate is outside the range of the loop");
@@ -466,6 +502,7 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
     most_rows = std::max(most_rows, k);
     return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
   };
+  if (fits(stated_Hz)) return stated_Hz;
   std::array<char, 32> text;
   for (int digits = 1; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
     std::snprintf(text.data(), text.size(), "%.*g", digits, exact);

@@ -20,6 +20,7 @@
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/realtime/triple_buffer.h"
 #include "runtime/session/black_box.h"
+#include "runtime/session/notices.h"
 #include "runtime/session/responder.h"
 #include "runtime/session/workers.h"
 #include "runtime/simulation/simulated_device.h"
@@ -46,9 +47,12 @@ struct SessionOptions {
   /// Virtual clock: period of requests for a response.
   double response_period_s = 0.004;
   std::optional<std::filesystem::path> record;
+  RecordingOrigin origin;  ///< for the recording and the black boxes
   /// Called at once when the recording cannot be written on, never on the realtime haptic thread.
   /// The session goes on without it.
   std::function<void(const Error&)> on_recording_error;
+  /// Called at once with each notice, never on the realtime haptic thread.
+  std::function<void(const Notice&)> on_notice;
   /// If not empty: virtual clock; new meshes and responses come into use in the recorded ticks, and
   /// torques are compared with the recorded ones. The device must be a ReplayDevice over these
   /// rows.
@@ -88,6 +92,7 @@ struct PunctureEvent {
 
 struct FaultEvent {
   Fault fault = Fault::kNone;
+  FaultDetail detail;  ///< of it: what was measured
   double t_s = 0;
   double rest_t_s = -1;       ///< when torques were zero; -1: not before the end
   double recovered_t_s = -1;  ///< when `running` was entered again; -1: not before the end
@@ -122,6 +127,9 @@ struct SessionReport {
   /// -1: none.
   std::int64_t replay_first_difference = -1;
 };
+
+/// The path that the scene's hand pulls the tool's tip along.
+HandTrajectory hand_trajectory(const Scene& scene);
 
 /// The simulated device held by the scene's hand, at the hand's first keyframe. Without
 /// `mechanics`: the light model.
@@ -162,7 +170,8 @@ Result<SessionReport> run_session(const Scene& scene, const DeviceDescription& d
 std::uint64_t tick_count(double duration_s, double rate_Hz);
 
 /// The rate at which a recording was made: its times are k / rate, bit for bit. Of several such
-/// rates the shortest decimal. Refused if there is none.
-Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name);
+/// rates `stated_Hz` (0: none), else the shortest decimal. Refused if there is none.
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name,
+                                double stated_Hz = 0);
 
 }  // namespace trocar::runtime

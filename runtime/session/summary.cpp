@@ -41,6 +41,13 @@ json time_or_null(double t_s) {
   return t_s < 0 ? json(nullptr) : json(t_s);
 }
 
+// A json of nan is null.
+json number_or_null(const FaultDetail& detail, double number) {
+  const bool has_number =
+      detail.quantity != FaultQuantity::kNone && detail.quantity != FaultQuantity::kMotor;
+  return has_number ? json(number) : json(nullptr);
+}
+
 json describe_faults(const SessionReport& report) {
   json list = json::array();
   for (const FaultEvent& event : report.faults) {
@@ -48,7 +55,13 @@ json describe_faults(const SessionReport& report) {
                   {"t_s", event.t_s},
                   {"torques_zero_t_s", time_or_null(event.rest_t_s)},
                   {"recovered_t_s", time_or_null(event.recovered_t_s)},
+                  {"quantity", nullptr},
+                  {"value", number_or_null(event.detail, event.detail.value)},
+                  {"limit", number_or_null(event.detail, event.detail.limit)},
+                  {"message", trocar::describe(event.detail, event.t_s)},
                   {"black_box", nullptr}};
+    if (const std::string quantity = quantity_name(event.detail); !quantity.empty())
+      fault["quantity"] = quantity;
     const auto box =  // none if the request was lost
         std::find_if(report.black_boxes.begin(), report.black_boxes.end(),
                      [&event](const BlackBoxFile& b) { return b.t_s == event.t_s; });

@@ -74,9 +74,27 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
     refusal = decode(datagram, options_.key, hello);
     if (refusal == LinkRefusal::kNone && is_alive(now_ns)) refusal = LinkRefusal::kSession;
     if (refusal == LinkRefusal::kNone) offer(hello, now_ns, answer);
+    if (refusal == LinkRefusal::kMac) deny(datagram, DenialReason::kKey, now_ns, answer);
+    if (refusal == LinkRefusal::kSession) deny(datagram, DenialReason::kBusy, now_ns, answer);
   }
   report_.packets.add(refusal);
   return refusal;
+}
+
+/// A denial is smaller than a hello and rare, so that a forged sender address is of no use.
+void Drive::deny(std::span<const std::uint8_t> hello, DenialReason reason, std::int64_t now_ns,
+                 Answer& answer) noexcept {
+  DenialPacket denial;
+  if (!hello_nonce(hello, denial.host_nonce)) return;
+  // Several hosts that ask again and again all get theirs.
+  const bool again = denied_nonce_ == denial.host_nonce;
+  const double pause_s = again ? kRepeatedDenial_s : kDenialPeriod_s;
+  if (denied_ns_ && seconds(now_ns - *denied_ns_) < pause_s) return;
+  denied_ns_ = now_ns;
+  denied_nonce_ = denial.host_nonce;
+  denial.time_ns = now_ns;
+  denial.reason = reason;
+  answer.size = encode(denial, answer.bytes);
 }
 
 void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept {

@@ -9,7 +9,9 @@
 //     command of zero torques that was sent after the host received a state which reports it.
 //     Commands sent earlier, and nonzero torques of a host that ramps down, do not bring the
 //     torques back.
-//  2. A refused datagram changes nothing but a count.
+//  2. A refused datagram changes nothing but a count. A hello that is refused for its key, or since
+//     a session is alive, is answered with a denial, at most one in kDenialPeriod_s, and
+//     one in kRepeatedDenial_s for the same nonce.
 //  3. While a session is alive no other session begins.
 //  4. Lock-step: each torque command advances time by one period of the host; nothing else does.
 #pragma once
@@ -117,6 +119,8 @@ class Drive {
     std::int64_t last_command_ns = 0;
   };
   bool is_alive(std::int64_t now_ns) const noexcept;
+  void deny(std::span<const std::uint8_t> hello, DenialReason reason, std::int64_t now_ns,
+            Answer& answer) noexcept;
   void offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer) noexcept;
   void begin(LinkSession offered) noexcept;
   void take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept;
@@ -131,12 +135,15 @@ class Drive {
   void record_step(bool fault) noexcept;
 
   static constexpr std::size_t kOffers = 4;
+  static constexpr double kDenialPeriod_s = 0.1, kRepeatedDenial_s = 1;
 
   DriveOptions options_;
   SimulatedDevice fresh_, model_;
   std::optional<LinkSession> session_;
   std::array<std::optional<LinkSession>, kOffers> offers_;
   std::size_t next_offer_ = 0;
+  std::optional<std::int64_t> denied_ns_;  ///< the last denial
+  LinkNonce denied_nonce_{};               ///< its host's
   DeviceCommand command_;
   std::array<double, kMotors> not_following_s_{};
   std::array<std::optional<double>, kEncoders> stuck_at_rad_;

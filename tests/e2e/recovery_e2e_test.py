@@ -151,8 +151,8 @@ def main():
     check(process.wait() == 0, f"a closed pipe: {process.returncode}, {process.stderr.read()!r}")
     weaker = work / "weaker.json"
     weaker.write_text(json.dumps({**scene_of(source, asset), "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
-    replayed = run(trocar_run, weaker, "--replay", auto / "r.csv", "--recover", "auto", "--quiet")
-    check("differ from the recording's from row" in replayed.stderr, f"a replay that differs: {replayed.stderr!r}")
+    replayed = run(trocar_run, weaker, "--replay", auto / "r.csv", "--recover", "auto", "--quiet", expect=3)
+    check("was recorded with other inputs: the scene" in replayed.stderr, f"a replay that differs: {replayed.stderr!r}")
 
     for option in ("--replay", "--record", "--summary", "--duration", "--force-law", "--asset"):
         done = run(trocar_run, scene, option, "", "--clock", "virtual", expect=2)

@@ -86,5 +86,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   StatePacket state;
   last = 0;
   check(decode(bytes, key_for<StatePacket>(), session, last, state), state, bytes);
+  DenialPacket denial;  // anyone can make one
+  Bytes again(kDenialBytes);
+  const bool denied = decode(bytes, kHost, denial) == LinkRefusal::kNone;
+  if (denied ? encode(denial, again) == 0 || again != bytes : !(denial == DenialPacket{}))
+    std::abort();
+  LinkNonce nonce{};
+  if (!hello_nonce(bytes, nonce) && nonce != LinkNonce{}) std::abort();
   return 0;
 }

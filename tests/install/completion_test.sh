@@ -46,6 +46,7 @@ offers trocar-mesh scan --axis c -- coronal '!sagittal'
 offers trocar-run '' -- scene.json '!bone.glb'
 offers trocar-run scene.json --force-law '' -- hooke network
 offers trocar-run scene.json --re -- --record --replay --recover
+offers trocar-run scene.json --check --st -- --strict
 offers trocar-run scene.json --asset '' -- bone.glb
 offers trocar-run --rate '' -- '!scene.json' '!scan'
 offers trocar-mesh export bone.glb -o '' -- scan '!bone.glb'

@@ -171,6 +171,48 @@ TEST_F(DeviceProtocol, TheBytesAreThoseOfTheDocumentation) {
   EXPECT_EQ(session_number(welcome().drive_nonce), 0x0807060504030201U);
 }
 
+// A denial has no MAC: it tells a host that lacks the key.
+TEST_F(DeviceProtocol, ADenialIsSmallerThanTheHelloAndIsForItsHostOnly) {
+  static_assert(kDenialBytes < kHelloBytes);
+  for (const DenialReason reason : {DenialReason::kKey, DenialReason::kBusy}) {
+    const DenialPacket denial{7, hello().host_nonce, reason};
+    Bytes bytes(kDenialBytes);
+    ASSERT_EQ(encode(denial, bytes), kDenialBytes);
+    Page page;
+    page.header(5, 56, 0, 1, 7)
+        .raw(hello().host_nonce)
+        .number(static_cast<std::uint64_t>(reason), 8);
+    EXPECT_EQ(bytes, page.bytes);
+    EXPECT_EQ(claimed_kind(bytes), PacketKind::kDenial);
+    DenialPacket read;
+    ASSERT_EQ(decode(bytes, hello().host_nonce, read), LinkRefusal::kNone);
+    EXPECT_EQ(read, denial);
+    LinkNonce other = hello().host_nonce;
+    other[15] ^= 1;
+    EXPECT_EQ(decode(bytes, other, read), LinkRefusal::kContents);
+    // Every changed byte but those of the time (24 to 31) and of the reason is refused; of the
+    // reasons only the two are taken.
+    for (std::size_t at = 0; at < bytes.size(); ++at) {
+      Bytes changed = bytes;
+      changed[at] ^= 0x40;
+      EXPECT_EQ(decode(changed, hello().host_nonce, read) == LinkRefusal::kNone,
+                at >= 24 && at < 32)
+          << at;
+    }
+    for (std::size_t size = 0; size < bytes.size(); ++size)
+      EXPECT_NE(decode(std::span(bytes).first(size), hello().host_nonce, read), LinkRefusal::kNone);
+    EXPECT_EQ(encode(denial, std::span(bytes).first(55)), 0U);
+  }
+  LinkNonce nonce{};
+  Bytes forged = encoded(hello());
+  forged.back() ^= 1;  // the MAC
+  EXPECT_TRUE(hello_nonce(forged, nonce));
+  EXPECT_EQ(nonce, hello().host_nonce);
+  for (const Bytes& other : {encoded(welcome()), encoded(command()), encoded(state()), Bytes(96),
+                             Bytes(), Bytes(5, 'T')})
+    EXPECT_FALSE(hello_nonce(other, nonce));
+}
+
 template <typename Packet>
 void expect_round_trip(const Packet& packet) {
   Packet read;

@@ -169,11 +169,11 @@ TEST_F(Recording, CorruptedRowsAreRefusedNamingLineAndColumn) {
   EXPECT_EQ(with(second, 0, "0.1,"), "r.csv: line 3: state is an unknown name");
   const std::size_t end = good.find('\n', second);
   const std::size_t last = good.rfind(',', end);
-  EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: motor_heat_max is missing");
+  EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: origin is missing");
   EXPECT_EQ(with(end, 0, ",1"), "r.csv: line 3: has too many fields");
-  EXPECT_EQ(with(end, 0, "s"), "r.csv: line 3: motor_heat_max is not a number");
+  EXPECT_EQ(with(last, 0, "s"), "r.csv: line 3: motor_heat_max is not a number");
   std::size_t asked = end;
-  for (int fields = 0; fields < 6; ++fields)
+  for (int fields = 0; fields < 7; ++fields)
     asked = good.rfind(',', asked - 1);  // before recovery_asked
   EXPECT_EQ(with(asked + 1, 1, "2"), "r.csv: line 3: recovery_asked is neither 0 nor 1");
   EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown name");
@@ -186,6 +186,75 @@ TEST_F(Recording, CorruptedRowsAreRefusedNamingLineAndColumn) {
     const bool whole_rows = length > header && good[length - 1] == '\n';
     EXPECT_EQ(bool(parse_recording(good.substr(0, length), "r.csv")), whole_rows) << length;
   }
+}
+
+TEST_F(Recording, TheOriginIsInTheFirstRowOfTheLastColumn) {
+  const RecordingOrigin origin{{{"program", "0.2.0"}, {"scene", "00ff"}, {"coupling", "1e+05"}}};
+  const std::vector<RecordingRow> rows = any_rows(3);
+  {
+    auto writer = RecordingWriter::open(folder_ / "r.csv", origin);
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE(writer->append(std::span(rows).first(1)));
+    ASSERT_TRUE(writer->append(std::span(rows).subspan(1)));
+    ASSERT_TRUE(writer->commit());
+  }
+  const std::string csv = text_of(folder_ / "r.csv");
+  EXPECT_NE(csv.find(",motor_heat_max,origin\n"), std::string::npos);
+  const std::size_t text = csv.find(",program=0.2.0;scene=00ff;coupling=1e+05\n");
+  ASSERT_NE(text, std::string::npos);
+  EXPECT_EQ(std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(text), '\n'), 1);
+  RecordingOrigin read;
+  const auto again = read_recording(folder_ / "r.csv", &read);
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(read, origin);
+  EXPECT_EQ(again->size(), 3U);
+  for (const char* bad : {"program", "=1", "a=1;a=2", "a=1;", ";", "a=b c", "a=\"b\"", "a=#"}) {
+    std::string forged = csv;
+    forged.replace(text + 1, csv.find('\n', text) - text - 1, bad);
+    const auto refused = parse_recording(forged, "r.csv", &read);
+    ASSERT_FALSE(refused) << bad;
+    EXPECT_EQ(refused.error().message, "r.csv: line 2: origin is not KEY=VALUE;KEY=VALUE");
+  }
+  std::string late = csv;
+  late.insert(csv.size() - 1, "a=1");
+  EXPECT_EQ(parse_recording(late, "r.csv").error().message,
+            "r.csv: line 4: origin belongs to the first row only");
+}
+
+TEST_F(Recording, ThoseOfOlderVersionsHaveNoOrigin) {
+  std::string csv = csv_of(folder_, any_rows(3));
+  for (std::size_t at = 0; (at = csv.find('\n', at)) != std::string::npos;) {
+    const std::size_t comma = csv.rfind(',', at);
+    csv.erase(comma, at - comma);
+    at = comma + 1;
+  }
+  EXPECT_NE(csv.find(",motor_heat_max\n"), std::string::npos);
+  RecordingOrigin read{{{"a", "1"}}};
+  const auto rows = parse_recording(csv, "r.csv", &read);
+  ASSERT_TRUE(rows) << rows.error().message;
+  EXPECT_EQ(rows->size(), 3U);
+  EXPECT_TRUE(read.entries.empty());
+}
+
+TEST(RecordingOrigin, DifferencesNameWhatDiffers) {
+  const RecordingOrigin recorded{{{"program", "0.1.0"},
+                                  {"scene", std::string(64, 'a')},
+                                  {"asset", std::string(64, 'b')},
+                                  {"device", "built-in"},
+                                  {"passivity", "on"}}};
+  RecordingOrigin run = recorded;
+  run.entries[0].second = "0.2.0";
+  run.entries.emplace_back("later-option", "1");
+  EXPECT_EQ(differences(recorded, run), "") << "the program and later options do not count";
+  run.entries[1].second = std::string(64, 'c');
+  run.entries[3].second = std::string(64, 'd');
+  run.entries[4].second = "off";
+  EXPECT_EQ(differences(recorded, run),
+            "the scene (aaaaaaaaaaaa..., here cccccccccccc...), the device (built-in, here "
+            "dddddddddddd...), passivity (on, here off)");
+  run.entries.erase(run.entries.begin() + 2);
+  EXPECT_NE(differences(recorded, run).find("the asset (bbbbbbbbbbbb..., here not stated)"),
+            std::string::npos);
 }
 
 TEST_F(Recording, WithoutCommitTheRowsAreKeptUnderTheDocumentedName) {

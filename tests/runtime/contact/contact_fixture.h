@@ -82,6 +82,7 @@ class ContactTest : public testing::Test {
   }
   /// Cuts the hole and puts the new mesh in use.
   void publish(const CutRequest& request) {
+    ASSERT_GE(request.sheet, 0) << "no puncture";
     const Sheet& before = *sheets_[request.sheet];
     auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
     ASSERT_TRUE(result) << result.error().message;

@@ -91,6 +91,50 @@ TEST_F(ContactTest, Contract3PunctureInTheTickThatExceedsTheThresholdNotAtIt) {
   }
 }
 
+TEST_F(ContactTest, Contract3AShareOfTheToolBreaksAtItsShareOfTheThreshold) {
+  for (const double x_m : {0.02, 0.0215, 0.0185}) {  // over the edge at 20 mm
+    place({kTop_m});
+    tick(at(x_m, 0, 0.125));
+    const ContactOutput before = tick(at(x_m, 0, kTop_m - 6.99e-3));
+    const double share = before.force_N / (5000 * 6.99e-3);
+    EXPECT_EQ(before.phase, ContactPhase::kContact) << x_m;
+    EXPECT_GT(share, 0.1);
+    EXPECT_LT(share, 0.9);
+    const ContactOutput beyond = tick(at(x_m, 0, kTop_m - 7.01e-3));
+    EXPECT_TRUE(beyond.punctured_now) << x_m;
+    EXPECT_EQ(beyond.force_N, 0);
+    EXPECT_NEAR(beyond.judged_force_N, share * 5000 * 7.01e-3, 1e-9);
+  }
+  // By `network` too, where the force is not the share's of the undamaged sheet.
+  model_.law.kind = ForceLawKind::kNetwork;
+  response_ = {0, 3000, {}};
+  place({kTop_m});
+  tick(at(0.02, 0, 0.125));  // half over the edge: up to 17.5 N
+  EXPECT_NEAR(tick(at(0.02, 0, kTop_m - 5.8e-3)).force_N, 17.4, 1e-9);
+  EXPECT_TRUE(tick(at(0.02, 0, kTop_m - 5.9e-3)).punctured_now);
+}
+
+TEST_F(ContactTest, Contract3AShareThatIsTooSmallForAContactSlipsOffInsteadOfBreaking) {
+  place({0.120, 0.118});
+  const auto slide_to = [&](double x_m, double z_m) {
+    tick(at(0.02, 0, 0.125));
+    tick(at(0.02, 0, z_m));
+    return tick(at(x_m, 0, z_m));
+  };
+  // 0.55 mm of the tool's corner over the material: 2 % of its area. Contact lasts, smoothly.
+  const ContactOutput shallow = slide_to(0.02245, 0.1135);
+  EXPECT_EQ(shallow.phase, ContactPhase::kContact);
+  EXPECT_GT(shallow.force_N, 0.01 * 32.5);
+  EXPECT_LT(shallow.force_N, 0.05 * 32.5);
+  // Deeper than 7 mm it would break: no hole for so little. The sheet below is beside as well.
+  const ContactOutput deep = tick(at(0.02245, 0, 0.1129));
+  EXPECT_EQ(deep.phase, ContactPhase::kBeside);
+  EXPECT_FALSE(deep.punctured_now);
+  EXPECT_EQ(deep.active_sheet, 1) << "nothing shields the sheet below";
+  EXPECT_EQ(deep.wrench_device, Wrench::Zero());
+  EXPECT_EQ(tick(at(0, 0, 0.1129)).force_N, 0) << "passed beside until the tip was above";
+}
+
 TEST_F(ContactTest, Contract4TheTopmostSheetBearsTheForceAndShieldsTheOthers) {
   place({0.120, 0.118, 0.116});
   tick(at(0, 0, 0.125));
@@ -294,6 +338,131 @@ TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {
   EXPECT_LT(tick(at(0, 0, 0.119)).wrench_device[2], 0);
   EXPECT_EQ(tick(at(0, 0, 0.121)).wrench_device, Wrench::Zero());
   EXPECT_EQ(tick(at(0, 0, 0.119)).wrench_device, Wrench::Zero()) << "back through its hole";
+  EXPECT_NEAR(tick(at(0, 0, 0.1185)).wrench_device[2], 3, 1e-12) << "from there on";
+}
+
+/// Sheets whose holes hold the shaft: 3 N of friction, and a rim.
+class HoleTest : public ContactTest {
+ protected:
+  void SetUp() override {
+    place({kTop_m});
+    hold();
+  }
+  void hold() {
+    Tissue tissue;
+    tissue.shaft.dry_friction_N = 3;
+    tissue.shaft.rim_stiffness_N_per_m = 2000;
+    set_tissue(tissue);
+  }
+  ContactOutput puncture(double x_m, double y_m = 0) {
+    tick(at(x_m, y_m, 0.125));
+    ContactOutput output = tick(at(x_m, y_m, 0.112));
+    EXPECT_TRUE(output.punctured_now);
+    return output;
+  }
+  /// The wrench of the second tick below the sheet, 1 mm deeper than the first, after the tip was
+  /// above.
+  Wrench again(double x_m, double y_m = 0) {
+    EXPECT_EQ(tick(at(x_m, y_m, 0.121)).wrench_device, Wrench::Zero());
+    const ContactOutput entered = tick(at(x_m, y_m, 0.1195));
+    EXPECT_EQ(entered.phase, ContactPhase::kBeside);
+    EXPECT_EQ(entered.wrench_device, Wrench::Zero()) << "no step on entering";
+    return tick(at(x_m, y_m, 0.1185)).wrench_device;
+  }
+};
+
+TEST_F(HoleTest, Contract7AHoleKeepsItsFrictionAndItsRim) {
+  const ContactOutput first = puncture(0);
+  for (const bool published : {false, true}) {
+    if (published) publish(first.cut);
+    for (int pass = 0; pass < 3; ++pass) {
+      EXPECT_NEAR(again(0)[2], 3, 1e-12);
+      EXPECT_NEAR(tick(at(0.001, 0, 0.1175)).wrench_device[0], -2, 1e-9) << "the rim";
+      EXPECT_LT(tick(at(0, 0, 0.119)).wrench_device[2], 0) << "drawn out";
+    }
+    // 0.1 mm off centre 2 % of the tool are over material. The rim acts from there on.
+    const Wrench off = again(1e-4);
+    EXPECT_NEAR(off[2], 3, 1e-12);
+    EXPECT_NEAR(off[0], 0, 1e-12) << "no energy from nothing";
+    EXPECT_NEAR(tick(at(1.1e-3, 0, 0.1175)).wrench_device[0], -2, 1e-9);
+    // 0.5 mm off centre it is in contact, without friction.
+    tick(at(5e-4, 0, 0.121));
+    EXPECT_EQ(tick(at(5e-4, 0, 0.119)).phase, ContactPhase::kContact);
+    // Beside the sheet there is no hole.
+    EXPECT_EQ(again(0.024), Wrench::Zero());
+  }
+}
+
+TEST_F(HoleTest, Contract7FrictionStartsAgainAfterTicksWithoutForce) {
+  puncture(0);
+  EXPECT_NEAR(again(0)[2], 3, 1e-12);
+  reset_motion(state_);
+  EXPECT_EQ(tick(at(0, 0, 0.115)).wrench_device, Wrench::Zero());
+  EXPECT_NEAR(tick(at(0, 0, 0.1145)).wrench_device[2], 3, 1e-12);
+}
+
+TEST_F(HoleTest, Contract7HolesThatOverlapAreOne) {
+  // Between two holes 3 mm apart a third of the tool is outside of either, and nothing of both.
+  publish(puncture(0).cut);
+  publish(puncture(0.003).cut);
+  for (const double x_m : {0.0, 0.003, 0.0015})
+    EXPECT_NEAR(again(x_m)[2], 3, 1e-9) << x_m;
+}
+
+TEST_F(HoleTest, Contract7TheToolThatSlidesIntoAHoleIsInIt) {
+  puncture(0);
+  tick(at(0.005, 0, 0.125));
+  EXPECT_EQ(tick(at(0.005, 0, 0.118)).phase, ContactPhase::kContact);
+  EXPECT_EQ(tick(at(0, 0, 0.118)).wrench_device, Wrench::Zero()) << "slid off the material";
+  EXPECT_NEAR(tick(at(0, 0, 0.117)).wrench_device[2], 3, 1e-12);
+}
+
+TEST_F(HoleTest, Contract7AShieldedHoleHoldsTheShaftOnceTheSheetAboveIsPunctured) {
+  place({0.120, 0.115});
+  hold();
+  puncture(0);  // of the upper sheet
+  tick(at(0.006, 0, 0.1149));
+  EXPECT_EQ(tick(at(0.006, 0, 0.1075)).cut.sheet, 1);
+  // The lower one has its hole at x = 6 mm, where the upper one is intact.
+  tick(at(0.006, 0, 0.125));
+  EXPECT_NEAR(tick(at(0.006, 0, 0.1135)).wrench_device[2], 32.5, 1e-9) << "no friction";
+  EXPECT_EQ(tick(at(0.006, 0, 0.1125)).cut.sheet, 0);
+  EXPECT_EQ(tick(at(0.006, 0, 0.1125)).wrench_device[2], 0);
+  EXPECT_NEAR(tick(at(0.006, 0, 0.1115)).wrench_device[2], 6, 1e-9) << "both holes";
+}
+
+TEST_F(HoleTest, Contract7AHoleOverTheEdgeHoldsTheShaftByItsShare) {
+  puncture(0.02);  // half over the edge
+  EXPECT_NEAR(tick(at(0.02, 0, 0.111)).wrench_device[2], 1.5, 2e-3);
+  EXPECT_NEAR(tick(at(0.021, 0, 0.110)).wrench_device[0], -1, 2e-3);
+  EXPECT_NEAR(again(0.02)[2], 1.5, 2e-3);
+  // Further out the tool touches neither the sheet nor its hole's rim.
+  EXPECT_EQ(again(0.0232), Wrench::Zero());
+}
+
+TEST_F(HoleTest, Contract7ASliverBesideAHoleMakesAWholeHole) {
+  publish(puncture(0).cut);
+  const ContactOutput sliver = puncture(5e-4);
+  EXPECT_NEAR(sliver.judged_force_N, 5000 * 8e-3 / 9, 1e-2) << "a ninth of the tool";
+  EXPECT_NEAR(tick(at(5e-4, 0, 0.111)).wrench_device[2], 3, 1e-9);
+}
+
+TEST_F(HoleTest, Contract7ASheetRemembersItsLastHoles) {
+  const auto place_m = [](int k) {
+    const int column = k % 9 - 4, row = k / 9 - 4;
+    return Eigen::Vector2d(0.004 * column, 0.004 * row);
+  };
+  // Tools of 1.5 mm, so that 81 holes fit in the sheet.
+  SceneTool shape;
+  shape.radius_m = 0.0015;
+  model_.tool = make_tool(shape);
+  const int most = kMaxHoles, all = most + 5;
+  ASSERT_LE(all, 81);
+  for (int k = 0; k < all; ++k)
+    publish(puncture(place_m(k).x(), place_m(k).y()).cut);
+  for (int k = 0; k < all; ++k) {
+    EXPECT_NEAR(again(place_m(k).x(), place_m(k).y())[2], k < all - most ? 0 : 3, 1e-9) << k;
+  }
 }
 
 TEST_F(ContactTest, TheToolRotatesWithThePlate) {

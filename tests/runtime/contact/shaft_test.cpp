@@ -95,5 +95,22 @@ TEST(Shaft, TheRimForceOpposesTheDisplacementInThePlane) {
             1e-12);
 }
 
+TEST(Shaft, EnteringAHoleAgainTakesAndGivesNoEnergy) {
+  ShaftTissue tissue = sticky();
+  tissue.viscous_friction_N_s_per_m = 10;
+  tissue.rim_stiffness_N_per_m = 3000;
+  ShaftState state;
+  enter_hole(down_to(0.01), state);
+  EXPECT_GT(shaft_force(tissue, down_to(0.02, 0.004), kTick_s, state).norm(), 10);
+  state.in_hole = false;  // drawn out
+  const ShaftPlace back = down_to(1e-4, 2e-4, -1e-4);
+  EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
+  enter_hole(back, state);
+  EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
+  // From there on friction and rim act as after a puncture at this place.
+  const Eigen::Vector3d force_N = shaft_force(tissue, down_to(1e-2, 2e-4, 0), kTick_s, state);
+  EXPECT_LT((force_N - Eigen::Vector3d(0, -0.3, 2 + 10 * 9.9)).norm(), 1e-9);
+}
+
 }  // namespace
 }  // namespace trocar::runtime

@@ -204,7 +204,7 @@ TEST(Limits, DeratedMotorsThatRenderTooLittleForTooLongAreOverloaded) {
 // Item 1, at rest and with zero torques wanted: limits of nan, and negative limits.
 TEST(Limits, ALimitOfNanOrANegativeLimitAlwaysTrips) {
   const MotorModel motor = make_motor_model(default_device_description());
-  const auto found = [&](const SafetyLimits& limits) {
+  const auto found = [&](const SafetyLimits& limits) -> Fault {
     LimitState state;
     MotorVector wanted = MotorVector::Zero();
     Pose at;

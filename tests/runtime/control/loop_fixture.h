@@ -26,6 +26,8 @@ class ScriptedDevice final : public Device {
     return on_write;
   }
   void restore() noexcept override { ++restored; }
+  std::uint8_t motor_faults() const noexcept override { return motors; }
+  std::uint8_t motors = 0;
   DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
   int restored = 0;
   DeviceState next;
@@ -90,6 +92,7 @@ class LoopFixture : public testing::Test {
   void expect_fault(Fault fault, double gap_s = 1e-3) {
     tick(gap_s);
     ASSERT_EQ(state_.safety.fault, fault) << to_string(state_.safety.fault);
+    EXPECT_EQ(result_.found.fault, fault) << "with what was measured";
     EXPECT_EQ(result_.row.fault, fault);
     EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
     device_.on_read = device_.on_write = DeviceStatus::kOk;  // the fault is latched

@@ -17,6 +17,7 @@
 #include <new>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/session/session.h"
@@ -159,11 +160,14 @@ TEST_F(NoAllocation, FaultsRecoveriesAndBlackBoxesDoNotAllocate) {
     options.coupling.on = true;
     options.limits.gap_max_s = 0;
     options.limits.workspace_max_m[2] = 0.14;
+    std::vector<Notice> told;
+    options.on_notice = [&](const Notice& notice) { told.push_back(notice); };
     const auto report = run_session(
         scene, default_device_description(), remesher, *device,
         [&](double dt_s) { device->step(dt_s); }, options);
     ASSERT_TRUE(report);
     EXPECT_EQ(report->faults_count, 2U);
+    EXPECT_GE(told.size(), 4U) << "two faults, two recoveries";
     EXPECT_EQ(report->end, SessionEnd::kDone);
     ASSERT_EQ(report->black_boxes.size(), 2U);
     EXPECT_FALSE(report->black_boxes[0].error);

@@ -525,7 +525,30 @@ TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
   auto wrong_key = UdpDevice::connect(options);
   ASSERT_FALSE(wrong_key);
   EXPECT_EQ(wrong_key.error().code, ExitCode::kDeviceFault);
-  EXPECT_NE(wrong_key.error().message.find("key"), std::string::npos);
+  EXPECT_NE(wrong_key.error().message.find("has another key"), std::string::npos)
+      << wrong_key.error().message;
+}
+
+TEST(UdpDevice, ConnectTellsABusyDeviceFromOneThatIsNotThere) {
+  const auto why = [](const UdpDeviceOptions& options) {
+    const auto none = UdpDevice::connect(options);
+    EXPECT_FALSE(none);
+    return none ? std::string() : none.error().message;
+  };
+  auto peer = std::make_unique<Peer>(LinkClock::kReal, "", 1000);
+  UdpDeviceOptions options = to(*peer);
+  options.connect_timeout_s = 0.3;
+  {
+    const auto first = connected(to(*peer));
+    ASSERT_TRUE(first);
+    EXPECT_NE(why(options).find("in a session with another host"), std::string::npos);
+  }
+  peer.reset();
+  EXPECT_NE(why(options).find("nothing listens on this port"), std::string::npos);
+  auto silent = UdpSocket::listen({0x7f000001, 0});
+  ASSERT_TRUE(silent);
+  options.peer = silent->local();
+  EXPECT_NE(why(options).find("cannot be reached"), std::string::npos);
 }
 
 TEST(UdpDevice, ReadAndWriteAllocateNothing) {

@@ -217,6 +217,11 @@ TEST(Session, TheRateOfARecordingFollowsFromItsTimes) {
     rows[k].t_s = static_cast<double>(k) / 500;
   ASSERT_TRUE(recorded_rate_Hz(rows, "r"));
   EXPECT_EQ(*recorded_rate_Hz(rows, "r"), 500);
+  EXPECT_EQ(*recorded_rate_Hz(rows, "r", 500), 500);
+  EXPECT_EQ(*recorded_rate_Hz(rows, "r", 499), 500) << "a stated rate that is not the rows'";
+  const auto later = recorded_rate_Hz(std::span(rows).subspan(10), "r");
+  ASSERT_FALSE(later);
+  EXPECT_NE(later.error().message.find("does not begin at the start"), std::string::npos);
   rows[500].t_s += 1e-4;
   EXPECT_FALSE(recorded_rate_Hz(rows, "r"));
   EXPECT_FALSE(recorded_rate_Hz(std::span(rows).first(1), "r"));
@@ -232,6 +237,7 @@ TEST(Session, TheRateOfARecordingIsExact) {
       const Result<double> found = recorded_rate_Hz(rows, "r");
       ASSERT_TRUE(found) << found.error().message;
       EXPECT_EQ(size > 3 ? *found : rate_Hz, rate_Hz);
+      EXPECT_EQ(*recorded_rate_Hz(rows, "r", rate_Hz), rate_Hz);
       for (std::size_t k = 0; k < size; ++k)
         ASSERT_EQ(static_cast<double>(k) / *found, rows[k].t_s) << rate_Hz << ", row " << k;
     }

@@ -1,0 +1,267 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/fault_words.h"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <string_view>
+
+namespace trocar {
+namespace {
+
+// Without a default: the compiler refuses a fault that has no row here.
+constexpr FaultWords make_words(Fault fault) {
+  switch (fault) {
+    case Fault::kNone:
+      return {"none", "there is no fault", "there is no fault", "go on"};
+    case Fault::kNoData:
+      return {"no_data", "no data came from the device for too long",
+              "no data comes from the device", "check the drive's power and its cable"};
+    case Fault::kLinkLost:
+      return {"link_lost", "the link to the device is lost", "the link to the device is still lost",
+              "check that the drive runs, and its network cable"};
+    case Fault::kWriteFailed:
+      return {"write_failed", "the device did not take the torques",
+              "the device still does not take torques", "check the drive and the link to it"};
+    case Fault::kEncoderNotFinite:
+      return {"encoder_not_finite", "an encoder gives no number",
+              "an encoder still gives no number", "check that encoder and its cable"};
+    case Fault::kEncoderJump:
+      return {"encoder_jump", "an encoder moved faster than the mechanism can",
+              "an encoder still jumps", "check that encoder, its plug and its cable"};
+    case Fault::kJointLimit:
+      return {"joint_limit", "a joint is outside its limits", "a joint is still outside its limits",
+              "move the tool back towards the middle"};
+    case Fault::kPoseResidual:
+      return {"pose_residual", "the encoders contradict each other, or give no pose",
+              "the encoders still contradict each other",
+              "check for a stuck or slipped encoder and the zeros of all encoders"};
+    case Fault::kSingularity:
+      return {"singularity", "the mechanism is too close to a singular pose",
+              "the mechanism is still too close to a singular pose",
+              "move the tool back towards the middle"};
+    case Fault::kTorqueNotFinite:
+      return {"torque_not_finite", "a computed force or torque is not a number",
+              "a computed force or torque is still not a number",
+              "report this to the developers with the black box and the scene"};
+    case Fault::kDeadlineMissed:
+      return {"deadline_missed", "the loop was too late", "the loop is still too late",
+              "end other programs, give realtime rights, or allow more late ticks (--late-ticks)"};
+    case Fault::kRemeshBacklog:
+      return {"remesh_backlog", "holes are made faster than their meshes",
+              "holes still wait for their meshes", "lift the tool, and puncture more slowly"};
+    case Fault::kToolTilt:
+      return {"tool_tilt", "the tool's axis is too far from upright",
+              "the tool's axis is still too far from upright", "hold the tool upright"};
+    case Fault::kEmergencyStop:
+      return {"emergency_stop", "the emergency stop is pressed",
+              "the emergency stop is still pressed", "release it when that is safe"};
+    case Fault::kMotorFault:
+      return {"motor_fault", "a motor does not give its torque",
+              "a motor still does not give its torque",
+              "check that motor, its cable and its drive"};
+    case Fault::kWorkspace:
+      return {"workspace", "the plate is outside its box, or tilted too far",
+              "the plate is still outside its box, or tilted too far",
+              "move the tool back towards the middle"};
+    case Fault::kSpeed:
+      return {"speed", "the plate moves or rotates too fast", "the plate still moves too fast",
+              "move the tool more slowly"};
+    case Fault::kTorqueLimit:
+      return {"torque_limit", "a motor's wanted torque exceeds the session's limit",
+              "a motor's wanted torque still exceeds the session's limit",
+              "press with less force, or use a softer tissue"};
+    case Fault::kTorqueRate:
+      return {"torque_rate", "the wanted torques rise faster than they may, for too long",
+              "the wanted torques still rise faster than they may",
+              "move the tool more slowly, or use a tissue with less stiffness and damping"};
+    case Fault::kMotorOverload:
+      return {"motor_overload", "the motors are overloaded", "the motors are still hot",
+              "lift the tool, let the motors cool, and press with less force"};
+  }
+  return {};
+}
+
+constexpr bool has_words(int i) {
+  const FaultWords words = make_words(static_cast<Fault>(i));
+  for (const char* text : {words.name, words.meaning, words.still, words.advice})
+    if (text == nullptr || *text == '\0') return false;
+  return true;
+}
+constexpr bool all_have_words() {
+  for (int i = 0; i < kFaults; ++i)
+    if (!has_words(i)) return false;
+  return !has_words(kFaults);
+}
+static_assert(all_have_words(), "kFaults is not the number of faults, or a fault has no words");
+
+constexpr auto kWords = [] {
+  std::array<FaultWords, kFaults> words;
+  for (int i = 0; i < kFaults; ++i)
+    words[static_cast<std::size_t>(i)] = make_words(static_cast<Fault>(i));
+  return words;
+}();
+
+/// What an index counts; '#' in a row's texts stands for it.
+enum class Counts : std::uint8_t { kNothing, kEncoders, kMotors, kLegs, kAxes, kWrench };
+
+struct QuantityWords {
+  const char* name = nullptr;  ///< of quantity_name()
+  const char* words = nullptr;
+  const char* unit = "";  ///< of measured(): the value times `factor`
+  double factor = 1;      ///< 0: there is no value
+  Counts counts = Counts::kNothing;
+};
+
+constexpr double kDeg = 57.29577951308232;
+
+// Without a default, as make_words().
+constexpr QuantityWords make_quantity(FaultQuantity quantity) {
+  using enum Counts;
+  switch (quantity) {
+    case FaultQuantity::kNone:
+      return {"", "", "", 0};
+    case FaultQuantity::kTimeWithoutData:
+      return {"time_without_data_s", "time without data", " ms", 1e3};
+    case FaultQuantity::kEncoderAngle:
+      return {"th_#_rad", "angle theta #", " deg", kDeg, kEncoders};
+    case FaultQuantity::kEncoderStep:
+      return {"th_#_step_rad", "step of encoder theta #", " deg", kDeg, kEncoders};
+    case FaultQuantity::kEncoderResidual:
+      return {"th_#_residual_rad", "difference of encoder theta # from the pose", " deg", kDeg,
+              kEncoders};
+    case FaultQuantity::kPoseResidual:
+      return {"pose_residual_m", "misfit of the legs", " mm", 1e3};
+    case FaultQuantity::kInverseCondition:
+      return {"inverse_condition", "inverse condition number"};
+    case FaultQuantity::kBranchDistance:
+      return {"branch_distance_#_m", "distance of leg # from the end of its reach", " mm", 1e3,
+              kLegs};
+    case FaultQuantity::kTickGap:
+      return {"tick_gap_s", "time between two ticks", " ms", 1e3};
+    case FaultQuantity::kMissedDeadlines:
+      return {"missed_deadlines_in_row", "deadlines missed in a row:"};
+    case FaultQuantity::kWaitingHoles:
+      return {"waiting_holes", "holes that wait:"};
+    case FaultQuantity::kToolTilt:
+      return {"tool_tilt_rad", "tool tilt", " deg", kDeg};
+    case FaultQuantity::kPlatePosition:
+      return {"#_m", "plate #", " mm", 1e3, kAxes};
+    case FaultQuantity::kPlateTilt:
+      return {"plate_tilt_rad", "plate tilt", " deg", kDeg};
+    case FaultQuantity::kPlateSpeed:
+      return {"plate_speed_m_per_s", "plate speed", " m/s"};
+    case FaultQuantity::kPlateRotation:
+      return {"plate_rotation_rad_per_s", "plate rotation", " rad/s"};
+    case FaultQuantity::kResponse:
+      return {"response_stiffness_N_per_m", "stiffness of the spring network", " N/m"};
+    case FaultQuantity::kWantedWrench:
+      return {"#", "wanted #", "", 1, kWrench};
+    case FaultQuantity::kMotorTorque:
+      return {"tau_#_Nm", "torque of motor theta #", " N m", 1, kMotors};
+    case FaultQuantity::kCompensationTorque:
+      return {"compensation_#_Nm", "compensation torque of motor theta #", " N m", 1, kMotors};
+    case FaultQuantity::kTorqueRiseTime:
+      return {"torque_rise_time_s", "time of rising as fast as allowed", " ms", 1e3};
+    case FaultQuantity::kMotorHeat:
+      return {"motor_heat_#", "thermal state of motor theta #", " %", 100, kMotors};
+    case FaultQuantity::kWeakForceTime:
+      return {"weak_force_time_s", "time with too little of the wanted force", " s"};
+    case FaultQuantity::kMotor:
+      return {"motor_#", "motor theta #", "", 0, kMotors};
+  }
+  return {};
+}
+constexpr bool all_quantities_have_words() {
+  for (int i = 0; i < kFaultQuantities; ++i) {
+    const QuantityWords row = make_quantity(static_cast<FaultQuantity>(i));
+    if (row.name == nullptr || row.words == nullptr) return false;
+  }
+  return make_quantity(static_cast<FaultQuantity>(kFaultQuantities)).name == nullptr;
+}
+static_assert(all_quantities_have_words(), "kFaultQuantities, or a quantity has no words");
+
+/// Which one, as in a column's name ("2_3": leg, joint) or in words ("3 of leg 2").
+std::string place(Counts counts, int index, bool in_words) {
+  constexpr std::array<const char*, 3> kAxisNames = {"x", "y", "z"};
+  constexpr std::array<const char*, 6> kWrenchNames = {"fx", "fy", "fz", "tx", "ty", "tz"};
+  const auto joint_of_leg = [&](int leg, int joint) {
+    return in_words ? std::to_string(joint) + " of leg " + std::to_string(leg)
+                    : std::to_string(leg) + "_" + std::to_string(joint);
+  };
+  switch (counts) {
+    case Counts::kNothing:
+      break;
+    case Counts::kEncoders:
+      return joint_of_leg(index / 4 + 1, index % 4 + 1);
+    case Counts::kMotors:
+      return joint_of_leg(index / 2 + 1, index % 2 == 0 ? 1 : 4);
+    case Counts::kLegs:
+      return std::to_string(index + 1);
+    case Counts::kAxes:
+      return kAxisNames.at(static_cast<std::size_t>(index));
+    case Counts::kWrench:
+      return std::string(kWrenchNames.at(static_cast<std::size_t>(index))) + (in_words ? ""
+                                                                              : index < 3
+                                                                                  ? "_wanted_N"
+                                                                                  : "_wanted_Nm");
+  }
+  return {};
+}
+
+std::string filled(std::string_view text, const std::string& with) {
+  std::string result;
+  for (const char c : text) {
+    if (c == '#') {
+      result += with;
+    } else {
+      result += c;
+    }
+  }
+  return result;
+}
+
+std::string number(double x, int digits) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.*g", digits, x);
+  return text;
+}
+
+}  // namespace
+
+const FaultWords& words_of(Fault fault) {
+  return kWords.at(static_cast<std::size_t>(fault));
+}
+
+std::string quantity_name(const FaultDetail& detail) {
+  const QuantityWords row = make_quantity(detail.quantity);
+  return filled(row.name, place(row.counts, detail.index, false));
+}
+
+std::string measured(const FaultDetail& detail) {
+  if (detail.quantity == FaultQuantity::kNone) return {};
+  const QuantityWords row = make_quantity(detail.quantity);
+  std::string text = filled(row.words, place(row.counts, detail.index, true));
+  if (row.factor == 0) return text;
+  const double value = detail.value * row.factor, limit = detail.limit * row.factor;
+  int digits = 4;  // more where they are needed to tell the value from its limit
+  while (digits < 17 && value != limit && number(value, digits) == number(limit, digits))
+    ++digits;
+  text.append(" ").append(number(value, digits)).append(row.unit);
+  if (!std::isnan(detail.limit)) {
+    text.append(value < limit ? ", at least " : ", limit ");
+    text.append(number(limit, digits)).append(row.unit);
+  }
+  return text;
+}
+
+std::string describe(const FaultDetail& detail, double t_s) {
+  const FaultWords& words = words_of(detail.fault);
+  char time[40];
+  std::snprintf(time, sizeof time, "%.4f", t_s);
+  const std::string found = measured(detail);
+  return std::string(words.name) + " at " + time + " s: " + words.meaning +
+         (found.empty() ? "" : " (" + found + ")") + "; " + words.advice;
+}
+
+}  // namespace trocar

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/session/recording_origin.h"
+
+#include <algorithm>
+
+namespace trocar {
+namespace {
+
+constexpr std::size_t kMostCharacters = 4096;
+constexpr std::string_view kCharacters =
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._+-/";
+
+bool is_word(std::string_view text) {
+  return !text.empty() && text.find_first_not_of(kCharacters) == std::string_view::npos;
+}
+
+bool is_file(std::string_view key) {
+  return key == kOriginScene || key == kOriginAsset || key == kOriginDevice;
+}
+
+/// As many digits of a digest as a reader compares.
+std::string shown(const std::string* value) {
+  constexpr std::size_t kDigest = 64, kDigits = 12;
+  if (value == nullptr) return "not stated";
+  return value->size() == kDigest ? value->substr(0, kDigits) + "..." : *value;
+}
+
+}  // namespace
+
+const std::string* RecordingOrigin::find(std::string_view key) const {
+  const auto found = std::find_if(entries.begin(), entries.end(),
+                                  [&](const auto& entry) { return entry.first == key; });
+  return found == entries.end() ? nullptr : &found->second;
+}
+
+std::string to_text(const RecordingOrigin& origin) {
+  std::string text;
+  for (const auto& [key, value] : origin.entries) {
+    if (!text.empty()) text += ';';
+    text.append(key).append("=").append(value);
+  }
+  return text;
+}
+
+Result<RecordingOrigin> parse_origin(std::string_view text) {
+  RecordingOrigin origin;
+  if (text.size() > kMostCharacters) return refused("is too long");
+  while (!text.empty()) {
+    const std::size_t end = text.find(';');
+    const std::string_view entry = text.substr(0, end);
+    const std::size_t equals = entry.find('=');
+    const std::string_view key = entry.substr(0, equals);
+    const bool good = equals != std::string_view::npos && is_word(key) &&
+                      is_word(entry.substr(equals + 1)) && origin.find(key) == nullptr;
+    if (!good || end == text.size() - 1) return refused("is not KEY=VALUE;KEY=VALUE");
+    origin.entries.emplace_back(key, entry.substr(equals + 1));
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+  }
+  return origin;
+}
+
+std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run) {
+  std::string text;
+  for (const auto& [key, value] : recorded.entries) {
+    const std::string* const here = run.find(key);
+    if (key == kOriginProgram || (here != nullptr && *here == value)) continue;
+    if (!text.empty()) text += ", ";
+    if (is_file(key)) text += "the ";
+    text += key + " (" + shown(&value) + ", here " + shown(here) + ")";
+  }
+  return text;
+}
+
+}  // namespace trocar

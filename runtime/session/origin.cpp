@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/session/origin.h"
+
+#include <sodium.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <memory>
+#include <vector>
+
+#include "formats/base/file_io.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr const char* kRate = "rate_Hz";
+
+std::string shortest(double x) {
+  std::array<char, 32> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
+  return {text.data(), end};
+}
+
+const char* name_of(const CompensationOptions& options) {
+  if (options.friction) return options.gravity ? "both" : "friction";
+  return options.gravity ? "weight" : "none";
+}
+
+}  // namespace
+
+Result<std::string> digest_of(const std::filesystem::path& file) {
+  constexpr std::uint64_t kBlock = std::uint64_t{1} << 20;
+  if (::sodium_init() < 0) return bug("libsodium cannot be initialised");
+  const Result<std::unique_ptr<ByteSource>> source = open_file(file);
+  if (!source) return source.error();
+  crypto_generichash_state state;
+  ::crypto_generichash_init(&state, nullptr, 0, crypto_generichash_BYTES);
+  std::vector<std::uint8_t> block;
+  for (std::uint64_t at = 0; at < (*source)->size(); at += block.size()) {
+    block.resize(std::min(kBlock, (*source)->size() - at));
+    if (const Result<void> read = (*source)->read(at, block); !read) return read.error();
+    ::crypto_generichash_update(&state, block.data(), block.size());
+  }
+  std::array<unsigned char, crypto_generichash_BYTES> hash;
+  ::crypto_generichash_final(&state, hash.data(), hash.size());
+  std::array<char, 2 * hash.size() + 1> hex;
+  return std::string(::sodium_bin2hex(hex.data(), hex.size(), hash.data(), hash.size()));
+}
+
+Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, const Scene& scene,
+                                    const DeviceDescription& description,
+                                    const SessionOptions& options) {
+  const Result<std::string> scene_digest = digest_of(scene_file);
+  if (!scene_digest) return scene_digest.error();
+  const Result<std::string> asset_digest = digest_of(scene.asset);
+  if (!asset_digest) return asset_digest.error();
+  std::string device = "built-in";
+  if (scene.device && description != default_device_description()) {
+    const Result<std::string> digest = digest_of(*scene.device);
+    if (!digest) return digest.error();
+    device = *digest;
+  }
+  RecordingOrigin origin;
+  origin.entries = {
+      {kOriginProgram, TROCAR_VERSION},
+      {kOriginScene, *scene_digest},
+      {kOriginAsset, *asset_digest},
+      {kOriginDevice, device},
+      {kRate, shortest(options.rate_Hz)},
+      {"force-law", std::string(to_string(scene.force_law.kind))},
+      {"passivity", options.passivity.on ? "on" : "off"},
+      {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
+      {"compensate", name_of(options.compensation)}};
+  return origin;
+}
+
+double stated_rate_Hz(const RecordingOrigin& recorded) {
+  const std::string* const text = recorded.find(kRate);
+  double rate_Hz = 0;
+  if (text == nullptr) return 0;
+  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), rate_Hz);
+  return error == std::errc() && end == text->data() + text->size() ? rate_Hz : 0;
+}
+
+Result<std::string> check_replay(const RecordingOrigin& recorded, const RecordingOrigin& run,
+                                 const std::string& name) {
+  if (recorded.entries.empty()) {
+    return name +
+           ": does not say what it was recorded with, as recordings before 0.2.0; scene, "
+           "asset and device are taken to be the same";
+  }
+  if (const std::string what = differences(recorded, run); !what.empty()) {
+    return refused(name + ": was recorded with other inputs: " + what +
+                   "; give those that it was recorded with");
+  }
+  const std::string* const program = recorded.find(kOriginProgram);
+  if (program != nullptr && *program == TROCAR_VERSION) return std::string();
+  return name + ": was recorded by version " + (program != nullptr ? *program : "unknown") +
+         ", this is " TROCAR_VERSION "; torques that differ are an error all the same";
+}
+
+}  // namespace trocar::runtime

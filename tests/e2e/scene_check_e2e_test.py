@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""scene_check_e2e_test.py SOURCE BIN SCAN WORK: `trocar-run --check` against the sessions that it judges.
+
+The promise: `--check --strict` ends with 0 exactly if the session on the same options, with the simulated device in virtual
+time, ends with 0 without a fault, touches every slice, and renders every wrench in full, and no slice gets the default tissue
+because none of the scene's tissues by HU or label fits it. Here sessions are run, on the shipped scenes, on scenes that are broken
+in one way each and on random ones; what happened in them is read from recording and summary, and compared with the exit code.
+Of a broken scene the warning must also name the time, value and limit.
+"""
+import csv
+import json
+import math
+import pathlib
+import random
+import re
+import shutil
+import subprocess
+import sys
+
+from e2e import check, outcome, run
+
+REFUSED = 3
+FAULT = 5
+RANDOM_SCENES = 24
+OPTIONS = [(), ("--rate", 500), ("--coupling", 10000), ("--force-law", "network"), ("--passivity", "off", "--compensate", "both")]
+SEED = 20
+
+
+def descent(*points, duration=None, slices=((17, 0.12),), **fields):
+    """A scene with the tip at (t, x, y, z) or (t, x, y, z, rotation_deg)."""
+    keyframes = [{"t_s": p[0], "tip_m": list(p[1:4]), **({"rotation_deg": list(p[4])} if len(p) > 4 else {})} for p in points]
+    hand = {"stiffness_N_per_m": 8000, "damping_N_s_per_m": 140, **fields.pop("hand", {}), "trajectory": keyframes}
+    return {"schema": "trocar.scene/1", "name": "test", "asset": "sample.glb", "duration_s": duration or points[-1][0] + 0.2,
+            "placement": {"anchor_mm": [81.5, 53.6]}, "slices": [{"index": i, "z_m": z} for i, z in slices],
+            "tool": {"sides": 6, "radius_m": 0.003}, "hand": hand, **fields}
+
+
+DOWN = ((0, 0, 0, 0.14), (0.1, 0, 0, 0.14), (1.1, 0, 0, 0.10))
+BONE = {"name": "bone", "hu": [2000, 3000], "stiffness_N_per_m": 9000, "threshold_N": 20}
+
+# name: (scene, options, what the session ends with: exit code, patterns of the warning, each in one line)
+BROKEN = {
+    "starts_out_of_reach": (descent((0, 0.5, 0, 0.14), (1, 0.5, 0, 0.10)), (), REFUSED,
+                            [r"at 0\.0000 s: the session cannot start.*\(0\.5000, 0\.0000, 0\.1400\) m.*out of reach.*x -0\.\d+ to 0\.\d+",
+                             r"slice 17 at 0\.1\d+ m: .*nearest at \(0\.0\d+, "]),
+    "leaves_box": (descent(*DOWN, (1.5, 0, 0, 0.16), (2.5, 0.07, 0, 0.16)), (), FAULT,
+                   [r"at [12]\.\d+ s: .*fault workspace.*x 0\.060\d+ m.*-0\.0600 to 0\.0600 m.*keep"]),
+    "below_box": (descent((0, 0, 0, 0.14), (1.5, 0, 0, 0.03)), (), FAULT,
+                  [r"at 1\.\d+ s: .*fault [a-z_]+:.* m.*keep"]),
+    "tilted": (descent(*DOWN, (1.6, 0, 0, 0.16), (2.6, 0, 0, 0.16, (50, 0, 0))), (), FAULT,
+               [r"at 2\.\d+ s: .*fault workspace.*tilted by 34\.39 deg.*34\.38 deg.*tilt"]),
+    "tool_tilted": (descent((0, 0, 0, 0.15), (1, 0, 0, 0.15, (0, 30, 0)), tool={"tilt_deg": 30}, slices=((17, 0.16),)), (), FAULT,
+                    [r"at 0\.\d+ s: .*fault tool_tilt.*45\.\d+ deg.*45 deg.*tilt",
+                     r"slice 17 at 0\.1\d+ m: .*begins below"]),
+    "too_fast": (descent(*DOWN, (1.5, 0, 0, 0.19), (1.52, 0, 0, 0.14), hand={"stiffness_N_per_m": 100000, "damping_N_s_per_m": 400}),
+                 (), FAULT, [r"at 1\.5\d+ s: .*fault speed.* 2\.\d+ m/s.* 2 m/s.*slower"]),
+    "joint_limit": (descent(*DOWN, (1.5, 0, 0, 0.21), (3, 0.055, 0.055, 0.21)), (), FAULT,
+                    [r"at [12]\.\d+ s: .*fault joint_limit.*theta\d of leg \d.*deg.*keep"]),
+    "too_strong": (descent((0, 0, 0, 0.14), (0.5, 0, 0, 0.13), (4, 0, 0, 0.08),
+                           hand={"grip": "stiff", "stiffness_N_per_m": 30000, "damping_N_s_per_m": 400},
+                           tissue={"stiffness_N_per_m": 50000, "threshold_N": 900}), (), None,
+                   [r"motors.*6 Nm.*\d %|fault motor_overload"]),
+    "no_material": (descent(*DOWN, placement={"anchor_mm": [10, 10]}), (), 0,
+                    [r"slice 17 at 0\.1\d+ m: .*0 % of the tool over material at 0\.\d+ s.*\(0\.0000, 0\.0000\) m.*material lies within x"]),
+    "one_beside": (descent((0, 0, 0, 0.14), (2, 0.045, 0, 0.118), slices=((17, 0.135), (16, 0.1225))), (), 0,
+                   [r"slice 16 at 0\.1\d+ m: .*material"]),
+    "stays_above": (descent(*DOWN, slices=((17, 0.12), (16, 0.095), (15, 0.09))), (), 0,
+                    [r"slices 15-16 at 0\.0900 to 0\.0950 m: .*stays above.*0\.1000 m"]),
+    "too_short": (descent(*DOWN), ("--duration", "0.4"), 0,
+                  [r"slice 17 at 0\.1\d+ m: .*goes below at 0\.6000 s.*ends at 0\.4 s.*--duration"]),
+    "starts_below": (descent((0, 0, 0, 0.11), (1, 0, 0, 0.10)), (), 0, [r"slice 17 at 0\.1\d+ m: .*begins below.*0\.1100 m"]),
+    "too_weak": (descent(*DOWN, slices=((17, 0.12), (16, 0.105)), hand={"stiffness_N_per_m": 500, "damping_N_s_per_m": 20}), (), 0,
+                 [r"slice 16 at 0\.1\d+ m: .*no lower than 0\.11\d+ m.*slice 17 at 0\.1200 m bears it, with up to 9\.\d of 35 N"]),
+    "shielded": (descent((0, 0, 0, 0.14), (1, 0, 0, 0.113), slices=((17, 0.12), (17, 0.119)), hand={"stiffness_N_per_m": 3000}), (), 0,
+                 [r"slice 17 at 0\.1190 m: never touched: slice 17 at 0\.1200 m bears it, with up to 1\d\.\d of 35 N"]),
+    "lets_go": (descent(*DOWN, hand={"let_go_t_s": 0.3}), (), 0, [r"slice 17 at 0\.1\d+ m: .*lets go at 0\.3 s.*0\.6000 s"]),
+    "no_tissue_fits": (descent(*DOWN, tissues=[BONE]), (), 0,
+                       [r"slice 17: .*mean HU \d+.*\"bone\" 2000 to 3000 HU.*5000 N/m and 35 N"]),
+}
+# Its warning is said by a session too, and the session is otherwise good.
+ONLY_TISSUE = "no_tissue_fits"
+
+GOOD = {
+    "tissue_fits": descent(*DOWN, tissues=[{**BONE, "hu": [100, 3000]}]),
+    "default_is_given": descent(*DOWN, tissues=[BONE], tissue={"threshold_N": 30}),
+    "tissue_is_named": descent(*DOWN, tissues=[BONE], slices=()) | {"slices": [{"index": 17, "z_m": 0.12, "tissue": "bone"}]},
+    # The path leaves the box, but the sheet holds the tool: no fault.
+    "held_inside_box": descent((0, 0, 0, 0.14), (1.5, 0, 0, 0.05), hand={"stiffness_N_per_m": 300, "damping_N_s_per_m": 20}),
+}
+
+
+def random_scene(rng):
+    x, y = rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
+    axis = [rng.gauss(0, 1), rng.gauss(0, 1), 0]
+    angle = rng.choice([0, rng.uniform(0, 40)]) / math.hypot(*axis)
+    end = (rng.uniform(0.3, 1.2), x + rng.uniform(-0.01, 0.01), y + rng.uniform(-0.01, 0.01), rng.uniform(0.07, 0.11), [angle * a for a in axis])
+    scene = descent((0, x, y, rng.uniform(0.14, 0.2)), end, slices=rng.sample([(16, 0.118), (17, 0.125), (18, 0.142)], rng.randint(1, 2)),
+                    hand={"grip": rng.choice(["firm", "light", "stiff"])})
+    if rng.random() < 0.7:
+        del scene["hand"]["stiffness_N_per_m"], scene["hand"]["damping_N_s_per_m"]
+    scene["tissue"] = {"threshold_N": rng.choice([5, 10, 35, 300]), "stiffness_N_per_m": rng.choice([2000, 5000, 20000])}
+    return scene
+
+
+def untimed(text):
+    """Text without the time that the network took."""
+    return re.sub(r"\d+ us to prepare", "", text)
+
+
+class Judge:
+    def __init__(self, programs, work, asset):
+        self.trocar_run, self.work, self.asset = programs / "trocar-run", work, asset
+
+    def call(self, *words):
+        return subprocess.run([str(w) for w in (self.trocar_run, *words)], capture_output=True, text=True, check=False)
+
+    def session(self, name, scene_file, options):
+        """(exit code, whether it kept the promise's conditions except for tissues) of a session, from its files."""
+        record, summary = self.work / f"{name}.csv", self.work / f"{name}_summary.json"
+        done = self.call(scene_file, "--asset", self.asset, "--clock", "virtual", "--quiet", "--record", record, "--summary", summary,
+                         "--black-box", self.work, *options)
+        if done.returncode not in (0, FAULT):
+            return done.returncode, False
+        told = json.loads(summary.read_text())
+        heights = {piece["z_m"]: piece["index"] for piece in json.loads(scene_file.read_text())["slices"]}
+        touched = {event["slice_z_m"] for event in told["punctures"]}
+        with open(record, encoding="ascii", newline="") as stream:
+            for row in csv.DictReader(stream):
+                if row["state"] == "contact":  # with --coupling the tip is not exactly the penetration below the slice
+                    slice_z = float(row["tool_z_m"]) + float(row["penetration_m"])
+                    touched.add(min((z for z, index in heights.items() if index == int(row["active_slice"])), key=lambda z: abs(z - slice_z)))
+        good = done.returncode == 0 and not told["faults"] and touched == set(heights) and told["scaled_ticks"] == 0
+        return done.returncode, good
+
+    def agrees(self, name, scene_file, options, strict):
+        """Checks what --strict gave against the session, and returns the session's exit code."""
+        code, good = self.session(name, scene_file, options)
+        check((strict.returncode == 0) == good or name == ONLY_TISSUE, f"{name} {options}: the session ended with {code} "
+              f"({'good' if good else 'not good'}), --check --strict with {strict.returncode}: {strict.stderr}{strict.stdout}")
+        return code
+
+    def judged(self, name, scene, options=()):
+        """Checks one scene, a file or its content, against its session: (session's exit code, warnings)."""
+        scene_file = self.work / f"{name}.json"
+        if isinstance(scene, pathlib.Path):
+            scene_file = scene
+        else:
+            scene_file.write_text(json.dumps(scene))
+        words = (scene_file, "--asset", self.asset, "--check", *options)
+        plain, strict = self.call(*words), self.call(*words, "--strict")
+        lines = plain.stderr.splitlines()
+        warnings = [line for line in lines if line.startswith(f"trocar-run: warning: {scene_file}: ")]
+        check(plain.returncode == 0, f"{name}: --check ended with {plain.returncode}: {plain.stderr}")
+        check(warnings == lines, f"{name}: --check says more than warnings: {plain.stderr}")
+        check(strict.returncode == (REFUSED if warnings else 0), f"{name}: --strict ended with {strict.returncode}: {strict.stderr}")
+        check(strict.stderr.splitlines()[:len(lines)] == lines and len(strict.stderr.splitlines()) == len(lines) + bool(lines),
+              f"{name}: --strict says something else: {strict.stderr}")
+        check(untimed(strict.stdout) == untimed(plain.stdout), f"{name}: --strict prints something else")
+        return self.agrees(name, scene_file, options, strict), warnings
+
+
+def check_broken(judge):
+    for name, (scene, options, expected, patterns) in BROKEN.items():
+        code, warnings = judge.judged(name, scene, options)
+        check(expected is None or code == expected, f"{name}: the session ended with {code}, not {expected}")
+        check(len(warnings) == len(patterns), f"{name}: {len(warnings)} warnings, not {len(patterns)}: {warnings}")
+        for pattern in patterns:
+            check(any(re.search(pattern, line) for line in warnings), f"{name}: no warning of {pattern}: {warnings}")
+    # A session says the same at its start.
+    scene_file = judge.work / f"{ONLY_TISSUE}.json"
+    common = (scene_file, "--asset", judge.asset, "--clock", "virtual", "--duration", "0.01")
+    said = judge.call(*common).stderr.splitlines()
+    warned = judge.call(scene_file, "--asset", judge.asset, "--check").stderr.splitlines()
+    check(said == warned and len(said) == 1, f"a session does not say that no tissue fits: {said}, --check: {warned}")
+    check(judge.call(*common, "--quiet").stderr == "", "--quiet: a warning of tissues")
+
+
+def check_text(judge, source):
+    """The figures that --check prints of the paper's experiment: the path, the reach, the tissue, what is under the tool."""
+    scene = source / "runtime" / "scenes" / "three_slices.json"
+    text = judge.call(scene, "--asset", judge.asset, "--check").stdout
+    for pattern in (r"path .*x 0\.0000 to 0\.0000, y 0\.0000 to 0\.0000, z 0\.0880 to 0\.2020 m",
+                    r"speed at most 0\.0175 of 2 m/s",
+                    r"reach .*z 0\.06\d+ to 0\.23\d+ m",
+                    r"at 0\.1400 m x -0\.0\d+ to 0\.0\d+, y -0\.0\d+ to 0\.0\d+",
+                    r"trial .*7000 ticks.*no fault",
+                    r"goes through at 0\.884\d s at \(0\.0000, 0\.0000\) m: 100 % of the tool over material; threshold needs 0\.77 of 6\.00 Nm",
+                    r"punctured at 1\.5\d+ s", r"slice 21 .*the scene's \"tissue\""):
+        check(re.search(pattern, text), f"--check does not say {pattern}: {text}")
+    fits = judge.call(judge.work / "tissue_fits.json", "--asset", judge.asset, "--check").stdout
+    check(re.search(r"slice 17 .*tissue \"bone\": mean HU \d+", fits), f"--check does not say why a tissue was chosen: {fits}")
+    named = judge.call(judge.work / "tissue_is_named.json", "--asset", judge.asset, "--check").stdout
+    check(re.search(r"slice 17 .*tissue \"bone\": named by the slice", named), f"--check does not say why: {named}")
+    check("does not get there" in judge.call(judge.work / "held_inside_box.json", "--asset", judge.asset, "--check").stdout,
+          "--check does not say that the path leaves the box")
+    # Nothing is written, and --quiet leaves only the judgement.
+    before = sorted(judge.work.iterdir())
+    quiet = judge.call(judge.work / "no_material.json", "--asset", judge.asset, "--check", "--strict", "--quiet", "--record", judge.work / "r.csv")
+    check(quiet.returncode == REFUSED and quiet.stdout == "" and len(quiet.stderr.splitlines()) == 2, f"--quiet: {quiet}")
+    check(sorted(judge.work.iterdir()) == before, "--check has written a file")
+    lone = judge.call(scene, "--asset", judge.asset, "--strict")
+    check(lone.returncode == 2 and "--check" in lone.stderr, f"--strict without --check: {lone}")
+
+
+def check_beyond_trial(judge):
+    """A session longer than what --check simulates is judged by the path from there on."""
+    late = descent((0, 0, 0, 0.14), (1, 0, 0, 0.11), (2, 0, 0, 0.16), (700, 0, 0, 0.16), (701, 0.09, 0, 0.16), duration=900)
+    (judge.work / "late.json").write_text(json.dumps(late))
+    done = judge.call(judge.work / "late.json", "--asset", judge.asset, "--check")
+    check(done.returncode == 0 and re.search(r"at 700\.\d+ s: .*path.*workspace.*x 0\.06\d+ m", done.stderr), f"late: {done}")
+    check(re.search(r"trial .*of 900 s", done.stdout), f"late: {done.stdout}")
+    late["hand"]["trajectory"].pop()
+    (judge.work / "long.json").write_text(json.dumps(late))
+    done = judge.call(judge.work / "long.json", "--asset", judge.asset, "--check", "--strict")
+    check(done.returncode == 0, f"long: {done}")
+
+
+def check_random(judge):
+    rng = random.Random(SEED)
+    warned = 0
+    for i in range(RANDOM_SCENES):
+        scene_file, options = judge.work / f"random_{i}.json", rng.choice(OPTIONS)
+        scene_file.write_text(json.dumps(random_scene(rng)))
+        strict = judge.call(scene_file, "--asset", judge.asset, "--check", "--strict", *options)
+        judge.agrees(scene_file.stem, scene_file, options, strict)
+        warned += strict.returncode == REFUSED
+    check(6 <= warned <= RANDOM_SCENES - 6, f"{warned} of {RANDOM_SCENES} random scenes are warned of: too little is compared")
+
+
+def main():
+    if len(sys.argv) != 5:
+        print("usage: scene_check_e2e_test.py SOURCE BIN SCAN WORK", file=sys.stderr)
+        return 2
+    source, programs, scan, work = map(pathlib.Path, sys.argv[1:])
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    asset = work / "sample.glb"
+    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+    judge = Judge(programs, work, asset)
+    for scene in sorted((source / "runtime" / "scenes").glob("*.json")):
+        _, warnings = judge.judged(scene.stem, scene)
+        check(not warnings, f"{scene.name}: {warnings}")
+    for name, scene in GOOD.items():
+        _, warnings = judge.judged(name, scene)
+        check(not warnings, f"{name}: {warnings}")
+    check_broken(judge)
+    check_text(judge, source)
+    check_beyond_trial(judge)
+    check_random(judge)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
