@@ -157,12 +157,11 @@ void add_scan_options(CLI::App& app, Arguments& a) {
   app.add_option("--spacing", a.spacing, "X,Y,Z in mm, where the input has none");
   app.add_option("--slices", a.slices, "A:B, first and last slice, from 0");
   app.add_option("--crop", a.crop, "X0:X1,Y0:Y1, first and last pixel, from 0");
-  app.add_option("--series", a.series, "SeriesInstanceUID, of several in a folder");
+  app.add_option("--series", a.series, "UID, number or description, of several in a folder");
   app.add_flag("--any-modality", a.any_modality,
                "take DICOM that is not CT; its values are not HU");
-  app.add_option("--axis", a.axis, "slices of a volume: transverse, coronal or sagittal")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
+  a.axis_given = app.add_option("--axis", a.axis, "of a volume; else as stored, a NIfTI transverse")
+                     ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
 }
 
 Result<SolidOptions> solid_options(const Arguments& a) {
@@ -272,10 +271,12 @@ Result<BatchOptions> batch_options(const Arguments& a) {
 
 Result<OpenOptions> open_options(const Arguments& a) {
   OpenOptions out;
-  out.series_uid = a.series;
-  out.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
-             : a.axis == "sagittal" ? SliceAxis::kSagittal
-                                    : SliceAxis::kTransverse;
+  out.series = a.series;
+  if (a.axis_given->count() > 0) {
+    out.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
+               : a.axis == "sagittal" ? SliceAxis::kSagittal
+                                      : SliceAxis::kTransverse;
+  }
   out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
   if (!a.spacing.empty()) {
@@ -326,9 +327,12 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
   add_solid_parameters(o.solid, out);
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
-  if (!input.series_uid.empty()) out["series"] = input.series_uid;
-  if (input.axis != SliceAxis::kTransverse)
-    out["axis"] = input.axis == SliceAxis::kCoronal ? "coronal" : "sagittal";
+  if (!input.series.empty()) out["series"] = input.series;
+  if (input.axis) {
+    out["axis"] = *input.axis == SliceAxis::kCoronal    ? "coronal"
+                  : *input.axis == SliceAxis::kSagittal ? "sagittal"
+                                                        : "transverse";
+  }
   return out;
 }
 

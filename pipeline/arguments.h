@@ -26,7 +26,7 @@ struct Arguments {
   bool any_modality = false, quiet = false, explain = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
               *contour_given = nullptr, *area_given = nullptr, *area_px_given = nullptr,
-              *dump_slice_given = nullptr;
+              *axis_given = nullptr, *dump_slice_given = nullptr;
 };
 
 /// Declares the options; `a` must outlive the app.

@@ -17,7 +17,7 @@ namespace trocar::pipeline {
 struct BatchOptions {
   MeshOptions mesh;
   SolidOptions solid;
-  SliceAxis axis = SliceAxis::kTransverse;            ///< that the stack was opened along
+  std::optional<SliceAxis> axis;                      ///< that the stack was opened along
   std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
   int threads = 0;                                    ///< 0: all cores
   std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures

@@ -20,6 +20,7 @@
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 #include "pipeline/presets.h"
+#include "pipeline/scan_list.h"
 #include "pipeline/second_opinion.h"
 
 namespace {
@@ -182,6 +183,14 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchRe
                             {"slices", stack.size()},
                             {"width_px", stack.width()},
                             {"height_px", stack.height()}};
+  if (stack.series) {
+    const SeriesInfo& s = *stack.series;
+    result.report["input"]["series"] = {{"uid", s.uid},
+                                        {"number", s.number ? json(*s.number) : json()},
+                                        {"description", s.description},
+                                        {"kernel", s.kernel},
+                                        {"modality", s.modality}};
+  }
   return {};
 }
 
@@ -222,7 +231,7 @@ int mesh(const Arguments& a) {
   if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
   auto options = batch_options(a);
   if (!options) return fail(options.error());
-  const auto open = open_options(a);
+  auto open = open_options(a);
   if (!open) return fail(open.error());
   stop_on_signals();
   const auto stack = open_stack(a.inputs, *open);
@@ -231,6 +240,10 @@ int mesh(const Arguments& a) {
   if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
   options->stop = &stop_requested;
+  // The asset does not depend on how the series was named; a volume that is no DICOM is transverse
+  // without --axis, too.
+  if (!open->series.empty()) open->series = (*stack)->series->uid;
+  if (!(*stack)->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
   options->axis = open->axis;
   auto result = mesh_stack(**stack, *options, parameters_json(*options, *open));
   if (!result) return fail(result.error());
@@ -238,6 +251,18 @@ int mesh(const Arguments& a) {
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
   if (auto ok = write_outputs(a, **stack, *result); !ok) return fail(ok.error());
   if (!a.quiet) print_outcome(a, result->report);
+  return 0;
+}
+
+int list(const fs::path& folder, bool as_json) {
+  std::vector<Warning> warnings;
+  const auto scans = list_scans(folder, warnings);
+  if (!scans) return fail(scans.error());
+  std::cout << (as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, folder.string()));
+  for (const Warning& w : warnings)
+    std::cerr << "trocar-mesh: warning (" << w.code << "): " << w.where << ": " << w.sentence
+              << '\n';
+  if (auto ok = check_any_usable(*scans, folder.string()); !ok) return fail(ok.error());
   return 0;
 }
 
@@ -328,7 +353,7 @@ Result<void> check_nothing_before(const CLI::App& app) {
 int run(int argc, char** argv) {
   CLI::App app{
       "Makes an asset of exact triangle meshes, one per slice, from a CT scan.\n"
-      "INPUT is a folder or list of images, a folder of DICOM files, or a .nii/.nii.gz."};
+      "INPUT is a study's folder of DICOM files, a .nii/.nii.gz, or a folder or list of images."};
   app.name(kName);
   app.get_formatter()->column_width(46);
   add_help_and_version(app, kVersion);
@@ -336,8 +361,10 @@ int run(int argc, char** argv) {
   Arguments a;
   add_mesh_options(app, a);
 
-  fs::path asset, folder;
+  fs::path asset, folder, study;
   bool as_json = false;
+  CLI::App* list_command = app.add_subcommand("list", "show the scans in a folder");
+  list_command->add_option("FOLDER", study, "of a study, with its sub-folders")->required();
   CLI::App* verify_command = app.add_subcommand("verify", "check an asset's invariants");
   CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
@@ -349,7 +376,7 @@ int run(int argc, char** argv) {
                            "also compare with CGAL's triangulation, which is not Trocar's code");
   for (CLI::App* command : {info_command, export_command})
     command->add_option("ASSET", asset, "the .glb")->required();
-  for (CLI::App* command : {verify_command, info_command})
+  for (CLI::App* command : {list_command, verify_command, info_command})
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
@@ -365,6 +392,7 @@ int run(int argc, char** argv) {
     return mesh(a);
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
+  if (*list_command) return list(study, as_json);
   if (*verify_command) return verify_all(assets, independent, as_json);
   if (*info_command) return info(asset, as_json);
   return export_to(asset, folder);

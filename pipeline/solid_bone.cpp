@@ -169,8 +169,9 @@ Result<void> check_same_grid(const SliceStack& stack, const SliceStack& mask,
 }
 
 // Step 3. A voxel stays if its centre is within the margin of a wanted voxel's.
-Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid, SliceAxis axis,
-                            const SolidOptions& options, Bytes& material) {
+Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
+                            std::optional<SliceAxis> axis, const SolidOptions& options,
+                            Bytes& material) {
   OpenOptions open;
   open.axis = axis;
   open.as_labels = true;
@@ -243,7 +244,7 @@ Bytes difference(const Bytes& of, const Bytes& without) {
 }  // namespace
 
 Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& segmentation,
-                                  SliceAxis axis, const SolidOptions& options) {
+                                  std::optional<SliceAxis> axis, const SolidOptions& options) {
   const auto grid = grid_of(stack);
   if (!grid) return grid.error();
   auto flags = segmented(stack, segmentation, *grid);

@@ -56,7 +56,7 @@ class SolidBone {
   /// are not parallel or not in ascending order, a mask on another grid, a seed that is not near
   /// any material, nothing left. O(voxels log voxels) with seeds, else O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
-                                SliceAxis axis, const SolidOptions& options);
+                                std::optional<SliceAxis> axis, const SolidOptions& options);
 
   /// Material of the pixel, in the whole slice.
   bool inside(int slice, int x, int y) const {

@@ -144,9 +144,29 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   return {};
 }
 
+SeriesInfo read_series(DcmDataset& data) {
+  SeriesInfo out;
+  out.uid = dicom_text(&data, DCM_SeriesInstanceUID);
+  out.study_uid = dicom_text(&data, DCM_StudyInstanceUID);
+  out.study_date = dicom_text(&data, DCM_StudyDate);
+  if (Sint32 number = 0; data.findAndGetSint32(DCM_SeriesNumber, number).good())
+    out.number = number;
+  out.description = dicom_utf8(data, DCM_SeriesDescription);
+  out.modality = dicom_utf8(data, DCM_Modality);
+  OFString image_type;
+  data.findAndGetOFStringArray(DCM_ImageType, image_type);
+  out.image_type = without_control(image_type.c_str());
+  Places at{nullptr, nullptr, &data};
+  data.findAndGetSequenceItem(DCM_PerFrameFunctionalGroupsSequence, at.per_frame);
+  data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
+  out.kernel = dicom_text(at.find(DCM_CTReconstructionSequence, DCM_ConvolutionKernel),
+                          DCM_ConvolutionKernel);
+  return out;
+}
+
 // Reads all frames of a file that has pixels. Returns what is wrong, or nothing.
 std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
-                                       DicomFile& out) {
+                                       DicomExtent extent, DicomFile& out) {
   DcmDataset& data = *format.getDataset();
   DicomFrame common;
   common.file = out.file;
@@ -165,7 +185,9 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
     return std::to_string(frames) + " frames, but per-frame functional groups for " +
            std::to_string(groups == nullptr ? 0 : groups->card());
   }
-  if (auto wrong = check_length(format, common)) return wrong;
+  if (extent == DicomExtent::kWhole) {
+    if (auto wrong = check_length(format, common)) return wrong;
+  }
 
   Places at{nullptr, nullptr, &data};
   data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
@@ -190,6 +212,13 @@ std::string DicomFrame::name() const {
   return frames == 1 ? file.string() : file.string() + " frame " + std::to_string(frame + 1);
 }
 
+std::string without_control(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
+}
+
 bool has_dicom_preamble(const std::filesystem::path& file) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(file, error)) return false;  // opening a pipe would block
@@ -198,15 +227,28 @@ bool has_dicom_preamble(const std::filesystem::path& file) {
   return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
 }
 
+bool may_be_dicom(const std::filesystem::path& file) {
+  if (has_dicom_preamble(file)) return true;
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;
+  char tag[2] = {};
+  std::ifstream in(file, std::ios::binary);
+  if (!in.read(tag, sizeof tag)) return false;
+  // 2: file meta information; 8: identification of the image, where there is none.
+  const char group = tag[0] != 0 ? tag[0] : tag[1], other = tag[0] != 0 ? tag[1] : tag[0];
+  return other == 0 && (group == 2 || group == 8);
+}
+
 DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpacing& spacing_mm,
-                             bool any_modality) {
+                             bool any_modality, DicomExtent extent) {
   set_up_dcmtk();
   DicomFile out;
   out.file = file;
   DcmFileFormat format;
-  const OFCondition loaded = load_dicom(file, format);
+  const bool whole = extent == DicomExtent::kWhole;
+  const OFCondition loaded = whole ? load_dicom(file, format) : load_dicom_header(file, format);
   DcmDataset& data = *format.getDataset();
-  out.series_uid = dicom_text(&data, DCM_SeriesInstanceUID);
+  out.series = read_series(data);
   const auto unusable = [&out](const std::string& why) {
     out.kind = DicomFile::Kind::kUnusable;
     out.problem = out.file.string() + ": " + why;
@@ -214,19 +256,21 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   };
   if (loaded.bad()) {
     // Other files beside the slices (text, for example) are skipped; damaged DICOM files are not.
-    if (has_dicom_preamble(file) || !out.series_uid.empty()) {
+    if (has_dicom_preamble(file) || !out.series.uid.empty()) {
       unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
     }
     return out;
   }
-  if (!data.tagExists(DCM_PixelData)) return out;
+  if (!data.tagExists(whole ? DCM_PixelData : DCM_Rows)) return out;
   out.content = image_content(data);
   const bool is_localiser = out.content.kind == ImageContent::Kind::kLocaliser;
   out.kind = is_localiser ? DicomFile::Kind::kLocaliser : DicomFile::Kind::kImages;
-  out.is_colour = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1;
+  out.is_capture = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1 ||
+                   (dicom_text(&data, DCM_SOPClassUID) == UID_SecondaryCaptureImageStorage &&
+                    !data.tagExists(DCM_ImagePositionPatient));
   if (!any_modality && (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
     unusable(why_not_ct(out.content));
-  } else if (auto wrong = read_frames(format, spacing_mm, out)) {
+  } else if (auto wrong = read_frames(format, spacing_mm, extent, out)) {
     unusable(*wrong);
   }
   if (is_localiser) out.kind = DicomFile::Kind::kLocaliser;

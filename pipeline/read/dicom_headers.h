@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "pipeline/read/modality.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 
@@ -40,21 +41,33 @@ struct DicomFile {
   };
   std::filesystem::path file;
   Kind kind = Kind::kNotImage;
-  std::string series_uid;  ///< empty if missing
-  std::string problem;     ///< one line, with the file's name
-  bool is_colour = false;  ///< a screen capture, for example: never a slice
+  SeriesInfo series;        ///< its UID is empty if missing
+  std::string problem;      ///< one line, with the file's name
+  bool is_capture = false;  ///< of a screen, for example: never a slice
   ImageContent content;
   std::vector<DicomFrame> frames;
 };
 
+/// The text with ? for its control characters: messages and tables keep their lines.
+std::string without_control(std::string text);
+
 /// Whether the first 132 bytes are those of a DICOM file. Its name does not matter.
 bool has_dicom_preamble(const std::filesystem::path& file);
+
+/// Whether a file in a folder is worth parsing: it has the preamble, or, without one, begins with
+/// the tag of a group that DICOM files begin with.
+bool may_be_dicom(const std::filesystem::path& file);
+
+enum class DicomExtent {
+  kWhole,   ///< pixels are not decoded, but must be complete
+  kHeader,  ///< nothing behind the header is read, or needs to be there
+};
 
 /// Never fails: problems are in the result. `spacing_mm`, if given, is for frames without a
 /// pixel spacing of their own. Images of another modality than CT are kUnusable, and localisers
 /// have no frames, unless `any_modality`.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
-                             bool any_modality = false);
+                             bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);
 
 }  // namespace trocar::pipeline

@@ -3,6 +3,7 @@
 
 #include <dcmtk/dcmdata/dcistrmf.h>
 #include <dcmtk/dcmdata/dcrledrg.h>
+#include <dcmtk/dcmdata/dcspchrs.h>
 #include <dcmtk/dcmjpeg/djdecode.h>
 #include <dcmtk/dcmjpls/djdecode.h>
 #include <dcmtk/oflog/oflog.h>
@@ -10,6 +11,8 @@
 #include <cmath>
 #include <cstdlib>
 #include <mutex>
+
+#include "pipeline/read/dicom_headers.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -58,6 +61,16 @@ class GuardedStream final : public DcmInputFileStream {
   mutable const char* over_ = nullptr;
 };
 
+OFCondition load_until(const std::filesystem::path& file, DcmFileFormat& format,
+                       const DcmTagKey& last) {
+  GuardedStream stream(OFFilename(file.c_str()));
+  if (stream.status().bad()) return stream.status();
+  format.transferInit();
+  OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, last);
+  format.transferEnd();
+  return stream.was_over() ? stream.status() : done;
+}  // NOLINT(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+
 }  // namespace
 
 void set_up_dcmtk() {
@@ -71,21 +84,31 @@ void set_up_dcmtk() {
 }
 
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format) {
-  GuardedStream stream(OFFilename(file.c_str()));
-  if (stream.status().bad()) return stream.status();
-  format.transferInit();
-  OFCondition done = format.read(stream, EXS_Unknown, EGL_noChange, 4096);
-  format.transferEnd();
-  return stream.was_over() ? stream.status() : done;
-}  // NOLINT(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+  return load_until(file, format, DCM_UndefinedTagKey);
+}
+
+OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format) {
+  return load_until(file, format, DCM_PixelData);
+}
 
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
   OFString value;
   if (item == nullptr || item->findAndGetOFString(tag, value).bad()) return {};
-  std::string out(value.c_str());
-  for (char& c : out) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';  // messages stay one line
+  return without_control(value.c_str());
+}
+
+std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag) {
+  OFString value, set, converted;
+  if (data.findAndGetOFString(tag, value).bad()) return {};
+  data.findAndGetOFStringArray(DCM_SpecificCharacterSet, set);
+  DcmSpecificCharacterSet charset;
+  if (!set.empty() && charset.selectCharacterSet(set).good() &&
+      charset.convertString(value, converted).good()) {
+    value = converted;
   }
+  std::string out = without_control(value.c_str());
+  out.erase(0, out.find_first_not_of(' '));
+  out.erase(out.find_last_not_of(' ') + 1);
   return out;
 }
 

@@ -21,8 +21,13 @@ void set_up_dcmtk();
 /// small deflated file may have). DCMTK itself has no such limits.
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
 
-/// The element's text, empty if there is none. `item` may be null in all three.
+/// The same up to the pixel data, which is neither read nor needs to be there.
+OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format);
+
+/// The element's text, empty if there is none. `item` may be null in all that take one.
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag);
+/// The element's text, which may have letters beyond ASCII, as UTF-8, without spaces around it.
+std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag);
 /// `count` finite numbers; false if they are not there.
 bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count);
 int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);

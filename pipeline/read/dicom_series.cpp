@@ -3,22 +3,20 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cctype>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
+#include <limits>
 #include <map>
+#include <set>
+#include <utility>
+
+#include "pipeline/read/scan_folder.h"
 
 namespace trocar::pipeline {
 namespace {
-
-struct Series {
-  std::vector<DicomFrame> slices;
-  std::string problem;  // of its first unusable file
-  std::size_t unusable = 0;
-  std::size_t broken = 0;  // of those: what should have been slices
-  std::string first_file;  // any, for messages
-  // Broken slices count: a damaged scan is still chosen over a smaller series beside it.
-  std::size_t images() const { return slices.size() + broken; }
-};
 
 std::string format_mm(double mm) {
   char out[32];
@@ -37,75 +35,129 @@ std::string substitute_uid(const DicomFile& file) {
   return "(no UID, frame of reference '" + h.frame_of_reference + "'" + rest;
 }
 
-std::map<std::string, Series> group(const std::vector<DicomFile>& files,
-                                    std::vector<Warning>& warnings) {
-  std::map<std::string, Series> out;
-  std::string without_series, without_sop;
-  std::size_t series_count = 0, sop_count = 0;
-  for (const DicomFile& file : files) {
-    const std::string name = file.file.string();
-    if (file.kind == DicomFile::Kind::kNotImage) {
-      warnings.push_back({"not_dicom", name, "not a DICOM image; left out"});
-      continue;
-    }
-    if (file.kind == DicomFile::Kind::kLocaliser) {
-      warnings.push_back({"localiser", name, "a localiser; left out"});
-      continue;
-    }
-    if (file.series_uid.empty()) {
-      if (series_count++ == 0) without_series = name;
-    }
-    Series& series = out[file.series_uid.empty() ? substitute_uid(file) : file.series_uid];
-    if (series.first_file.empty()) series.first_file = name;
-    if (file.kind == DicomFile::Kind::kUnusable) {
-      if (series.unusable++ == 0) series.problem = file.problem;
-      const bool is_other = file.content.kind == ImageContent::Kind::kOther;
-      if (!file.is_colour && !is_other) ++series.broken;
-      continue;
-    }
-    if (file.frames[0].sop_uid.empty() && sop_count++ == 0) without_sop = name;
-    series.slices.insert(series.slices.end(), file.frames.begin(), file.frames.end());
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+std::string plural(std::size_t n, const char* what) {
+  return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
+}
+
+// What a series is, in brackets behind its name.
+std::string description(const DicomSeries& s) {
+  if (s.is_localiser()) return "localiser";
+  const std::string modality = s.info.modality.empty() ? "" : s.info.modality + ", ";
+  if (s.unusable > 0) return modality + plural(s.unusable, "unusable file") + ": " + s.problem;
+  return modality + plural(s.slices.size(), "slice");
+}
+
+// The first of them, with what they are.
+std::string named(const std::vector<const DicomSeries*>& series) {
+  constexpr std::size_t kMost = 8;
+  std::string out;
+  for (std::size_t i = 0; i < std::min(series.size(), kMost); ++i) {
+    out +=
+        (i == 0 ? "" : ", ") + series_name(series[i]->info) + " (" + description(*series[i]) + ")";
   }
-  if (series_count > 0) {
-    warnings.push_back({"no_series_uid", without_series,
-                        std::to_string(series_count) +
-                            " files have no SeriesInstanceUID (this is the first); they are "
-                            "grouped by frame of reference, orientation and size"});
-  }
-  if (sop_count > 0) {
-    warnings.push_back(
-        {"no_sop_uid", without_sop,
-         std::to_string(sop_count) + " files have no SOPInstanceUID (this is the first)"});
+  if (series.size() > kMost)
+    out += " and " + std::to_string(series.size() - kMost) + " more, see trocar-mesh list";
+  return out;
+}
+
+// With the UID where number or name are those of another one, too.
+std::string told_apart(const std::vector<const DicomSeries*>& series) {
+  std::string out;
+  for (const DicomSeries* s : series) {
+    const std::string name = series_name(s->info);
+    const auto alike = std::count_if(series.begin(), series.end(), [&](const DicomSeries* other) {
+      return series_name(other->info) == name ||
+             (s->info.number && other->info.number == s->info.number);
+    });
+    out += (out.empty() ? "" : ", ") + name;
+    if (alike > 1 && name != s->info.uid) out += " (" + s->info.uid + ")";
   }
   return out;
 }
 
-// Warns of gaps unlike the median and of shifts within the planes (a tilted gantry).
-void warn_of_gaps(const std::vector<DicomFrame>& slices, const Eigen::Vector3d& normal,
-                  std::vector<Warning>& warnings) {
-  std::vector<double> gaps;
-  double shift = 0;
-  for (std::size_t i = 1; i < slices.size(); ++i) {
-    const Eigen::Vector3d step = slices[i].position - slices[i - 1].position;
-    gaps.push_back(normal.dot(step));
-    shift = std::max(shift, (step - normal * normal.dot(step)).norm());
+std::vector<const DicomSeries*> pointers(const std::vector<DicomSeries>& series) {
+  std::vector<const DicomSeries*> out;
+  out.reserve(series.size());
+  for (const DicomSeries& s : series)
+    out.push_back(&s);
+  return out;
+}
+
+// Those that `wanted` names.
+std::vector<const DicomSeries*> matches(const std::vector<DicomSeries>& series,
+                                        const std::string& wanted) {
+  std::vector<const DicomSeries*> out;
+  const auto add = [&](auto is_it) {
+    for (const DicomSeries& s : series) {
+      if (is_it(s.info)) out.push_back(&s);
+    }
+    return !out.empty();
+  };
+  if (add([&](const SeriesInfo& s) { return s.uid == wanted; })) return out;
+  int number = 0;
+  const char* const end = wanted.data() + wanted.size();
+  const auto [rest, error] = std::from_chars(wanted.data(), end, number);
+  const bool is_number = error == std::errc() && rest == end;
+  if (is_number && add([&](const SeriesInfo& s) { return s.number == number; })) return out;
+  if (add([&](const SeriesInfo& s) { return s.description == wanted; })) return out;
+  // A number that is not there is not looked for in descriptions such as "Thorax 3.0".
+  if (!is_number) {
+    add([&](const SeriesInfo& s) {
+      return lower(s.description).find(lower(wanted)) != std::string::npos;
+    });
   }
-  if (shift > 0.01) {
+  return out;
+}
+
+// 0 what is taken before others.
+int rank(const DicomSeries& s) {
+  if (s.content.kind == ImageContent::Kind::kCt) return 0;
+  return s.content.kind == ImageContent::Kind::kUnknown ? 1 : 2;
+}
+
+// `candidates`: those of `all` that have slices.
+std::string why_chosen(const std::vector<const DicomSeries*>& all,
+                       const std::vector<const DicomSeries*>& candidates, const DicomSeries& best) {
+  const auto alike = std::count_if(candidates.begin(), candidates.end(),
+                                   [&best](const auto* s) { return rank(*s) == rank(best); });
+  const auto equal = std::count_if(candidates.begin(), candidates.end(), [&best](const auto* s) {
+    return rank(*s) == rank(best) && s->images() == best.images();
+  });
+  const bool is_ct = rank(best) == 0;
+  const std::string what = is_ct ? " CT series" : " series";
+  if (equal > 1) {
+    return std::string("the ") + (best.info.number ? "lowest number" : "first UID") + " of the " +
+           std::to_string(equal) + what + " with most slices";
+  }
+  if (alike > 1) return "most slices of the " + std::to_string(alike) + what;
+  const bool has_others = std::any_of(
+      all.begin(), all.end(), [](const auto* s) { return !s->is_localiser() && rank(*s) == 2; });
+  if (is_ct && has_others) return "the only CT series";
+  return candidates.size() == 1 ? "the only one with slices" : "the only one that may be CT";
+}
+
+// Warns of gaps unlike the median and of shifts within the planes (a tilted gantry).
+void warn_of_gaps(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
+  const StackShape shape = stack_shape(slices);
+  if (shape.is_tilted()) {
     warnings.push_back({"gantry_tilt", slices[0].name(),
-                        "slices are shifted within their planes by up to " + format_mm(shift) +
+                        "slices are shifted within their planes by up to " +
+                            format_mm(shape.shift_mm) +
                             " mm from one to the next; each keeps its position"});
   }
-  if (gaps.size() < 2) return;
-  std::vector<double> sorted = gaps;
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
-                   sorted.end());
-  const double median = sorted[sorted.size() / 2];
-  for (std::size_t i = 0; i < gaps.size(); ++i) {
-    if (std::abs(gaps[i] - median) > 0.01 * median) {
-      warnings.push_back({gaps[i] > 1.5 * median ? "missing_slice" : "uneven_spacing",
+  for (std::size_t i = 0; i < shape.gaps_mm.size(); ++i) {
+    const double gap = shape.gaps_mm[i];
+    if (shape.is_uneven(i)) {
+      warnings.push_back({gap > 1.5 * shape.step_mm ? "missing_slice" : "uneven_spacing",
                           slices[i].name() + ", " + slices[i + 1].name(),
-                          "a gap of " + format_mm(gaps[i]) + " mm between them, where " +
-                              format_mm(median) +
+                          "a gap of " + format_mm(gap) + " mm between them, where " +
+                              format_mm(shape.step_mm) +
                               " mm is the median; positions are kept as they are"});
     }
   }
@@ -132,52 +184,157 @@ Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Wa
 
 }  // namespace
 
-Result<std::vector<DicomFrame>> choose_series(const std::vector<DicomFile>& files,
-                                              const std::string& wanted, const std::string& where,
-                                              std::vector<Warning>& warnings) {
-  std::map<std::string, Series> series = group(files, warnings);
-  if (series.empty()) {
-    return refused(files.size() == 1
-                       ? files[0].file.string() +
-                             ": not a DICOM image, and its name is not that of a NIfTI (.nii, "
-                             ".nii.gz) or an image (.png, .tif, .bmp, .jpg)"
-                       : where + ": contains no DICOM images (" +
-                             files[0].file.filename().string() + " is not one)");
+std::string series_name(const SeriesInfo& series) {
+  if (!series.number && series.description.empty()) return series.uid;
+  std::string number = series.number ? std::to_string(*series.number) : "";
+  if (series.description.empty()) return number;
+  return number + (number.empty() ? "'" : " '") + series.description + "'";
+}
+
+std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
+                                      std::vector<Warning>& warnings) {
+  std::map<std::string, DicomSeries> by_uid;
+  std::string without_series, without_sop;
+  std::size_t series_count = 0, sop_count = 0;
+  for (const DicomFile& file : files) {
+    const std::string name = file.file.string();
+    if (file.kind == DicomFile::Kind::kNotImage) {
+      if (!is_left_by_system(file.file))
+        warnings.push_back({"not_dicom", name, "not a DICOM image; left out"});
+      continue;
+    }
+    if (file.series.uid.empty() && file.kind != DicomFile::Kind::kLocaliser) {
+      if (series_count++ == 0) without_series = name;
+    }
+    const std::string uid = file.series.uid.empty() ? substitute_uid(file) : file.series.uid;
+    DicomSeries& series = by_uid[uid];
+    if (series.files.empty()) {
+      series.info = file.series;
+      series.info.uid = uid;
+      series.content = file.content;
+    }
+    series.files.push_back(file.file);
+    if (file.kind == DicomFile::Kind::kLocaliser) {
+      warnings.push_back({"localiser", name, "a localiser; left out"});
+      ++series.localisers;
+      continue;
+    }
+    // What is said of the series is what its slices say.
+    if (series.localisers > 0 && series.images() == 0) {
+      series.info = file.series;
+      series.info.uid = uid;
+      series.content = file.content;
+    }
+    if (file.kind == DicomFile::Kind::kUnusable) {
+      if (series.unusable++ == 0) series.problem = file.problem;
+      const bool is_other = file.content.kind == ImageContent::Kind::kOther;
+      if (!file.is_capture && !is_other) ++series.broken;
+      continue;
+    }
+    if (file.frames[0].sop_uid.empty() && sop_count++ == 0) without_sop = name;
+    series.slices.insert(series.slices.end(), file.frames.begin(), file.frames.end());
   }
-  auto chosen = series.begin();
-  if (!wanted.empty()) {
-    chosen = series.find(wanted);
-    if (chosen == series.end()) {
-      std::string have;
-      for (const auto& [uid, s] : series)
-        have += " " + uid + " (" + std::to_string(s.slices.size()) + ")";
-      return usage("no series " + wanted + "; there are:" + have);
-    }
-  } else {
-    for (auto it = series.begin(); it != series.end(); ++it) {
-      if (it->second.images() > chosen->second.images()) chosen = it;
-    }
-    for (auto it = series.begin(); it != series.end(); ++it) {
-      if (it == chosen) continue;
-      const Series& s = it->second;
-      warnings.push_back({"other_series", s.first_file,
-                          "series '" + it->first + "' of " + std::to_string(s.slices.size()) +
-                              " images was left out; choose it with --series" +
-                              (s.unusable == 0 ? ""
-                                               : " (it has " + std::to_string(s.unusable) +
-                                                     " that cannot be used: " + s.problem + ")")});
-    }
+  if (series_count > 0) {
+    warnings.push_back({"no_series_uid", without_series,
+                        std::to_string(series_count) +
+                            " files have no SeriesInstanceUID (this is the first); they are "
+                            "grouped by frame of reference, orientation and size"});
   }
-  Series& out = chosen->second;
+  if (sop_count > 0) {
+    warnings.push_back(
+        {"no_sop_uid", without_sop,
+         std::to_string(sop_count) + " files have no SOPInstanceUID (this is the first)"});
+  }
+  std::vector<DicomSeries> out;
+  out.reserve(by_uid.size());
+  for (auto& [uid, series] : by_uid)
+    out.push_back(std::move(series));
+  std::stable_sort(out.begin(), out.end(), [](const DicomSeries& a, const DicomSeries& b) {
+    constexpr int kLast = std::numeric_limits<int>::max();
+    return a.info.number.value_or(kLast) < b.info.number.value_or(kLast);
+  });
+  return out;
+}
+
+Result<std::string> named_series(const std::vector<DicomSeries>& series,
+                                 const std::string& wanted) {
+  const auto named_so = matches(series, wanted);
+  if (named_so.empty())
+    return usage("no series " + wanted + "; there are: " + named(pointers(series)));
+  if (named_so.size() > 1) {
+    return usage("--series " + wanted + " is said of " + std::to_string(named_so.size()) +
+                 " series: " + told_apart(named_so) + "; give a number or a UID");
+  }
+  return named_so[0]->info.uid;
+}
+
+Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
+                                   const std::string& where) {
+  const auto all = pointers(series);
+  if (!uid.empty()) {
+    const auto chosen = std::find_if(series.begin(), series.end(),
+                                     [&uid](const DicomSeries& s) { return s.info.uid == uid; });
+    if (chosen == series.end()) return bug("no series " + uid);
+    if (chosen->is_localiser())
+      return refused(where + ": series " + series_name(chosen->info) + " is a localiser");
+    return ChosenSeries{static_cast<std::size_t>(chosen - series.begin()), {}};
+  }
+  std::vector<const DicomSeries*> candidates;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(candidates),
+               [](const DicomSeries* s) { return s->images() > 0; });
+  if (candidates.empty()) {  // captures, or localisers only
+    const auto other = std::find_if_not(all.begin(), all.end(),
+                                        [](const DicomSeries* s) { return s->is_localiser(); });
+    if (other == all.end()) {
+      return refused(where + ": contains no slices, only " +
+                     (all.size() == 1 ? "the localiser " : "localisers, the first ") +
+                     series_name(all[0]->info));
+    }
+    candidates = {*other};
+  }
+  const auto best = *std::min_element(
+      candidates.begin(), candidates.end(), [](const DicomSeries* a, const DicomSeries* b) {
+        return std::pair(rank(*a), b->images()) < std::pair(rank(*b), a->images());
+      });
+  const std::string why = series.size() == 1 ? "" : why_chosen(all, candidates, *best);
+  return ChosenSeries{static_cast<std::size_t>(best - series.data()), why};
+}
+
+Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series,
+                                          const ChosenSeries& chosen, const std::string& where,
+                                          std::vector<Warning>& warnings) {
+  const DicomSeries& out = series[chosen.index];
+  std::vector<const DicomSeries*> others = pointers(series);
+  std::erase_if(others, [&out](const DicomSeries* s) { return s == &out || s->is_localiser(); });
+  if (!chosen.why.empty() && !others.empty()) {
+    std::set<std::string> studies = {out.info.study_uid};
+    for (const DicomSeries* s : others)
+      studies.insert(s->info.study_uid);
+    warnings.push_back({"other_series", where,
+                        "series " + series_name(out.info) + " was taken (" + chosen.why + ", " +
+                            plural(out.slices.size(), "slice") + "); left out: " + named(others) +
+                            (studies.size() == 1
+                                 ? ""
+                                 : "; they are of " + std::to_string(studies.size()) + " studies") +
+                            "; choose with --series"});
+  }
   if (out.unusable > 0) {
     return refused(out.problem +
                    (out.unusable == 1
                         ? ""
                         : " (and " + std::to_string(out.unusable - 1) + " more files like it)") +
-                   (series.size() > 1 && wanted.empty() ? "; --series chooses another" : ""));
+                   (chosen.why.empty() ? "" : "; --series chooses another"));
   }
   if (auto ok = check_rescale(out.slices, warnings); !ok) return ok.error();
-  return std::move(out.slices);
+  return out.slices;
+}
+
+StackShape stack_shape(const std::vector<DicomFrame>& slices) {
+  std::vector<Eigen::Vector3d> positions;
+  positions.reserve(slices.size());
+  for (const DicomFrame& slice : slices)
+    positions.push_back(slice.position);
+  return stack_shape(positions, slices[0].u.cross(slices[0].v));
 }
 
 Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
@@ -210,7 +367,7 @@ Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning
                      (same ? ", and the same SOP instance" : ""));
     }
   }
-  warn_of_gaps(slices, normal, warnings);
+  warn_of_gaps(slices, warnings);
   return {};
 }
 

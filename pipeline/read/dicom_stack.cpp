@@ -83,30 +83,59 @@ Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string&
               "positions"};
 }
 
+Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
+  if (files.size() == 1) {
+    return refused(files[0].file.string() +
+                   ": not a DICOM image, and its name is not that of a NIfTI (.nii, .nii.gz) or an "
+                   "image (.png, .tif, .bmp, .jpg)");
+  }
+  return refused(where + ": contains no DICOM images (" + files[0].file.filename().string() +
+                 " is not one)");
+}
+
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options) {
-  auto stack = std::make_unique<DicomStack>();
   const std::filesystem::path folder = files[0].parent_path();
   const std::string where = ((folder.empty() ? "." : folder) / "").string();
   std::vector<DicomFile> headers;
   headers.reserve(files.size());
   for (const std::filesystem::path& file : files)
     headers.push_back(read_dicom_headers(file, options.spacing_mm, options.any_modality));
-  if (auto ok = settle_localisers(headers, options.series_uid, options.any_modality); !ok)
-    return ok.error();
-  auto chosen = choose_series(headers, options.series_uid, where, stack->warnings);
+  return open_dicom(std::move(headers), where, options);
+}
+
+Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
+                                               const std::string& where,
+                                               const OpenOptions& options) {
+  auto stack = std::make_unique<DicomStack>();
+  std::vector<Warning> ignored;
+  const auto before = group_series(headers, ignored);
+  if (before.empty()) return no_dicom(headers, where);
+  std::string uid;
+  if (!options.series.empty()) {
+    const auto wanted = named_series(before, options.series);
+    if (!wanted) return wanted.error();
+    uid = *wanted;
+  }
+  if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
+  const auto series = group_series(headers, stack->warnings);
+  const auto chosen = choose_series(series, uid, where);
   if (!chosen) return chosen.error();
-  stack->slices_ = std::move(*chosen);
+  auto slices = slices_of(series, *chosen, where, stack->warnings);
+  if (!slices) return slices.error();
+  stack->slices_ = std::move(*slices);
+  stack->series = series[chosen->index].info;
   if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) return ok.error();
   if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)
     used.insert(h.file);
   stack->modality = other_modality(headers, used, stack->warnings);
-  std::copy_if(files.begin(), files.end(), std::back_inserter(stack->files),
-               [&used](const std::filesystem::path& file) { return used.count(file) > 0; });
+  for (const DicomFile& file : headers) {
+    if (used.count(file.file) > 0) stack->files.push_back(file.file);
+  }
   const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
   for (const DicomFrame& h : stack->slices_) {
     SlicePlane plane{h.spacing_u_mm, h.spacing_v_mm, Eigen::Affine3d::Identity(), 0};
@@ -115,6 +144,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
     plane.z_mm = normal.dot(h.position);
     stack->planes_.push_back(plane);
   }
+  if (options.axis) return resliced(std::move(stack), *options.axis, where);
   return std::unique_ptr<SliceStack>(std::move(stack));
 }
 

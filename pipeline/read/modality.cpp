@@ -125,14 +125,14 @@ Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string&
   using Kind = DicomFile::Kind;
   DicomFile* first = nullptr;
   for (DicomFile& file : files) {
-    if (!wanted.empty() && file.series_uid != wanted) continue;
+    if (!wanted.empty() && file.series.uid != wanted) continue;
     if (file.kind == Kind::kImages || file.kind == Kind::kUnusable) return {};
     if (file.kind == Kind::kLocaliser && first == nullptr) first = &file;
   }
   if (first == nullptr) return {};
   if (!any_modality) return refused(first->problem);
   for (DicomFile& file : files) {
-    if (file.kind == Kind::kLocaliser && (wanted.empty() || file.series_uid == wanted))
+    if (file.kind == Kind::kLocaliser && (wanted.empty() || file.series.uid == wanted))
       file.kind = file.frames.empty() ? Kind::kUnusable : Kind::kImages;
   }
   return {};

@@ -7,11 +7,13 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
 
@@ -38,5 +40,10 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
                                        const std::string& file, std::vector<Warning>& warnings);
 
 inline constexpr std::size_t kNiftiHeadBytes = 540;
+
+/// The slices along an axis of voxels on disk, as of a NIfTI file with this header. `name` is for
+/// messages. Errors (refused): the planes' rows and columns are not at right angles, or too large.
+Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
+                                                VolumeFile voxels, SliceAxis axis);
 
 }  // namespace trocar::pipeline

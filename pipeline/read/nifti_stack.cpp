@@ -37,7 +37,9 @@ class NiftiStack final : public SliceStack {
   int size() const override { return static_cast<int>(planes_.size()); }
   int width() const override { return static_cast<int>(n_[0]); }
   int height() const override { return static_cast<int>(n_[1]); }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  PixelUnit pixel_unit() const override {
+    return modality.empty() ? PixelUnit::kHounsfield : PixelUnit::kUncalibrated;
+  }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return file_ + " slice " + std::to_string(slice); }
 
@@ -136,38 +138,16 @@ class NiftiStack final : public SliceStack {
   std::vector<SlicePlane> planes_;
 };
 
-}  // namespace
-
-Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
-                                               const OpenOptions& options) {
-  const std::string file = path.string();
+// The stack without its voxels: which of the array's axes the slices' are, and the planes.
+Result<std::unique_ptr<NiftiStack>> place(const std::string& file, const NiftiHeader& header,
+                                          SliceAxis view) {
   auto stack = std::make_unique<NiftiStack>();
   stack->file_ = file;
-  const auto head = VolumeFile::head(path, kNiftiHeadBytes);
-  if (!head) return head.error();
-  const auto header = parse_nifti_header(*head, file, stack->warnings);
-  if (!header) return header.error();
-  stack->header_ = *header;
-  if (options.any_modality) {
-    stack->warnings.push_back(
-        {"no_modality", file,
-         "a NIfTI names no modality; the values are taken as HU of a CT, with "
-         "and without --any-modality"});
-  }
-  Eigen::Matrix4d T = header->T_lps_voxel;
-  if (!header->has_voxel_size) {
-    if (!options.spacing_mm)
-      return usage(file + ": carries no voxel size: give --spacing X,Y,Z in mm");
-    for (int k = 0; k < 3; ++k)
-      T.col(k).head<3>() *= (*options.spacing_mm)[k] / T.col(k).head<3>().norm();
-  } else if (options.spacing_mm) {
-    stack->warnings.push_back(
-        {"spacing_ignored", file,
-         "--spacing is for input without a voxel size; the file's own is used"});
-  }
+  stack->header_ = header;
+  const Eigen::Matrix4d& T = header.T_lps_voxel;
 
   // Array axes for u, v, slices: the assignment whose unit vectors lie closest to the view's.
-  const std::array<Eigen::Vector3d, 3> wanted = view_directions(options.axis);
+  const std::array<Eigen::Vector3d, 3> wanted = view_directions(view);
   std::array<int, 3> axis{0, 1, 2};
   double best_score = -1;
   do {
@@ -181,11 +161,11 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   std::array<Eigen::Vector3d, 3> direction;
   for (int k = 0; k < 3; ++k) {
     const int a = stack->axis_[k];
-    stack->n_[k] = header->n[a];
+    stack->n_[k] = header.n[a];
     direction[k] = T.col(a).head<3>();
     stack->flipped_[k] = direction[k].dot(wanted[k]) < 0;
     if (stack->flipped_[k]) {
-      origin += direction[k] * static_cast<double>(header->n[a] - 1);
+      origin += direction[k] * static_cast<double>(header.n[a] - 1);
       direction[k] = -direction[k];
     }
   }
@@ -214,15 +194,71 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
     plane.z_mm = normal.dot(plane.T_lps_plane.translation());
     stack->planes_.push_back(plane);
   }
-  if (header->pixdim_beside_sform_mm) {
-    stack->voxel_conflict =
-        voxel_conflict(header->T_lps_voxel.topLeftCorner<3, 3>(), *header->pixdim_beside_sform_mm);
-    if (stack->voxel_conflict) stack->voxel_conflict->pixel_mm2 = su * sv;
+  return stack;
+}
+
+Result<std::unique_ptr<NiftiStack>> place_file(const std::filesystem::path& path,
+                                               const OpenOptions& options) {
+  const std::string file = path.string();
+  std::vector<Warning> warnings;
+  const auto head = VolumeFile::head(path, kNiftiHeadBytes);
+  if (!head) return head.error();
+  auto header = parse_nifti_header(*head, file, warnings);
+  if (!header) return header.error();
+  if (options.any_modality) {
+    warnings.push_back({"no_modality", file,
+                        "a NIfTI names no modality; the values are taken as HU of a CT, with "
+                        "and without --any-modality"});
   }
-  auto voxels = VolumeFile::open(path, header->data_start, header->data_bytes());
+  if (!header->has_voxel_size) {
+    if (!options.spacing_mm)
+      return usage(file + ": carries no voxel size: give --spacing X,Y,Z in mm");
+    Eigen::Matrix4d& T = header->T_lps_voxel;
+    for (int k = 0; k < 3; ++k)
+      T.col(k).head<3>() *= (*options.spacing_mm)[k] / T.col(k).head<3>().norm();
+  } else if (options.spacing_mm) {
+    warnings.push_back({"spacing_ignored", file,
+                        "--spacing is for input without a voxel size; the file's own is used"});
+  }
+  auto stack = place(file, *header, options.axis.value_or(SliceAxis::kTransverse));
+  if (!stack) return stack;
+  (*stack)->warnings = std::move(warnings);
+  if (header->pixdim_beside_sform_mm) {
+    auto& conflict = (*stack)->voxel_conflict;
+    conflict =
+        voxel_conflict(header->T_lps_voxel.topLeftCorner<3, 3>(), *header->pixdim_beside_sform_mm);
+    const SlicePlane& plane = (*stack)->plane(0);
+    if (conflict) conflict->pixel_mm2 = plane.spacing_u_mm * plane.spacing_v_mm;
+  }
+  return stack;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
+                                               const OpenOptions& options) {
+  auto stack = place_file(path, options);
+  if (!stack) return stack.error();
+  const NiftiHeader& header = (*stack)->header_;
+  auto voxels = VolumeFile::open(path, header.data_start, header.data_bytes());
   if (!voxels) return voxels.error();
-  stack->voxels_ = std::move(*voxels);
-  return std::unique_ptr<SliceStack>(std::move(stack));
+  (*stack)->voxels_ = std::move(*voxels);
+  return std::unique_ptr<SliceStack>(std::move(*stack));
+}
+
+Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& path,
+                                                      const OpenOptions& options) {
+  auto stack = place_file(path, options);
+  if (!stack) return stack.error();
+  return std::unique_ptr<SliceStack>(std::move(*stack));
+}
+
+Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
+                                                VolumeFile voxels, SliceAxis axis) {
+  auto stack = place(name, header, axis);
+  if (!stack) return stack.error();
+  (*stack)->voxels_ = std::move(voxels);
+  return std::unique_ptr<SliceStack>(std::move(*stack));
 }
 
 }  // namespace trocar::pipeline

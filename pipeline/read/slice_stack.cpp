@@ -2,60 +2,17 @@
 #include "pipeline/read/slice_stack.h"
 
 #include <sodium.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
-#include <cerrno>
 #include <fstream>
 #include <system_error>
 
-#include "pipeline/read/dicom_headers.h"
+#include "pipeline/read/scan_folder.h"
 
 namespace trocar::pipeline {
 namespace {
 
 namespace fs = std::filesystem;
-
-bool ends_with(const fs::path& file, std::initializer_list<const char*> endings) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return std::any_of(endings.begin(), endings.end(),
-                     [&name](const char* ending) { return name.ends_with(ending); });
-}
-
-bool is_nifti(const fs::path& f) {
-  return ends_with(f, {".nii", ".nii.gz"});
-}
-bool is_image(const fs::path& f) {
-  return ends_with(f, {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg"});
-}
-
-// slice_2 before slice_10: runs of digits compare as numbers.
-bool natural_less(const std::string& a, const std::string& b) {
-  const auto digit = [](char c) { return c >= '0' && c <= '9'; };
-  std::size_t i = 0, j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (digit(a[i]) && digit(b[j])) {
-      const auto number = [&digit](const std::string& s, std::size_t& k) {
-        while (k < s.size() && s[k] == '0')
-          ++k;
-        const std::size_t first = k;
-        while (k < s.size() && digit(s[k]))
-          ++k;
-        return s.substr(first, k - first);
-      };
-      const std::string m = number(a, i), n = number(b, j);
-      if (m.size() != n.size()) return m.size() < n.size();
-      if (m != n) return m < n;
-    } else {
-      if (a[i] != b[j]) return a[i] < b[j];
-      ++i, ++j;
-    }
-  }
-  return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
-}
 
 std::string hex_digest(crypto_generichash_state& state) {
   unsigned char hash[crypto_generichash_BYTES];
@@ -98,11 +55,113 @@ std::string digest_input(const std::vector<std::string>& file_digests) {
   return hex_digest(state);
 }
 
+namespace {
+
+// A folder of which something was taken that is not the only thing in it.
+void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
+  const std::string others = found.left_out();
+  if (others.empty()) return;
+  const char* const taken = found.kind() == ScanFolder::Kind::kDicom ? "DICOM slices are taken"
+                            : found.kind() == ScanFolder::Kind::kVolume
+                                ? "the NIfTI file is taken"
+                                : "its own images are taken";
+  warnings.push_back(
+      {"other_input", found.where,
+       std::string(taken) + "; left out: " + others + ", which can be given by their own names"});
+}
+
+// Which of a folder's volumes or stacks of images is meant is not clear from the folder.
+Error choose_one(const std::string& where, const char* what, const std::vector<fs::path>& these) {
+  constexpr std::size_t kMost = 8;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(these.size(), kMost); ++i)
+    names += (i == 0 ? "" : ", ") + these[i].string();
+  if (these.size() > kMost) names += " and " + std::to_string(these.size() - kMost) + " more";
+  return usage(where + ": holds " + std::to_string(these.size()) + " " + what +
+               ", give one of them: " + names);
+}
+
+Result<std::unique_ptr<SliceStack>> open_volume_file(const fs::path& file,
+                                                     const OpenOptions& options) {
+  if (auto ok = check_readable(file); !ok) return ok.error();
+  if (!options.series.empty())
+    return usage(file.string() + ": --series chooses among DICOM files; there are none");
+  auto stack = open_nifti(file, options);
+  if (stack) (*stack)->files = {file};
+  return stack;
+}
+
+Result<std::unique_ptr<SliceStack>> open_image_files(const std::vector<fs::path>& files,
+                                                     const std::string& where,
+                                                     const OpenOptions& options) {
+  if (options.axis.value_or(SliceAxis::kTransverse) != SliceAxis::kTransverse)
+    return usage(where + ": --axis applies to volumes only; images keep their planes");
+  if (!options.series.empty())
+    return usage(where + ": --series chooses among DICOM files; there are none");
+  for (const fs::path& file : files) {
+    if (auto ok = check_readable(file); !ok) return ok.error();
+  }
+  auto stack = open_images(files, options);
+  if (stack) (*stack)->files = files;
+  return stack;
+}
+
+Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
+                                                const OpenOptions& options) {
+  std::vector<Warning> warnings;
+  auto found = search_folder(folder, DicomExtent::kWhole, options, warnings);
+  if (!found) return found.error();
+  warn_of_others(*found, warnings);
+  Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
+  switch (found->kind()) {
+    case ScanFolder::Kind::kVolume:
+      if (found->volumes.size() > 1) return choose_one(found->where, "NIfTI files", found->volumes);
+      stack = open_volume_file(found->volumes[0], options);
+      break;
+    case ScanFolder::Kind::kImages:
+      if (!found->has_own_images() && found->images.size() > 1) {
+        std::vector<fs::path> parents;
+        for (const auto& files : found->images)
+          parents.push_back(files[0].parent_path());
+        return choose_one(found->where, "folders of images", parents);
+      }
+      stack = open_image_files(found->images[0], folder.string(), options);
+      break;
+    case ScanFolder::Kind::kDicom:
+    case ScanFolder::Kind::kNothing:
+      stack = open_dicom(std::move(found->dicom), found->where, options);
+      break;
+  }
+  if (stack) {
+    std::vector<Warning>& all = (*stack)->warnings;
+    all.insert(all.begin(), warnings.begin(), warnings.end());
+  }
+  return stack;
+}
+
+Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
+                                               const OpenOptions& options) {
+  const std::string first = files[0].string();
+  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    return natural_less(a.string(), b.string());
+  });
+  if (files.size() == 1 && is_nifti(files[0])) return open_volume_file(files[0], options);
+  if (std::any_of(files.begin(), files.end(), is_nifti))
+    return usage(first + ": give one NIfTI file, not a list with one in it");
+  if (std::any_of(files.begin(), files.end(), is_image))
+    return open_image_files(files, first, options);
+  for (const fs::path& file : files) {
+    if (auto ok = check_readable(file); !ok) return ok.error();
+  }
+  return open_dicom(files, options);
+}
+
+}  // namespace
+
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inputs,
                                                const OpenOptions& options) {
   if (inputs.empty()) return usage("no input given");
   std::error_code error;
-  std::vector<fs::path> files;
   for (const fs::path& input : inputs) {
     const fs::file_status status = fs::status(input, error);
     if (error == std::errc::permission_denied)
@@ -110,62 +169,16 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
     if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
     if (fs::is_directory(status)) {
       if (inputs.size() > 1) return usage(input.string() + ": give one folder, or a list of files");
-      fs::directory_iterator entry(input, error);
-      for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-        std::error_code ignored;  // broken links are skipped, as folders are
-        if (entry->is_regular_file(ignored) && entry->path().filename().string().front() != '.')
-          files.push_back(entry->path());
-      }
-      if (error) return refused(input.string() + ": " + error.message());
-    } else if (!fs::is_regular_file(status)) {
-      return refused(input.string() + ": not a regular file");
-    } else {
-      files.push_back(input);
+      return open_folder(input, options);
     }
+    if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
   }
-  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
-    return natural_less(a.string(), b.string());
-  });
-  if (files.empty()) return refused(inputs[0].string() + ": an empty folder");
-
-  const bool volume = files.size() == 1 && is_nifti(files[0]);
-  if (options.axis != SliceAxis::kTransverse && !volume) {
-    return usage(inputs[0].string() +
-                 ": --axis applies to a NIfTI volume only; images and DICOM slices keep their "
-                 "planes");
+  // A DICOMDIR, which viewers open, stands for its folder.
+  if (inputs.size() == 1 && is_dicomdir(inputs[0]) && has_dicom_preamble(inputs[0])) {
+    const fs::path folder = inputs[0].parent_path();
+    return open_folder(folder.empty() ? fs::path(".") : folder, options);
   }
-  const bool images = std::any_of(files.begin(), files.end(), is_image);
-  if (!options.series_uid.empty() && (volume || images))
-    return usage(inputs[0].string() + ": --series chooses among DICOM files; there are none");
-  for (const fs::path& file : files) {
-    const bool is_passed_over = images && inputs.size() == 1 && !is_image(file);
-    if (!is_passed_over && ::access(file.c_str(), R_OK) != 0 && errno == EACCES)
-      return refused(file.string() + ": " + std::generic_category().message(EACCES));
-  }
-  Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
-  if (volume) {
-    stack = open_nifti(files[0], options);
-  } else if (std::any_of(files.begin(), files.end(), is_nifti)) {
-    return usage(inputs[0].string() + ": give one NIfTI file, not a folder or list with one in it");
-  } else if (images) {
-    // In a folder, files other than images (a README, for example) are ignored; in a list they are
-    // an error.
-    if (inputs.size() == 1) {
-      const auto others = std::stable_partition(files.begin(), files.end(), is_image);
-      const auto dicom = std::find_if(others, files.end(), has_dicom_preamble);
-      if (dicom != files.end()) {
-        return usage(inputs[0].string() + ": holds images (" + files[0].filename().string() +
-                     ") as well as DICOM files (" + dicom->filename().string() +
-                     "); give files of one kind as a list");
-      }
-      files.erase(others, files.end());
-    }
-    stack = open_images(files, options);
-  } else {
-    stack = open_dicom(files, options);
-  }
-  if (stack && (*stack)->files.empty()) (*stack)->files = std::move(files);
-  return stack;
+  return open_files(inputs, options);
 }
 
 }  // namespace trocar::pipeline

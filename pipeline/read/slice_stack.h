@@ -30,6 +30,15 @@ struct Warning {
   std::string sentence;
 };
 
+/// What a DICOM series says of itself, in UTF-8; empty where it says nothing.
+struct SeriesInfo {
+  std::string uid;  ///< or, where there is none, what its images have in common
+  std::string study_uid, study_date;
+  std::optional<int> number;
+  std::string description, kernel, modality;
+  std::string image_type;  ///< as stored, with backslashes between its values
+};
+
 /// What the values of an image are.
 enum class PixelUnit {
   kHounsfield,    ///< DICOM after rescale, NIfTI after scl_slope/inter
@@ -45,6 +54,8 @@ struct SlicePlane {
   double z_mm = 0;  ///< origin along the first slice's normal
 };
 
+struct DicomFile;  // of dicom_headers.h
+
 /// Read-only and safe to read from several threads at once.
 class SliceStack {
  public:
@@ -59,6 +70,7 @@ class SliceStack {
   virtual Result<Image> read(int slice) const = 0;
 
   std::vector<Warning> warnings;                ///< what was noticed on opening
+  std::optional<SeriesInfo> series;             ///< that the slices are from; of DICOM input only
   std::optional<VoxelConflict> voxel_conflict;  ///< of a NIfTI
   std::string modality;                         ///< "MR", for example, of kUncalibrated; else empty
   /// All that the slices come from, in order: see digest_input().
@@ -72,16 +84,16 @@ enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
-  std::string series_uid;                           ///< of a DICOM folder; empty: the largest
-  SliceAxis axis = SliceAxis::kTransverse;  ///< of a NIfTI volume; other input keeps its slices
-  bool as_labels = false;                   ///< image levels are labels: as stored, not 0..255
-  bool any_modality = false;  ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
+  std::string series;             ///< UID, number or description, as of named_series()
+  std::optional<SliceAxis> axis;  ///< none: as stored; of a NIfTI volume transverse
+  bool as_labels = false;         ///< image levels are labels: as stored, not 0..255
+  bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
 };
 
-/// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a
-/// folder as DICOM. Errors: (refused) nothing usable, sizes differ, broken file; (usage) spacing
-/// missing, an axis other than transverse for input that is not a NIfTI volume, a series UID for
-/// input that is not DICOM, images and DICOM files in one folder. Warnings: those of the readers.
+/// Opens a list of files, or what search_folder() takes of one folder. Errors: (refused) nothing
+/// usable, sizes differ, broken file, an axis for DICOM slices that are no regular volume; (usage)
+/// spacing missing, an axis for images, a series for input that is not DICOM or one that is not
+/// there, several volumes or folders of images. Warnings: those of the readers.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
@@ -94,8 +106,18 @@ Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::pat
                                                 const OpenOptions& options);
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
                                                const OpenOptions& options);
+/// The same without its voxels: read() is refused.
+Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& file,
+                                                      const OpenOptions& options);
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
                                                const OpenOptions& options);
+Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
+                                               const std::string& where,
+                                               const OpenOptions& options);
+/// The volume of a stack, sliced along an axis as a NIfTI volume is. Its voxels are written to a
+/// temporary file. Errors (refused): its slices are tilted, not evenly spaced, or a single one.
+Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
+                                             const std::string& where);
 
 inline constexpr int kMaxImageSide = 1 << 15;
 /// Slices of more pixels (8192 x 8192) are refused: a header of a few bytes can claim any size.

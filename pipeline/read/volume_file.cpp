@@ -49,7 +49,7 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
   }
   if (descriptor < 0)
     return refused(for_file.string() + ": no temporary file in " + folder.string() +
-                   " to unpack it to (" + std::generic_category().message(errno) + "); set TMPDIR");
+                   " for its voxels (" + std::generic_category().message(errno) + "); set TMPDIR");
   return descriptor;
 }
 
@@ -110,6 +110,21 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
   // The checksum follows the data and is only verified when the end is read.
   if (char rest; gzread(in.get(), &rest, 1) < 0) return refused(name + ": damaged gzip");
   return unpacked;
+}
+
+Result<VolumeFile> VolumeFile::temporary(const std::filesystem::path& for_file) {
+  const auto descriptor = open_nameless(for_file);
+  if (!descriptor) return descriptor.error();
+  VolumeFile out;
+  out.descriptor_ = *descriptor;
+  return out;
+}
+
+Result<void> VolumeFile::append(std::span<const char> bytes,
+                                const std::filesystem::path& for_file) {
+  if (write_all(descriptor_, bytes.data(), bytes.size())) return {};
+  return refused(for_file.string() + ": no space for a temporary file of its voxels (" +
+                 std::generic_category().message(errno) + "); set TMPDIR");
 }
 
 bool VolumeFile::read(std::int64_t at, std::span<char> to) const {

@@ -26,6 +26,10 @@ class VolumeFile {
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
                                  std::int64_t size);
 
+  /// An empty temporary file, for append(). `for_file` is for messages. Errors (refused): as above.
+  static Result<VolumeFile> temporary(const std::filesystem::path& for_file);
+  Result<void> append(std::span<const char> bytes, const std::filesystem::path& for_file);
+
   /// Reads to.size() bytes from offset `at` after `start`; false if the file has shrunk meanwhile.
   /// Thread-safe.
   bool read(std::int64_t at, std::span<char> to) const;

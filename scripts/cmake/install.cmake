@@ -39,6 +39,7 @@ install(DIRECTORY runtime/scenes DESTINATION ${share} COMPONENT trocar-runtime F
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-runtime)
+install(FILES formats/session/list.schema.json DESTINATION ${share}/schemas COMPONENT trocar-mesh)
 install(FILES formats/session/device_link.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
 # The head CT of the tutorial, from Debian's invesalius-examples.

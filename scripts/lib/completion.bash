@@ -43,7 +43,9 @@ _trocar() {
     fi
     case ${program##*/} in
         trocar-mesh)
-            if [[ -n $subcommand ]]; then
+            if [[ $subcommand == list ]]; then
+                _filedir -d
+            elif [[ -n $subcommand ]]; then
                 _filedir glb
             else
                 ((cword == 1)) && COMPREPLY=($(compgen -W "$subcommands" -- "$cur"))

@@ -35,6 +35,9 @@ offers() {
 
 offers trocar-mesh ver -- verify '!info'
 offers trocar-mesh '' -- verify info export scan
+offers trocar-mesh li -- list
+offers trocar-mesh list '' -- scan '!bone.glb'
+offers trocar-mesh list --j -- --json '!--jobs'
 offers trocar-mesh --t -- --threshold --tolerance '!--slices'
 offers trocar-mesh verify --j -- --json '!--jobs'
 offers trocar-mesh verify '' -- bone.glb '!scene.json'

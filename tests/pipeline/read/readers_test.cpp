@@ -13,6 +13,7 @@
 
 #include "formats/base/file_io.h"
 #include "pipeline/read/image_file.h"
+#include "pipeline/read/scan_folder.h"
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/sample_folder.h"
 
@@ -165,12 +166,41 @@ TEST_F(Readers, OnlyTheSlicesOfAFolderAreTheInput) {
   for (const fs::path& file : (*stack)->files)
     files += file.filename().string() + " ";
   EXPECT_EQ(files, "CT_001.dcm CT_002.dcm CT_003.dcm CT_004.dcm ");
-  // A folder with images and DICOM files is ambiguous.
+  // An image beside DICOM files is left out, with a warning.
   fs::copy(folder_ / "scan" / "png" / "slice_001.png", folder / "preview.png");
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 1};
-  expect_error(open_stack({folder}, options), ExitCode::kUsage, "preview.png");
-  expect_error(open_stack({folder}, options), ExitCode::kUsage, "CT_001.dcm");
+  const auto beside = open_stack({folder}, {});
+  ASSERT_TRUE(beside) << beside.error().message;
+  EXPECT_EQ((*beside)->size(), 4);
+  ASSERT_FALSE((*beside)->warnings.empty());
+  EXPECT_EQ((*beside)->warnings[0].code, "other_input");
+  EXPECT_NE((*beside)->warnings[0].sentence.find("preview.png"), std::string::npos);
+}
+
+// A wrong folder, a home for example, ends soon; a link to a folder above ends, too.
+TEST_F(Readers, TheSearchOfAFolderIsBounded) {
+  const fs::path folder = folder_ / "bounded";
+  for (const char* file : {"a/b/c/d/5", "a/b/c/4", "a/b/3", "a/10", "a/9", ".hidden/x", "1"})
+    write((fs::path("bounded") / file).string(), "text");
+  fs::create_directory_symlink(folder, folder / "a" / "b" / "loop");
+  fs::create_directory_symlink("b", folder / "a" / "a_link");
+  const auto names = [&](const SearchLimits& limits, std::vector<Warning>& warnings) {
+    const auto files = files_below(folder, warnings, limits);
+    if (!files) return files.error().message;
+    std::string out;
+    for (const fs::path& file : *files)
+      out += file.lexically_relative(folder).string() + " ";
+    return out;
+  };
+  std::vector<Warning> warnings;
+  EXPECT_EQ(names({}, warnings), "1 a/9 a/10 a/b/3 a/b/c/4 a/b/c/d/5 ");
+  EXPECT_TRUE(warnings.empty());
+  EXPECT_EQ(names({3, 100}, warnings), "1 a/9 a/10 a/b/3 a/b/c/4 ");
+  ASSERT_EQ(warnings.size(), 1U);
+  EXPECT_EQ(warnings[0].code, "folder_left_out");
+  EXPECT_TRUE(warnings[0].where.ends_with("bounded/a/b/c/d")) << warnings[0].where;
+  EXPECT_EQ(names({16, 13}, warnings), "1 a/9 a/10 a/b/3 a/b/c/4 a/b/c/d/5 ");
+  EXPECT_NE(names({16, 12}, warnings).find("more than 12 files and folders"), std::string::npos);
+  EXPECT_EQ(warnings.size(), 1U);
 }
 
 TEST_F(Readers, VolumesInOtherUnitsAreInMm) {
@@ -259,7 +289,7 @@ TEST_F(Readers, MissingImageNumbersGiveAWarning) {
 TEST_F(Readers, SeriesIsForDicomInputOnly) {
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
-  options.series_uid = "1.2.3";
+  options.series = "1.2.3";
   for (const char* input : {"png", "sample.nii.gz"})
     expect_error(open_stack({folder_ / "scan" / input}, options), ExitCode::kUsage, "--series");
   expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage, "no series");
@@ -373,7 +403,7 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   EXPECT_NE(codes.find("other_series"), std::string::npos) << codes;
   EXPECT_NE(codes.find("not_dicom"), std::string::npos) << codes;
   OpenOptions options;
-  options.series_uid = "1.2.3";
+  options.series = "1.2.3";
   expect_error(open_stack({folder_ / "shuffled"}, options), ExitCode::kUsage, "there are:");
 }
 
@@ -468,10 +498,29 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
       }
     }
   }
+}
+
+TEST_F(Readers, DicomVolumesAreSlicedAsTheEqualNifti) {
+  for (const SliceAxis axis : {SliceAxis::kTransverse, SliceAxis::kCoronal, SliceAxis::kSagittal}) {
+    OpenOptions options;
+    options.axis = axis;
+    const auto dicom = open_stack({folder_ / "scan" / "dicom"}, options);
+    const auto nifti = open_stack({folder_ / "scan" / "sample.nii.gz"}, options);
+    ASSERT_TRUE(dicom) << dicom.error().message;
+    ASSERT_TRUE(nifti) << nifti.error().message;
+    ASSERT_EQ((*dicom)->size(), (*nifti)->size());
+    EXPECT_EQ((*dicom)->files.size(), 4U);
+    for (int k = 0; k < (*dicom)->size(); ++k) {
+      EXPECT_EQ((*dicom)->read(k)->values, (*nifti)->read(k)->values) << k;
+      const Eigen::Matrix4d difference =
+          (*dicom)->plane(k).T_lps_plane.matrix() - (*nifti)->plane(k).T_lps_plane.matrix();
+      EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-4) << k;  // an sform is in floats
+    }
+  }
   OpenOptions options;
-  options.axis = SliceAxis::kSagittal;
-  expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage,
-               "NIfTI volume only");
+  options.axis = SliceAxis::kCoronal;
+  expect_error(open_stack({folder_ / "scan" / "dicom" / "CT_001.dcm"}, options), ExitCode::kRefused,
+               "one slice");
 }
 
 }  // namespace

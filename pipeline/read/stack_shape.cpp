@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/stack_shape.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace trocar::pipeline {
+
+bool StackShape::is_uneven(std::size_t gap) const {
+  return std::abs(gaps_mm[gap] - step_mm) > 0.01 * step_mm;
+}
+
+std::optional<std::size_t> StackShape::first_uneven() const {
+  for (std::size_t i = 0; i < gaps_mm.size(); ++i) {
+    if (is_uneven(i)) return i;
+  }
+  return {};
+}
+
+StackShape stack_shape(const std::vector<Eigen::Vector3d>& positions,
+                       const Eigen::Vector3d& normal) {
+  StackShape out;
+  if (positions.size() < 2) return out;
+  for (std::size_t i = 1; i < positions.size(); ++i) {
+    const Eigen::Vector3d step = positions[i] - positions[i - 1];
+    out.gaps_mm.push_back(normal.dot(step));
+    out.shift_mm = std::max(out.shift_mm, (step - normal * normal.dot(step)).norm());
+  }
+  std::vector<double> sorted = out.gaps_mm;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  out.step_mm = *middle;
+  const Eigen::Vector3d way = positions.back() - positions.front();
+  const double along = normal.dot(way);
+  out.tilt_deg = std::atan2((way - normal * along).norm(), along) * 180 / std::numbers::pi;
+  return out;
+}
+
+StackShape stack_shape(const SliceStack& stack) {
+  std::vector<Eigen::Vector3d> positions(static_cast<std::size_t>(stack.size()));
+  for (int k = 0; k < stack.size(); ++k)
+    positions[static_cast<std::size_t>(k)] = stack.plane(k).T_lps_plane.translation();
+  return stack_shape(positions, stack.plane(0).T_lps_plane.linear().col(2));
+}
+
+}  // namespace trocar::pipeline
