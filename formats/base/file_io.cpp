@@ -149,6 +149,11 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
   return {};
 }
 
+std::string without_folder(const std::filesystem::path& file) {
+  if (!file.is_absolute()) return file.string();
+  return (file.has_filename() ? file : file.parent_path()).filename().string();
+}
+
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes) {
   if (auto ok = check_writable(file); !ok) return ok;
