@@ -14,10 +14,10 @@ namespace {
 using nlohmann::json;
 
 // The numbers in a text such as "A:B", "X,Y,Z" or "X0:X1,Y0:Y1". `pattern` has a # for each number;
-// the text must match it completely.
+// the text must match it completely. `like`: how it is called in the message.
 template <typename T>
 Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern,
-                               const std::string& option) {
+                               const std::string& option, const char* like) {
   std::vector<T> out;
   std::istringstream in(text);
   for (const char c : pattern) {
@@ -31,9 +31,7 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   }
   if (in.fail() || in.peek() != std::char_traits<char>::eof() ||
       out.size() != static_cast<std::size_t>(std::count(pattern.begin(), pattern.end(), '#'))) {
-    std::string like(pattern);
-    std::replace(like.begin(), like.end(), '#', 'N');
-    return usage(option + " " + text + ": expected " + like);
+    return usage(option + " " + text + ": must be " + like);
   }
   return out;
 }
@@ -42,7 +40,7 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
 Result<void> add_labels(const std::string& list, std::set<int>& labels) {
   constexpr int kMostOfRange = 65536;
   const Error wrong = usage("--labels " + list +
-                            ": expected all, or labels L and ranges A-B with commas between them");
+                            ": must be all, or labels L and ranges A-B with commas between them");
   const char *at = list.data(), *const end = at + list.size();
   while (true) {
     int first = 0;
@@ -180,12 +178,12 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.lattice.bits = a.lattice_bits;
   out.threads = a.jobs;
   if (!a.slices.empty()) {
-    const auto n = numbers<int>(a.slices, "#:#", "--slices");
+    const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
     if (!n) return n.error();
     out.slices = std::pair{(*n)[0], (*n)[1]};
   }
   if (!a.crop.empty()) {
-    const auto n = numbers<int>(a.crop, "#:#,#:#", "--crop");
+    const auto n = numbers<int>(a.crop, "#:#,#:#", "--crop", "X0:X1,Y0:Y1, first and last pixel");
     if (!n) return n.error();
     out.mesh.crop = Crop{(*n)[0], (*n)[1], (*n)[2], (*n)[3]};
   }
@@ -203,7 +201,7 @@ Result<OpenOptions> open_options(const Arguments& a) {
                                     : SliceAxis::kTransverse;
   out.as_labels = a.labels_given->count() > 0;
   if (!a.spacing.empty()) {
-    const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing");
+    const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing", "X,Y,Z in mm");
     if (!n) return n.error();
     for (const double mm : *n) {
       if (!(mm > 1e-6 && mm < 1e6))

@@ -81,6 +81,7 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file)
   if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
   struct stat status {};
   if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));
+  if (S_ISDIR(status.st_mode)) return refused(file.string() + ": is a folder, not a file");
   if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
   return std::unique_ptr<ByteSource>(
       std::make_unique<FileSource>(std::move(fd), static_cast<std::uint64_t>(status.st_size)));

@@ -160,7 +160,7 @@ def names_what_is_no_number(programs, scan, work):
     for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
                                ("--jobs", "1.5", "whole number"), ("--lattice-bits", "x", "whole number")):
         refuses(2, f"{option}: {text} is not a {kind}", mesh, *words, option, text)
-    refuses(2, "--threshold: Value 1e7 not in range", mesh, *words, "--threshold", "1e7")
+    refuses(2, "--threshold 1e7: must be within -1000000 and 1000000", mesh, *words, "--threshold", "1e7")
     refuses(2, "--rate: fast is not a number", programs / "trocar-run", work / "scene.json", "--rate", "fast")
 
 
