@@ -5,8 +5,11 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <sstream>
 #include <utility>
+
+#include "pipeline/presets.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -37,9 +40,9 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
 }
 
 // Adds the labels of a list of L and A-B with commas between.
-Result<void> add_labels(const std::string& list, std::set<int>& labels) {
+Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels) {
   constexpr int kMostOfRange = 65536;
-  const Error wrong = usage("--labels " + list +
+  const Error wrong = usage(option + " " + list +
                             ": must be all, or labels L and ranges A-B with commas between them");
   const char *at = list.data(), *const end = at + list.size();
   while (true) {
@@ -53,9 +56,9 @@ Result<void> add_labels(const std::string& list, std::set<int>& labels) {
       rest = range.ptr;
     }
     if (rest != end && *rest != ',') return wrong;
-    if (last < first) return usage("--labels " + list + ": a range ends before it begins");
+    if (last < first) return usage(option + " " + list + ": a range ends before it begins");
     if (static_cast<std::int64_t>(last) - first >= kMostOfRange)
-      return usage("--labels " + list + ": a range has more than 65536 labels");
+      return usage(option + " " + list + ": a range has more than 65536 labels");
     for (std::int64_t label = first; label <= last; ++label)
       labels.insert(static_cast<int>(label));
     if (rest == end) return {};
@@ -69,24 +72,24 @@ Result<Labels> labels(const std::vector<std::string>& lists) {
   for (const std::string& list : lists) {
     if (list == "all") {
       out.all = true;
-    } else if (auto ok = add_labels(list, out.labels); !ok) {
+    } else if (auto ok = add_labels("--labels", list, out.labels); !ok) {
       return ok.error();
     }
   }
   return out;
 }
 
-Result<Segmentation> segmentation(const Arguments& a, bool paper) {
+Result<Segmentation> segmentation(const Arguments& a) {
   if (a.labels_given->count() > 0) {
-    if (a.threshold_given->count() + a.equalize_given->count() > 0 || paper)
-      return usage("--labels cannot be combined with --threshold, --equalize or --preset paper");
+    if (a.threshold_given->count() + a.equalize_given->count() > 0)
+      return usage("--labels cannot be combined with --threshold, --equalize or a preset");
     auto wanted = labels(a.labels);
     if (!wanted) return wanted.error();
     return Segmentation(std::move(*wanted));
   }
-  if (a.equalize_given->count() > 0 || paper) {
+  if (a.equalize_given->count() > 0) {
     if (a.threshold_given->count() > 0)
-      return usage("--threshold and --equalize (or --preset paper) exclude each other");
+      return usage("--threshold and --equalize (or presets with them) exclude each other");
     return Segmentation(Equalize{a.equalize});
   }
   return Segmentation(Threshold{a.threshold});
@@ -94,10 +97,12 @@ Result<Segmentation> segmentation(const Arguments& a, bool paper) {
 
 // Options of the stages, in their order.
 void add_stage_options(CLI::App& app, Arguments& a) {
-  a.threshold_given = app.add_option("--threshold", a.threshold,
-                                     "iso-value in HU; on images 0..255, also with 16 bits")
-                          ->capture_default_str()
-                          ->check(CLI::Range(-1e6, 1e6));
+  a.threshold_given =
+      app.add_option("--threshold", a.threshold,
+                     "iso-value in HU: 226 dense bone, 180 bone of low density, -300 skin; "
+                     "on images 0..255, also with 16 bits")
+          ->capture_default_str()
+          ->check(CLI::Range(-1e6, 1e6));
   a.equalize_given =
       app.add_option("--equalize", a.equalize, "histogram equalisation, then this level")
           ->capture_default_str()
@@ -117,9 +122,32 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.area_given = app.add_option("--max-area", a.max_area_mm2, "largest triangle, mm^2")
                      ->capture_default_str()
                      ->check(CLI::Range(1e-6, 1e12));
+  a.area_px_given = app.add_option("--max-area-px", a.max_area_px2,
+                                   "largest triangle in pixels of the slice, instead of mm^2")
+                        ->check(CLI::Range(1e-6, 1e12));
   app.add_option("--min-region", a.min_region_mm2, "drop smaller islands, fill smaller holes, mm^2")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e12));
+}
+
+// Options of solid_bone.h.
+void add_solid_options(CLI::App& app, Arguments& a) {
+  app.add_option("--close", a.close_mm, "with --fill: gaps of up to twice this count as closed, mm")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 100.0));
+  app.add_option("--fill", a.fill,
+                 "fill what is enclosed in two of three slice directions by at most MM2, or all");
+  app.add_option("--min-volume", a.min_volume_mm3, "drop pieces of less, mm^3; before --fill")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e12));
+  app.add_option("--largest", a.largest, "keep the N largest pieces; 0 keeps all")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1'000'000));
+  app.add_option("--seed", a.seeds,
+                 "X,Y,Z patient coordinates, mm: keep what is nearer to the first than to others")
+      ->allow_extra_args(false);
+  app.add_option("--mask", a.mask,
+                 "LABELS.nii.gz:L[,L]: keep what is within 1.5 mm of these labels");
 }
 
 // Options that select a part of the scan, its spacing and its axis.
@@ -128,9 +156,46 @@ void add_scan_options(CLI::App& app, Arguments& a) {
   app.add_option("--slices", a.slices, "A:B, first and last slice, from 0");
   app.add_option("--crop", a.crop, "X0:X1,Y0:Y1, first and last pixel, from 0");
   app.add_option("--series", a.series, "SeriesInstanceUID, of several in a folder");
+  app.add_flag("--any-modality", a.any_modality,
+               "take DICOM that is not CT; its values are not HU");
   app.add_option("--axis", a.axis, "slices of a volume: transverse, coronal or sagittal")
       ->capture_default_str()
       ->check(CLI::IsMember({"transverse", "coronal", "sagittal"}));
+}
+
+Result<SolidOptions> solid_options(const Arguments& a) {
+  SolidOptions out;
+  out.close_mm = a.close_mm;
+  out.min_volume_mm3 = a.min_volume_mm3;
+  out.largest = a.largest;
+  if (a.fill == "all") {
+    out.fill_mm2 = std::numeric_limits<double>::infinity();
+  } else if (!a.fill.empty()) {
+    const auto n = numbers<double>(a.fill, "#", "--fill", "an area in mm^2, or all");
+    if (!n) return n.error();
+    if (!((*n)[0] >= 0 && (*n)[0] <= 1e12))
+      return usage("--fill " + a.fill + ": must be within 0 and 1e12 mm^2, or all");
+    out.fill_mm2 = (*n)[0];
+  }
+  if (a.close_mm > 0 && !out.fill_mm2)
+    return usage(
+        "--close needs --fill MM2 or --fill all: it says which gaps count as closed there");
+  for (const std::string& seed : a.seeds) {
+    const auto n = numbers<double>(seed, "#,#,#", "--seed", "X,Y,Z in mm");
+    if (!n) return n.error();
+    for (const double mm : *n)
+      if (!(std::abs(mm) < 1e6)) return usage("--seed " + seed + ": each must lie within 1e6 mm");
+    out.seeds_lps_mm.emplace_back((*n)[0], (*n)[1], (*n)[2]);
+  }
+  if (!a.mask.empty()) {
+    const auto colon = a.mask.rfind(':');
+    if (colon == std::string::npos || colon == 0)
+      return usage("--mask " + a.mask + ": must be LABELS.nii.gz:L[,L]");
+    out.mask_file = a.mask.substr(0, colon);
+    if (auto ok = add_labels("--mask", a.mask.substr(colon + 1), out.mask_labels); !ok)
+      return ok.error();
+  }
+  return out;
 }
 
 }  // namespace
@@ -139,9 +204,14 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   app.add_option("INPUT", a.inputs, "the scan");
   app.add_option("-o,--output", a.output, "the asset to write (.glb)");
   add_stage_options(app, a);
+  add_solid_options(app, a);
   add_scan_options(app, a);
-  app.add_option("--preset", a.preset, "paper: equalise, pixel chains, 30 degrees, 200 px^2")
-      ->check(CLI::IsMember({"paper"}));
+  std::vector<std::string> names;
+  for (const Preset& preset : presets())
+    names.emplace_back(preset.name);
+  app.add_option("--preset", a.preset, "a set of options; see --explain")
+      ->check(CLI::IsMember(names));
+  app.add_flag("--explain", a.explain, "print the options of --preset, or of all presets");
   app.add_option("--lattice-bits", a.lattice_bits, "lattice step 2^-N mm")
       ->capture_default_str()
       ->check(CLI::Range(kMinLatticeBits, kMaxLatticeBits));
@@ -160,20 +230,26 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   for (const auto& [name, value] :
        {std::pair{"--threshold", a.threshold}, std::pair{"--equalize", a.equalize},
         std::pair{"--tolerance", a.tolerance_mm}, std::pair{"--min-angle", a.min_angle_deg},
-        std::pair{"--max-area", a.max_area_mm2}, std::pair{"--min-region", a.min_region_mm2}}) {
+        std::pair{"--max-area", a.max_area_mm2}, std::pair{"--max-area-px", a.max_area_px2},
+        std::pair{"--min-region", a.min_region_mm2}, std::pair{"--close", a.close_mm},
+        std::pair{"--min-volume", a.min_volume_mm3}}) {
     if (!std::isfinite(value)) return usage(std::string(name) + ": not a finite number");
   }
   BatchOptions out;
-  const bool paper = a.preset == "paper";
-  auto how = segmentation(a, paper);
+  auto how = segmentation(a);
   if (!how) return how.error();
   out.mesh.segmentation = std::move(*how);
-  const bool pixel = a.contour_given->count() > 0 ? a.contour == "pixel" : paper;
-  out.mesh.contour = pixel ? ContourKind::kPixel : ContourKind::kSubpixel;
+  out.mesh.contour = a.contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.mesh.simplification.tolerance_mm = a.tolerance_mm;
   out.mesh.refinement.min_angle_deg = a.min_angle_deg;
   out.mesh.refinement.max_area_mm2 = a.max_area_mm2;
-  if (paper && a.area_given->count() == 0) out.mesh.max_area_px2 = 200;
+  if (a.area_px_given->count() > 0) {
+    if (a.area_given->count() > 0) return usage("--max-area and --max-area-px exclude each other");
+    out.mesh.max_area_px2 = a.max_area_px2;
+  }
+  auto solid = solid_options(a);
+  if (!solid) return solid.error();
+  out.solid = std::move(*solid);
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
   out.threads = a.jobs;
@@ -199,6 +275,7 @@ Result<OpenOptions> open_options(const Arguments& a) {
   out.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
              : a.axis == "sagittal" ? SliceAxis::kSagittal
                                     : SliceAxis::kTransverse;
+  out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
   if (!a.spacing.empty()) {
     const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing", "X,Y,Z in mm");
@@ -211,6 +288,23 @@ Result<OpenOptions> open_options(const Arguments& a) {
   }
   return out;
 }
+
+namespace {
+
+// Of a mask only the labels are stored: its file's name could tell whose scan it is.
+void add_solid_parameters(const SolidOptions& o, json& out) {
+  if (o.fill_mm2) {
+    out["close_mm"] = o.close_mm;
+    out["fill_mm2"] = std::isfinite(*o.fill_mm2) ? json(*o.fill_mm2) : json("all");
+  }
+  if (o.min_volume_mm3 > 0) out["min_volume_mm3"] = o.min_volume_mm3;
+  if (o.largest > 0) out["largest"] = o.largest;
+  for (const Eigen::Vector3d& seed : o.seeds_lps_mm)
+    out["seeds_lps_mm"].push_back({seed.x(), seed.y(), seed.z()});
+  if (!o.mask_labels.empty()) out["mask_labels"] = o.mask_labels;
+}
+
+}  // namespace
 
 json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   json out = {{"contour", o.mesh.contour == ContourKind::kPixel ? "pixel" : "subpixel"},
@@ -229,6 +323,7 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   if (o.slices) out["slices"] = {o.slices->first, o.slices->second};
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
+  add_solid_parameters(o.solid, out);
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
   if (!input.series_uid.empty()) out["series"] = input.series_uid;
   if (input.axis != SliceAxis::kTransverse)

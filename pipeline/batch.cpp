@@ -35,6 +35,8 @@ struct FinishedSlice {
   json stages;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
+  ValueTally values;
+  double area_mm2 = 0;
 };
 
 void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
@@ -73,6 +75,35 @@ void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
                             "# triangles are below the wanted angle although the input has no "
                             "such small angle there",
                             static_cast<double>(meshed.quality.below_unexplained)});
+  }
+}
+
+// Of all slices that were meshed.
+struct Total {
+  ValueTally values;
+  double area_mm2 = 0;
+};
+
+// The stack's own, and what is known after meshing.
+std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions& options,
+                                      const Total& total) {
+  std::vector<Warning> out = stack.warnings;
+  const std::string input = input_name(stack);
+  if (stack.voxel_conflict) {
+    out.push_back(voxel_volume_warning(
+        *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
+  }
+  if (auto doubt = label_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
+    out.push_back(std::move(*doubt));
+  return out;
+}
+
+void add_volumes(const VoxelConflict& conflict, double area_mm2, json& warnings) {
+  const MaterialVolumes material = material_volumes(conflict, area_mm2);
+  for (json& warning : warnings) {
+    if (warning["code"] != kVoxelVolume) continue;
+    warning["voxel_mm3"] = {{"sform", conflict.sform_mm3}, {"pixdim", conflict.pixdim_mm3}};
+    warning["material_mm3"] = {{"sform", material.sform_mm3}, {"pixdim", material.pixdim_mm3}};
   }
 }
 
@@ -118,6 +149,8 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
   warn(out, index, *meshed);
   out.labels = std::move(meshed->labels);
+  out.values = std::move(meshed->values);
+  out.area_mm2 = meshed->area_mm2;
 
   const auto start = std::chrono::steady_clock::now();
   auto encoded = encode_slice({index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
@@ -156,9 +189,10 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
 
 }  // namespace
 
-Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
+Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& given,
                                const json& parameters) {
-  if (auto ok = check_ranges(stack, options); !ok) return ok.error();
+  if (auto ok = check_ranges(stack, given); !ok) return ok.error();
+  BatchOptions options = given;
   const int first = options.slices ? options.slices->first : 0;
   const int last = options.slices ? options.slices->second : stack.size() - 1;
   const int threads =
@@ -166,6 +200,13 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
 
+  std::optional<SolidBone> solid;
+  if (options.solid.any()) {
+    auto made = SolidBone::make(stack, options.mesh.segmentation, options.axis, options.solid);
+    if (!made) return made.error();
+    solid = std::move(*made);
+    options.mesh.solid = &*solid;
+  }
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
   // The digests of the input's files are computed in parallel with the slices.
@@ -199,10 +240,15 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
   }
   BatchResult out;
   json used = parameters;  // with the labels found, if all are wanted
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    used["modality"] = stack.modality;
+    used["values_are_hu"] = false;
+  }
   std::set<int> found;
   std::vector<SliceWarning> of_slices;
   std::vector<EncodedSlice> encoded;
   std::vector<std::vector<std::uint8_t>> reports;
+  Total total;
   std::set<int> absent = wanted_labels(options.mesh.segmentation);
   for (auto& result : done) {
     if (!*result) return result->error();
@@ -210,13 +256,16 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
     encoded.push_back(std::move(one.slice));
     reports.push_back(std::move(one.report));
     of_slices.insert(of_slices.end(), one.warnings.begin(), one.warnings.end());
+    total.values.add(one.values);
+    total.area_mm2 += one.area_mm2;
     for (const int label : one.labels)
       absent.erase(label);
     found.merge(one.labels);
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   done = {};
-  json warnings = warnings_json(stack.warnings, of_slices);
+  json warnings = warnings_json(warnings_of_scan(stack, options.mesh, total), of_slices);
+  if (stack.voxel_conflict) add_volumes(*stack.voxel_conflict, total.area_mm2, warnings);
   if (!absent.empty()) {
     warnings.push_back({{"code", "label_absent"},
                         {"where", named_ranges("label", absent)},
@@ -269,6 +318,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& opti
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};
+  if (solid)
+    out.report["solid"] = {{"filled_mm3", solid->filled_mm3()},
+                           {"dropped_mm3", solid->dropped_mm3()}};
   return out;
 }
 

@@ -16,6 +16,8 @@ namespace trocar::pipeline {
 
 struct BatchOptions {
   MeshOptions mesh;
+  SolidOptions solid;
+  SliceAxis axis = SliceAxis::kTransverse;            ///< that the stack was opened along
   std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
   int threads = 0;                                    ///< 0: all cores
   std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures
@@ -35,6 +37,8 @@ struct BatchResult {
 /// The same stack and options give the same glb, with any number of threads. Errors: those of
 /// mesh_slice(), the lowest slice's first; (refused) no slice has any material; (usage) slices or
 /// crop outside the stack; (unwritable) stopped.
+/// The report's warnings are the stack's, those of slices, voxel_volume (read/voxel_volume.h) and
+/// those of label_guess.h. Report and asset say so if values are not HU (formats/asset/asset.md).
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& options,
                                const nlohmann::json& parameters);
 

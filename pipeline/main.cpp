@@ -19,6 +19,7 @@
 #include "pipeline/arguments.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
+#include "pipeline/presets.h"
 
 namespace {
 
@@ -58,23 +59,23 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
 
 // `--labels 41 42` as `--labels 41 --labels 42`: words after it that begin with a digit and hold
 // only digits, commas and hyphens are labels and not inputs.
-std::vector<const char*> with_repeated_labels(int argc, const char* const* argv) {
+std::vector<std::string> with_repeated_labels(const std::vector<std::string>& words) {
   const auto is_list = [](const std::string& word) {
     return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
            word.front() != ',' && word.front() != '-';
   };
-  std::vector<const char*> out;
+  std::vector<std::string> out;
   bool after_labels = false;
-  for (int i = 0; i < argc; ++i) {
-    const std::string word = argv[i];
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const std::string& word = words[i];
     if (after_labels && is_list(word)) {
-      out.push_back("--labels");
+      out.emplace_back("--labels");
     } else {
       after_labels = word.starts_with("--labels=");
     }
-    out.push_back(argv[i]);
-    if (word == "--labels" && i + 1 < argc) {
-      out.push_back(argv[++i]);
+    out.push_back(word);
+    if (word == "--labels" && i + 1 < words.size()) {
+      out.push_back(words[++i]);
       after_labels = true;
     }
   }
@@ -110,9 +111,22 @@ std::function<void(int, int)> progress_bar() {
 // Grey levels are not HU: the default threshold has no meaning for them, and one outside 0..255
 // selects all pixels or none.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
-  if (stack.pixel_unit() != PixelUnit::kGrey || a.labels_given->count() > 0 ||
-      a.equalize_given->count() > 0 || !a.preset.empty())
+  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_given->count() > 0 ||
+      a.equalize_given->count() > 0)
     return {};
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    if (a.threshold_given->count() == 0 || !a.preset.empty()) {
+      stack.warnings.push_back({"default_threshold", "--threshold",
+                                "its default and the presets are meant in HU; values of " +
+                                    stack.modality + " need one of their own"});
+    }
+    return {};
+  }
+  if (!a.preset.empty()) {
+    return usage("--preset " + a.preset +
+                 " is for HU, which images do not carry: give --equalize "
+                 "LEVEL, or --threshold with a grey level of 0..255");
+  }
   if (a.threshold_given->count() == 0) {
     return usage(
         "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
@@ -187,7 +201,15 @@ void print_outcome(const Arguments& a, const json& report) {
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
 }
 
+int explain(const std::string& preset) {
+  const auto text = explain_presets(preset);
+  if (!text) return fail(text.error());
+  std::fputs(text->c_str(), stdout);
+  return 0;
+}
+
 int mesh(const Arguments& a) {
+  if (a.explain) return explain(a.preset);
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
   if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
@@ -202,6 +224,7 @@ int mesh(const Arguments& a) {
   if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
   options->stop = &stop_requested;
+  options->axis = open->axis;
   auto result = mesh_stack(**stack, *options, parameters_json(*options, *open));
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
@@ -301,8 +324,12 @@ int run(int argc, char** argv) {
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
-  const std::vector<const char*> words = with_repeated_labels(argc, argv);
-  if (const auto done = parse_command_line(app, static_cast<int>(words.size()), words.data()))
+  const std::vector<std::string> words =
+      with_preset_options(with_repeated_labels(std::vector<std::string>(argv, argv + argc)));
+  std::vector<const char*> pointers;
+  for (const std::string& word : words)
+    pointers.push_back(word.c_str());
+  if (const auto done = parse_command_line(app, static_cast<int>(pointers.size()), pointers.data()))
     return *done;
   if (app.get_subcommands().empty()) {
     if (const auto ok = check_command(app, a); !ok) return fail(ok.error());

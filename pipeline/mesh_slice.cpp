@@ -74,6 +74,10 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (!image) return image.error();
   out.times.read_ms = watch.lap_ms();
 
+  const bool as_labels = std::holds_alternative<Labels>(options.segmentation);
+  if (as_labels || stack.pixel_unit() == PixelUnit::kHounsfield)
+    out.values = tally_values(*image, as_labels);
+
   PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
   if (options.crop) {
     grid.offset_x = options.crop->x0;
@@ -81,9 +85,12 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   }
   Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
   out.labels = std::move(field.labels);
+  std::optional<double> solid_mean;
+  if (options.solid != nullptr)
+    solid_mean = options.solid->apply(slice, grid.offset_x, grid.offset_y, field);
   if (stack.pixel_unit() == PixelUnit::kHounsfield &&
       std::holds_alternative<Threshold>(options.segmentation)) {
-    out.mean_hu = mean_of_material(field);
+    out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
   }
   out.times.segment_ms = watch.lap_ms();
 

@@ -9,9 +9,11 @@
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/segmentation.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/label_guess.h"
 #include "pipeline/mesh/mesh_quality.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/solid_bone.h"
 
 namespace trocar::pipeline {
 
@@ -28,6 +30,7 @@ struct MeshOptions {
   double min_region_mm2 = 1;
   Lattice lattice;
   std::optional<Crop> crop;
+  const SolidBone* solid = nullptr;  ///< which voxels are material, if not the segmentation alone
 };
 
 struct StageTimes {
@@ -47,6 +50,7 @@ struct MeshedSlice {
   /// HU that is segmented by a threshold.
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
+  ValueTally values;     ///< of input in HU, or whose material is chosen by labels
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;

@@ -65,10 +65,8 @@ std::string place(const SliceStack& stack, int first, int last) {
   std::set<int> slices;
   for (int k = first; k <= last; ++k)
     slices.insert(k);
-  if (stack.files.empty()) return named_ranges("slice", slices);
-  const std::filesystem::path& file = stack.files[0];
-  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
-  return (stack.files.size() == 1 ? file : folder).string() + ", " + named_ranges("slice", slices);
+  const std::string input = input_name(stack);
+  return input + (input.empty() ? "" : ", ") + named_ranges("slice", slices);
 }
 
 std::string reason(const Found& found, const MeshOptions& options) {
@@ -94,6 +92,7 @@ std::string values(const Found& found, const SliceStack& stack, bool as_labels) 
     return out + (found.labels.empty() ? ", so there is no label"
                                        : ", the " + named_ranges("label", found.labels));
   }
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
   return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
 }
 
@@ -118,6 +117,13 @@ std::string advice(const Found& found, const SliceStack& stack, bool as_labels,
 }
 
 }  // namespace
+
+std::string input_name(const SliceStack& stack) {
+  if (stack.files.empty()) return {};
+  const std::filesystem::path& file = stack.files[0];
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  return (stack.files.size() == 1 ? file : folder).string();
+}
 
 Error no_material(const SliceStack& stack, int first, int last, const MeshOptions& options) {
   const auto found = look_again(stack, first, last, options);

@@ -198,7 +198,8 @@ bool has_dicom_preamble(const std::filesystem::path& file) {
   return in.read(head, sizeof head) && std::string_view(head + 128, 4) == "DICM";
 }
 
-DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpacing& spacing_mm) {
+DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpacing& spacing_mm,
+                             bool any_modality) {
   set_up_dcmtk();
   DicomFile out;
   out.file = file;
@@ -219,15 +220,16 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
     return out;
   }
   if (!data.tagExists(DCM_PixelData)) return out;
-  OFString image_type;
-  data.findAndGetOFStringArray(DCM_ImageType, image_type);
-  if (image_type.find("LOCALIZER") != OFString_npos) {
-    out.kind = DicomFile::Kind::kLocaliser;
-    return out;
-  }
-  out.kind = DicomFile::Kind::kImages;
+  out.content = image_content(data);
+  const bool is_localiser = out.content.kind == ImageContent::Kind::kLocaliser;
+  out.kind = is_localiser ? DicomFile::Kind::kLocaliser : DicomFile::Kind::kImages;
   out.is_colour = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1;
-  if (auto wrong = read_frames(format, spacing_mm, out)) unusable(*wrong);
+  if (!any_modality && (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
+    unusable(why_not_ct(out.content));
+  } else if (auto wrong = read_frames(format, spacing_mm, out)) {
+    unusable(*wrong);
+  }
+  if (is_localiser) out.kind = DicomFile::Kind::kLocaliser;
   return out;
 }
 

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "pipeline/read/modality.h"
+
 namespace trocar::pipeline {
 
 /// One slice: a file, or one frame of a multi-frame file.
@@ -32,7 +34,7 @@ struct DicomFrame {
 struct DicomFile {
   enum class Kind {
     kNotImage,   ///< not DICOM, or DICOM without pixels
-    kLocaliser,  ///< a scout view
+    kLocaliser,  ///< a scout view; `problem` says why it is no slice
     kImages,
     kUnusable,  ///< `problem` says why
   };
@@ -41,6 +43,7 @@ struct DicomFile {
   std::string series_uid;  ///< empty if missing
   std::string problem;     ///< one line, with the file's name
   bool is_colour = false;  ///< a screen capture, for example: never a slice
+  ImageContent content;
   std::vector<DicomFrame> frames;
 };
 
@@ -48,8 +51,10 @@ struct DicomFile {
 bool has_dicom_preamble(const std::filesystem::path& file);
 
 /// Never fails: problems are in the result. `spacing_mm`, if given, is for frames without a
-/// pixel spacing of their own.
+/// pixel spacing of their own. Images of another modality than CT are kUnusable, and localisers
+/// have no frames, unless `any_modality`.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
-                             const std::optional<std::array<double, 3>>& spacing_mm = {});
+                             const std::optional<std::array<double, 3>>& spacing_mm = {},
+                             bool any_modality = false);
 
 }  // namespace trocar::pipeline

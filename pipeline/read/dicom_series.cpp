@@ -59,7 +59,8 @@ std::map<std::string, Series> group(const std::vector<DicomFile>& files,
     if (series.first_file.empty()) series.first_file = name;
     if (file.kind == DicomFile::Kind::kUnusable) {
       if (series.unusable++ == 0) series.problem = file.problem;
-      if (!file.is_colour) ++series.broken;
+      const bool is_other = file.content.kind == ImageContent::Kind::kOther;
+      if (!file.is_colour && !is_other) ++series.broken;
       continue;
     }
     if (file.frames[0].sop_uid.empty() && sop_count++ == 0) without_sop = name;
@@ -125,7 +126,7 @@ Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Wa
   warnings.push_back({"no_rescale", first->name(),
                       std::to_string(without) +
                           " slices lack a rescale slope or intercept (this is the first); 1 and 0 "
-                          "are used, so that the stored values are HU"});
+                          "are used, so that the stored values are taken as they are"});
   return {};
 }
 

@@ -49,7 +49,9 @@ class DicomStack final : public SliceStack {
   int size() const override { return static_cast<int>(slices_.size()); }
   int width() const override { return slices_[0].columns; }
   int height() const override { return slices_[0].rows; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  PixelUnit pixel_unit() const override {
+    return modality.empty() ? PixelUnit::kHounsfield : PixelUnit::kUncalibrated;
+  }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return slices_[slice].name(); }
 
@@ -91,7 +93,9 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
   std::vector<DicomFile> headers;
   headers.reserve(files.size());
   for (const std::filesystem::path& file : files)
-    headers.push_back(read_dicom_headers(file, options.spacing_mm));
+    headers.push_back(read_dicom_headers(file, options.spacing_mm, options.any_modality));
+  if (auto ok = settle_localisers(headers, options.series_uid, options.any_modality); !ok)
+    return ok.error();
   auto chosen = choose_series(headers, options.series_uid, where, stack->warnings);
   if (!chosen) return chosen.error();
   stack->slices_ = std::move(*chosen);
@@ -100,6 +104,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)
     used.insert(h.file);
+  stack->modality = other_modality(headers, used, stack->warnings);
   std::copy_if(files.begin(), files.end(), std::back_inserter(stack->files),
                [&used](const std::filesystem::path& file) { return used.count(file) > 0; });
   const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);

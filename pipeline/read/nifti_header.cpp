@@ -55,7 +55,7 @@ bool has_voxel_size(const Header& h) {
 // checked here, on the header itself: the library multiplies them unchecked.
 template <typename Header>
 Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
-                           const std::string& file, bool& is_sized) {
+                           const std::string& file, NiftiHeader& out) {
   Header h;
   std::memcpy(&h, head.data(), sizeof h);
   constexpr bool kFirst = sizeof(Header) == sizeof(nifti_1_header);
@@ -83,7 +83,11 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
     return refused(file + ": voxel type " + std::string(nifti_datatype_string(h.datatype)) +
                    " of " + std::to_string(h.bitpix) + " bits is not a real number");
   }
-  is_sized = has_voxel_size(h);
+  out.has_voxel_size = has_voxel_size(h);
+  if (h.sform_code > 0) {
+    out.pixdim_beside_sform_mm = {std::abs(h.pixdim[1]), std::abs(h.pixdim[2]),
+                                  h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
+  }
   if constexpr (kFirst) {
     return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()));
   } else {
@@ -143,9 +147,9 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   NiftiHeader out;
   Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
   if (size == 348) {
-    image = convert<nifti_1_header>(head, swapped, file, out.has_voxel_size);
+    image = convert<nifti_1_header>(head, swapped, file, out);
   } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
-    image = convert<nifti_2_header>(head, swapped, file, out.has_voxel_size);
+    image = convert<nifti_2_header>(head, swapped, file, out);
   }
   if (!image) return image.error();
   if (*image == nullptr) return refused(file + ": its header is not acceptable");
@@ -164,6 +168,10 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
   out.T_lps_voxel = voxel_to_lps(m, file, warnings);
   out.T_lps_voxel.topRows<3>() *= mm;
+  if (out.pixdim_beside_sform_mm) {
+    for (double& side : *out.pixdim_beside_sform_mm)
+      side *= mm;
+  }
   if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
     return refused(file + ": its affine is not finite or out of range");
   if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -23,6 +24,9 @@ struct NiftiHeader {
   double slope = 1, intercept = 0;
   bool has_voxel_size = true;  ///< else T_lps_voxel has lengths of 1 instead
   Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< mm
+  /// The voxel's sides by pixdim, mm, of a file whose T_lps_voxel is its sform; without their
+  /// signs; zero or not finite where the file does not state them.
+  std::optional<std::array<double, 3>> pixdim_beside_sform_mm;
 
   std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }
 };

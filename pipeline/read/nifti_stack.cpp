@@ -12,6 +12,7 @@
 #include "pipeline/read/nifti_header.h"
 #include "pipeline/read/slice_stack.h"
 #include "pipeline/read/volume_file.h"
+#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -147,6 +148,12 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   const auto header = parse_nifti_header(*head, file, stack->warnings);
   if (!header) return header.error();
   stack->header_ = *header;
+  if (options.any_modality) {
+    stack->warnings.push_back(
+        {"no_modality", file,
+         "a NIfTI names no modality; the values are taken as HU of a CT, with "
+         "and without --any-modality"});
+  }
   Eigen::Matrix4d T = header->T_lps_voxel;
   if (!header->has_voxel_size) {
     if (!options.spacing_mm)
@@ -188,7 +195,8 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   const Eigen::Vector3d u = direction[0] / su;
   Eigen::Vector3d v = direction[1] / sv;
   if (!(std::abs(u.dot(v)) <= 1e-3))
-    return refused(file + ": its rows and columns are not at right angles");
+    return refused(file + ": its rows and columns are not at right angles (its matrix shears by " +
+                   shear_text(T.topLeftCorner<3, 3>()) + "); slices along another --axis may be");
   v = (v - u * u.dot(v)).normalized();
   const Eigen::Vector3d normal = u.cross(v);
   if (!(normal.dot(direction[2]) > 0)) return refused(file + ": its affine has no volume");
@@ -205,6 +213,11 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
     plane.T_lps_plane.translation() = origin + direction[2] * static_cast<double>(i);
     plane.z_mm = normal.dot(plane.T_lps_plane.translation());
     stack->planes_.push_back(plane);
+  }
+  if (header->pixdim_beside_sform_mm) {
+    stack->voxel_conflict =
+        voxel_conflict(header->T_lps_voxel.topLeftCorner<3, 3>(), *header->pixdim_beside_sform_mm);
+    if (stack->voxel_conflict) stack->voxel_conflict->pixel_mm2 = su * sv;
   }
   auto voxels = VolumeFile::open(path, header->data_start, header->data_bytes());
   if (!voxels) return voxels.error();

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 
@@ -31,8 +32,9 @@ struct Warning {
 
 /// What the values of an image are.
 enum class PixelUnit {
-  kHounsfield,  ///< DICOM after rescale, NIfTI after scl_slope/inter
-  kGrey,        ///< image files: 0..255 for any bit depth, or labels
+  kHounsfield,    ///< DICOM after rescale, NIfTI after scl_slope/inter
+  kGrey,          ///< image files: 0..255 for any bit depth, or labels
+  kUncalibrated,  ///< DICOM that is not CT, after rescale
 };
 
 /// Where a slice lies. Plane coordinates are (u, v) in mm: u along a row, v along a
@@ -56,7 +58,9 @@ class SliceStack {
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
 
-  std::vector<Warning> warnings;  ///< what was noticed on opening
+  std::vector<Warning> warnings;                ///< what was noticed on opening
+  std::optional<VoxelConflict> voxel_conflict;  ///< of a NIfTI
+  std::string modality;                         ///< "MR", for example, of kUncalibrated; else empty
   /// All that the slices come from, in order: see digest_input().
   std::vector<std::filesystem::path> files;
 };
@@ -71,6 +75,7 @@ struct OpenOptions {
   std::string series_uid;                           ///< of a DICOM folder; empty: the largest
   SliceAxis axis = SliceAxis::kTransverse;  ///< of a NIfTI volume; other input keeps its slices
   bool as_labels = false;                   ///< image levels are labels: as stored, not 0..255
+  bool any_modality = false;  ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
 };
 
 /// Opens a list of files or one folder: NIfTI by its ending, images by theirs, anything else in a

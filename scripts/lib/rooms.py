@@ -14,7 +14,7 @@ import sys
 # From the lowest layer up. `pipeline` and `runtime` are the files at the top of these folders.
 ROOMS = (
     "formats/base", "formats/geometry", "formats/asset", "formats/session", "formats/examples",
-    "pipeline/read", "pipeline/contour", "pipeline/mesh", "pipeline",
+    "pipeline/read", "pipeline/contour", "pipeline/solid", "pipeline/mesh", "pipeline",
     "runtime/mesh", "runtime/cut", "runtime/refine", "runtime/device", "runtime/mechanism", "runtime/contact", "runtime/deformation",
     "runtime/link", "runtime/simulation", "runtime/realtime", "runtime/control", "runtime/session", "runtime",
 )

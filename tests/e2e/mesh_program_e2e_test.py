@@ -155,6 +155,38 @@ def takes_labels(programs, scan, work):
     refuses(3, "there is no label", mesh, empty, "-o", work / "none.glb", "--labels", "all")
 
 
+def presets_are_their_options(programs, scan, work):
+    """What --explain prints of a preset gives the same asset; an option beside a preset replaces the preset's; wrong uses."""
+    mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
+    shown = run(mesh, "--explain").stdout.splitlines()
+    presets = {line.split(":")[0]: line.split(":")[1].split() for line in shown if not line.startswith(" ")}
+    check(set(presets) == {"bone", "solid-bone", "vertebra", "skin", "paper"}, f"presets: {sorted(presets)}")
+    made = {}
+    for name, options in presets.items():
+        one, other = work / f"{name}.glb", work / f"{name}_options.glb"
+        run(mesh, volume, "-o", one, "--quiet", "--preset", name, "--slices", "14:20")
+        run(mesh, volume, "-o", other, "--quiet", *options, "--slices", "14:20")
+        made[name] = one.read_bytes()
+        check(made[name] == other.read_bytes(), f"--preset {name} is not {' '.join(options)}")
+    check(len(set(made.values())) == len(made), "two presets give the same asset")
+    run(mesh, volume, "-o", work / "other.glb", "--quiet", "--preset=vertebra", "--threshold", "300", "--slices", "14:20")
+    parameters = json.loads(run(mesh, "info", work / "other.glb", "--json").stdout)["parameters"]
+    check(parameters["threshold"] == 300 and parameters["close_mm"] == 3 and parameters["fill_mm2"] == 2500
+          and parameters["min_volume_mm3"] == 100, f"parameters: {parameters}")
+    out = ("-o", work / "never.glb")
+    refuses(2, "--close needs --fill", mesh, volume, *out, "--close", "3")
+    refuses(2, "--fill some: expected an area in mm^2, or all", mesh, volume, *out, "--fill", "some")
+    refuses(2, "--seed 1,2: expected N,N,N", mesh, volume, *out, "--seed", "1,2")
+    refuses(2, "expected LABELS.nii.gz:L[,L]", mesh, volume, *out, "--mask", "labels.nii.gz")
+    refuses(2, "--mask 1,x", mesh, volume, *out, "--mask", "labels.nii.gz:1,x")
+    refuses(2, "--max-area and --max-area-px exclude each other", mesh, volume, *out, "--max-area", "9", "--max-area-px", "9")
+    refuses(2, "is for HU, which images do not carry", mesh, scan / "png", *out, "--preset", "vertebra", "--spacing", "0.3125,0.3125,1")
+    refuses(3, "no material within 10 mm", mesh, volume, *out, "--seed", "9000,0,0")
+    refuses(3, "leave none of the", mesh, volume, *out, "--min-volume", "1e9")
+    label_map(scan, work / "small.nii.gz", [[1]])
+    refuses(3, "needs a label map on the scan's grid", mesh, volume, *out, "--mask", f"{work / 'small.nii.gz'}:1")
+
+
 def names_what_is_no_number(programs, scan, work):
     mesh, words = programs / "trocar-mesh", (scan / "sample.nii.gz", "-o", work / "none.glb")
     for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
@@ -414,6 +446,7 @@ def main():
     check(not (work / "export").exists(), "a part of an invalid asset was exported")
 
     for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
+                 presets_are_their_options,
                  names_what_is_no_number, says_permission_denied, groups_its_warnings,
                  reports_to_be_shared, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
                  export_complete_and_of_one_asset):

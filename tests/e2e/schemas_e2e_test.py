@@ -7,6 +7,7 @@ import json
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 import sys
 
@@ -84,7 +85,20 @@ def reports(source, programs, scan, work):
     for k, file in enumerate(sorted((scan / "dicom").iterdir())[3:6]):
         shutil.copy(file, stray / f"{k}.dcm")
     (stray / "note.txt").write_text("a note")
+    magnetic, sheared = work / "magnetic", work / "sheared.nii"
+    magnetic.mkdir()
+    for file in sorted((scan / "dicom").iterdir())[3:6]:
+        (magnetic / file.name).write_bytes(file.read_bytes().replace(b"\x08\x00\x60\x00CS\x02\x00CT", b"\x08\x00\x60\x00CS\x02\x00MR"))
+    volume = bytearray(labelled.read_bytes())
+    volume[80:92] = struct.pack("<3f", 1, 1, 2)  # pixdim, beside an sform of 1 mm
+    sheared.write_bytes(volume)
+    seen = set()
     for name, words in (
+            ("solid", (scan / "sample.nii.gz", "--preset", "solid-bone", "--slices", "10:20", "--seed", "0,0,0")),
+            ("skin", (scan / "sample.nii.gz", "--preset", "skin", "--slices", "10:14")),
+            ("mask", (labelled, "--threshold", "1", "--mask", f"{labelled}:20-22")),
+            ("modality", (magnetic, "--any-modality", "--threshold", "100")),
+            ("volumes", (sheared, "--labels", "20-24")),
             ("dicom", (scan / "dicom", "--jobs", "1")),
             ("stray", (stray,)),
             ("paper", (scan / "png", "--spacing", "0.3125,0.3125,1", "--preset", "paper", "--crop", "0:60,0:60", "--slices", "0:9")),
@@ -97,8 +111,13 @@ def reports(source, programs, scan, work):
         run(mesh, *words, "-o", work / f"{name}.glb", "--report", report, "--quiet")
         document = json.loads(report.read_bytes())
         schema.check(f"report {name}", document)
+        seen |= {*document, *document["parameters"], *(key for warning in document["warnings"] for key in warning)}
         check(document["schema"] == schema.id, f"report {name}: {document['schema']}")
         check_to_be_shared(f"report {name}", document, "trocar-mesh", version, (work, scan))
+    properties = schema.tree["properties"]
+    for part in (schema.tree, properties["parameters"], properties["warnings"]["items"]):
+        missing = part["properties"].keys() - seen - {"series"}  # needs the UID of a series
+        check(not missing, f"no report had {missing}")
     return schema
 
 

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""solid_bone_test.py PROGRAMS WORK: solid bone from real scans: the vertebra of the folder TROCAR_REAL_CT against an expert's labels,
+and the head CT of the file TROCAR_HEAD_CT, whose brain, sinuses and canal must stay open. Skipped, saying so, without both."""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import nibabel
+import numpy
+from e2e import check, outcome, run
+
+PROGRAMS, WORK = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+MESH = PROGRAMS / "trocar-mesh"
+VERTEBRA = ("--preset", "vertebra")
+SLICES = range(18, 32)  # transverse, from the feet up: the third lumbar vertebra and the discs beside it
+SKIPPED = 77
+
+
+def canonical(file):
+    image = nibabel.as_closest_canonical(nibabel.load(file))
+    return numpy.asarray(image.dataobj), image.affine
+
+
+def triangles(file):
+    """Vertices in patient coordinates (left, back, up) and triangles of an .obj."""
+    vertices, corners = [], []
+    for line in file.read_text().splitlines():
+        if line.startswith("v "):
+            vertices.append([float(word) for word in line.split()[1:4]])
+        elif line.startswith("f "):
+            corners.append([int(word.split("/")[0]) - 1 for word in line.split()[1:4]])
+    return numpy.array(vertices).reshape(-1, 3), numpy.array(corners, int).reshape(-1, 3)
+
+
+def covered(file, affine, shape):
+    """Which voxels' centres of a transverse slice (right, front) lie in a triangle."""
+    vertices, corners = triangles(file)
+    i = (-vertices[:, 0] - affine[0, 3]) / affine[0, 0]
+    j = (-vertices[:, 1] - affine[1, 3]) / affine[1, 1]
+    out = numpy.zeros(shape, bool)
+    for triangle in corners:
+        a, b = i[triangle], j[triangle]
+        columns = numpy.arange(int(numpy.ceil(a.min() - 1e-9)), int(numpy.floor(a.max() + 1e-9)) + 1)
+        rows = numpy.arange(int(numpy.ceil(b.min() - 1e-9)), int(numpy.floor(b.max() + 1e-9)) + 1)
+        x, y = numpy.meshgrid(columns, rows, indexing="ij")
+        sides = [(a[k - 2] - a[k]) * (y - b[k]) - (b[k - 2] - b[k]) * (x - a[k]) for k in range(3)]
+        inside = numpy.all([s >= 0 for s in sides], 0) | numpy.all([s <= 0 for s in sides], 0)
+        out[x[inside], y[inside]] = True
+    return out
+
+
+def meshed(scan, *options):
+    """The exported slices of a scan, by index."""
+    asset, folder = WORK / "solid.glb", WORK / "slices"
+    subprocess.run(["rm", "-rf", str(folder)], check=True)
+    run(MESH, scan, "-o", asset, "--quiet", *options)
+    run(MESH, "export", asset, "-o", folder)
+    return {int("".join(c for c in file.stem if c.isdigit())): file for file in folder.glob("*.obj")}
+
+
+def dice(scan, bone, affine, *options, step=1):
+    """Dice coefficients of the material and the labels in SLICES."""
+    files = meshed(scan, *options)
+    out = []
+    for k in SLICES:
+        if k % step:
+            continue
+        material = covered(files[k // step], affine, bone.shape[:2])
+        out.append(2 * (material & bone[:, :, k]).sum() / (material.sum() + bone[:, :, k].sum()))
+    return numpy.array(out)
+
+
+def expect_dice(what, values, mean, least=0.0):
+    print(f"{what}: Dice mean {values.mean():.3f}, least {values.min():.3f}")
+    check(values.mean() >= mean, f"{what}: mean {values.mean():.3f} below {mean}")
+    check(values.min() >= least, f"{what}: least {values.min():.3f} below {least}")
+
+
+def changed(values, affine, step=1):
+    """A scan with other values, of every `step`-th slice."""
+    file = WORK / "changed.nii.gz"
+    other = affine.copy()
+    other[:, 2] *= step
+    nibabel.save(nibabel.Nifti1Image(values[:, :, ::step].astype(numpy.int16), other), file)
+    return file
+
+
+def body_seed(labels, affine, label):
+    """The middle of the front of a vertebra: its body, as a user would click it."""
+    voxels = numpy.argwhere(labels == label)
+    front = voxels[voxels[:, 1] > voxels[:, 1].max() - 18]
+    right, forward, up, _ = affine @ [*front.mean(0), 1]
+    return f"--seed={-right:g},{-forward:g},{up:g}"
+
+
+def check_vertebra(folder):
+    scan, label_file = folder / "sub-ct_label-22_ct.nii.gz", folder / "sub-ct_seg-vert_label-22_msk.nii.gz"
+    values, affine = canonical(scan)
+    labels = canonical(label_file)[0].astype(int)
+    bone = numpy.isin(labels, (21, 22, 23))
+    expect_dice("vertebra", dice(scan, bone, affine, *VERTEBRA), 0.92, 0.90)
+    noise = numpy.random.default_rng(1).normal(0, 50, values.shape)
+    for what, other, step in (("noise of 50 HU", values + noise, 1), ("HU x 0.9", values * 0.9, 1), ("every second slice", values, 2)):
+        expect_dice(what, dice(changed(other, affine, step), bone, affine, *VERTEBRA, step=step), 0.90)
+    check(dice(scan, bone, affine).mean() < 0.5, "the threshold alone is no solid bone: this test would see nothing")
+
+    third = labels == 22
+    seeds = [body_seed(labels, affine, label) for label in (22, 21, 23)]
+    expect_dice("the third of three seeds", dice(scan, third, affine, *VERTEBRA, *seeds), 0.91)
+    expect_dice("within the mask of its label", dice(scan, third, affine, *VERTEBRA, "--mask", f"{label_file}:22"), 0.90)
+    check_pedicle(scan, labels)
+
+
+def pedicle(labels):
+    """The column (right, up) of the longest unbroken way through the third vertebra from back to front that lies beside the canal,
+    and its voxels from back to front."""
+    third = labels == 22
+    middle = numpy.argwhere(third)[:, 0].mean()
+    best = (0, 0, 0, 0)
+    for x in range(third.shape[0]):
+        if abs(x - middle) < 6:  # 9 mm
+            continue
+        for z in SLICES:
+            line = numpy.flatnonzero(third[x, :, z])
+            if len(line) and line[-1] - line[0] + 1 == len(line):
+                best = max(best, (len(line), x, z, line[0]))
+    length, x, z, first = best
+    return x, z, range(first, first + length)
+
+
+def check_pedicle(scan, labels):
+    """A needle from the back along a pedicle punctures every slice that the labels call bone on its way."""
+    x, z, way = pedicle(labels)
+    asset = WORK / "coronal.glb"
+    run(MESH, scan, "-o", asset, "--quiet", "--axis", "coronal", *VERTEBRA)
+    depth = labels.shape[1]
+    slices = [depth - 1 - y for y in way]  # coronal slices run from front to back; the needle from back to front
+    top_m, apart_m = 0.19, 0.0015
+    heights = [top_m - apart_m * k for k in range(len(slices))]
+    column = [1.5 * (labels.shape[0] - 1 - x), 1.5 * (labels.shape[2] - 1 - z)]  # u to the left, v down
+    scene = {"schema": "trocar.scene/1", "name": "along a pedicle", "asset": asset.name, "duration_s": 4,
+             "placement": {"anchor_mm": column},
+             "slices": [{"index": index, "z_m": height} for index, height in zip(slices, heights)],
+             "tissue": {"stiffness_N_per_m": 20000, "threshold_N": 10}, "force_law": {"kind": "hooke"},
+             "tool": {"sides": 6, "radius_m": 0.001},
+             "hand": {"stiffness_N_per_m": 8000, "damping_N_s_per_m": 140,
+                      "trajectory": [{"t_s": 0, "tip_m": [0, 0, top_m + 0.005]}, {"t_s": 0.2, "tip_m": [0, 0, top_m + 0.005]},
+                                     {"t_s": 3.8, "tip_m": [0, 0, heights[-1] - 0.01]}]}}
+    file, summary = WORK / "pedicle.json", WORK / "pedicle_summary.json"
+    file.write_text(json.dumps(scene))
+    run(PROGRAMS / "trocar-run", file, "--clock", "virtual", "--summary", summary, "--quiet")
+    punctured = {puncture["slice"] for puncture in json.loads(summary.read_text())["punctures"]}
+    missed = sorted(set(slices) - punctured)
+    print(f"pedicle: {len(slices)} slices of bone, {len(punctured)} punctured")
+    check(len(slices) >= 20, f"the way through the pedicle has only {len(slices)} slices")
+    check(not missed, f"no material on the needle's way in the coronal slices {missed}")
+
+
+def check_head(scan):
+    """Points inside of what must stay open, with the range of HU that says that they are what they are called; and marrow."""
+    values, affine = canonical(scan)
+    files = meshed(scan, *VERTEBRA)
+    places = (("brain", (125, 100, 56), (0, 100), False), ("brain stem", (125, 100, 28), (-20, 100), False),
+              ("canal", (125, 95, 4), (-20, 120), False), ("frontal sinus", (125, 203, 56), (-1100, -700), False),
+              ("ethmoid cells", (124, 163, 40), (-1100, -700), False),
+              ("mastoid cells", (68, 118, 20), (-1100, -400), False), ("skull", (125, 28, 56), (226, 3000), True))
+    for what, (i, j, k), (low, high), solid in places:
+        check(low <= values[i, j, k] <= high, f"{what}: {values[i, j, k]} HU is not {low} to {high}: another place")
+        is_material = bool(covered(files[k], affine, values.shape[:2])[i, j])
+        check(is_material == solid, f"{what} at {i}, {j}, {k} is {'filled' if is_material else 'open'}")
+    brain = values[60:190, 40:190, 60]
+    open_share = 1 - covered(files[60], affine, values.shape[:2])[60:190, 40:190][brain < 100].mean()
+    check(open_share > 0.999, f"{open_share:.4f} of the soft tissue in slice 60 is open")
+
+
+def main():
+    WORK.mkdir(parents=True, exist_ok=True)
+    real = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3"
+    head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
+    if not real.is_dir() and not head.is_file():
+        print("skipped: neither TROCAR_REAL_CT/l3 nor TROCAR_HEAD_CT is there")
+        return SKIPPED
+    if real.is_dir():
+        check_vertebra(real)
+    else:
+        print("skipped: the vertebra, no TROCAR_REAL_CT/l3")
+    if head.is_file():
+        check_head(head)
+    else:
+        print("skipped: the head, no TROCAR_HEAD_CT")
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
