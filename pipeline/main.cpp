@@ -20,6 +20,7 @@
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 #include "pipeline/presets.h"
+#include "pipeline/second_opinion.h"
 
 namespace {
 
@@ -234,17 +235,35 @@ int mesh(const Arguments& a) {
   return 0;
 }
 
-int verify(const fs::path& file, bool as_json) {
+Result<std::size_t> verify(const fs::path& file, bool independent) {
   const auto asset = read_asset(file);
-  const Result<void> ok = asset ? verify_asset(*asset, file.string()) : Result<void>(asset.error());
-  if (as_json) {
-    json out = {{"file", file.string()}, {"valid", static_cast<bool>(ok)}};
-    if (!ok) out["reason"] = ok.error().message;
-    std::cout << json_text(out, 1) << '\n';
+  if (!asset) return asset.error();
+  if (auto ok = verify_asset(*asset, file.string()); !ok) return ok.error();
+  if (independent) {
+    if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
   }
-  if (!ok) return fail(ok.error());
-  if (!as_json) std::printf("%s: valid, %zu slices\n", file.c_str(), asset->slices.size());
-  return 0;
+  return asset->slices.size();
+}
+
+// Every file is looked at; the exit code is the first error's.
+int verify_all(const std::vector<fs::path>& files, bool independent, bool as_json) {
+  int code = 0;
+  json out = json::array();
+  for (const fs::path& file : files) {
+    const auto slices = verify(file, independent);
+    out.push_back({{"file", file.string()}, {"valid", static_cast<bool>(slices)}});
+    if (independent) out.back()["independent"] = true;
+    if (!slices) {
+      out.back()["reason"] = slices.error().message;
+      const int failed = fail(slices.error());
+      if (code == 0) code = failed;
+    } else if (!as_json) {
+      std::printf("%s: valid, %zu slices%s\n", file.c_str(), *slices,
+                  independent ? ", confirmed by CGAL" : "");
+    }
+  }
+  if (as_json) std::cout << json_text(out.size() == 1 ? out[0] : out, 1) << '\n';
+  return code;
 }
 
 int info(const fs::path& file, bool as_json) {
@@ -317,9 +336,13 @@ int run(int argc, char** argv) {
   CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
       app.add_subcommand("export", "write each slice as .poly, .obj and .svg");
-  for (CLI::App* command : {verify_command, info_command, export_command}) {
+  std::vector<fs::path> assets;
+  bool independent = false;
+  verify_command->add_option("ASSET", assets, "the .glb, or several")->required();
+  verify_command->add_flag("--independent", independent,
+                           "also compare with CGAL's triangulation, which is not Trocar's code");
+  for (CLI::App* command : {info_command, export_command})
     command->add_option("ASSET", asset, "the .glb")->required();
-  }
   for (CLI::App* command : {verify_command, info_command})
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
@@ -336,7 +359,7 @@ int run(int argc, char** argv) {
     return mesh(a);
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
-  if (*verify_command) return verify(asset, as_json);
+  if (*verify_command) return verify_all(assets, independent, as_json);
   if (*info_command) return info(asset, as_json);
   return export_to(asset, folder);
 }

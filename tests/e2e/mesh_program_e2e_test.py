@@ -155,6 +155,16 @@ def takes_labels(programs, scan, work):
     refuses(3, "there is no label", mesh, empty, "-o", work / "none.glb", "--labels", "all")
 
 
+def verifies_several(mesh, good, broken):
+    """Every file is looked at, whichever is invalid; CGAL confirms the good one."""
+    said = run(mesh, "verify", "--independent", good, good)
+    check(said.stdout.count(", confirmed by CGAL") == 2, f"verify --independent: {said.stdout}")
+    said = run(mesh, "verify", broken, good, expect=3)
+    check("broken.glb" in said.stderr and "valid" in said.stdout, f"verify of two: {said.stdout} {said.stderr}")
+    found = json.loads(run(mesh, "verify", good, broken, "--json", "--independent", expect=3).stdout)
+    check([f["valid"] for f in found] == [True, False] and "reason" in found[1], f"verify --json: {found}")
+
+
 def presets_are_their_options(programs, scan, work):
     """What --explain prints of a preset gives the same asset; an option beside a preset replaces the preset's; wrong uses."""
     mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
@@ -444,6 +454,7 @@ def main():
         said = run(mesh, *words, expect=3).stderr
         check("broken.glb" in said and len(said.splitlines()) == 1, f"{words}: {said}")
     check(not (work / "export").exists(), "a part of an invalid asset was exported")
+    verifies_several(mesh, good, work / "broken.glb")
 
     for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
                  presets_are_their_options,
