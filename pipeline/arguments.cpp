@@ -42,8 +42,9 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
 // Adds the labels of a list of L and A-B with commas between.
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels) {
   constexpr int kMostOfRange = 65536;
-  const Error wrong = usage(option + " " + list +
-                            ": must be all, or labels L and ranges A-B with commas between them");
+  const std::string given = option + " " + list + ": ";
+  const Error wrong =
+      usage(given + "must be all, or labels L and ranges A-B with commas between them");
   const char *at = list.data(), *const end = at + list.size();
   while (true) {
     int first = 0;
@@ -56,9 +57,9 @@ Result<void> add_labels(const std::string& option, const std::string& list, std:
       rest = range.ptr;
     }
     if (rest != end && *rest != ',') return wrong;
-    if (last < first) return usage(option + " " + list + ": a range ends before it begins");
+    if (last < first) return usage(given + "a range ends before it begins");
     if (static_cast<std::int64_t>(last) - first >= kMostOfRange)
-      return usage(option + " " + list + ": a range has more than 65536 labels");
+      return usage(given + "a range has more than 65536 labels");
     for (std::int64_t label = first; label <= last; ++label)
       labels.insert(static_cast<int>(label));
     if (rest == end) return {};
