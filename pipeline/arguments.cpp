@@ -17,10 +17,10 @@ namespace {
 using nlohmann::json;
 
 // The numbers in a text such as "A:B", "X,Y,Z" or "X0:X1,Y0:Y1". `pattern` has a # for each number;
-// the text must match it completely.
+// the text must match it completely. `like`: how it is called in the message.
 template <typename T>
 Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern,
-                               const std::string& option) {
+                               const std::string& option, const char* like) {
   std::vector<T> out;
   std::istringstream in(text);
   for (const char c : pattern) {
@@ -34,9 +34,7 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   }
   if (in.fail() || in.peek() != std::char_traits<char>::eof() ||
       out.size() != static_cast<std::size_t>(std::count(pattern.begin(), pattern.end(), '#'))) {
-    std::string like(pattern);
-    std::replace(like.begin(), like.end(), '#', 'N');
-    return usage(option + " " + text + ": expected " + like);
+    return usage(option + " " + text + ": must be " + like);
   }
   return out;
 }
@@ -44,8 +42,9 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
 // Adds the labels of a list of L and A-B with commas between.
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels) {
   constexpr int kMostOfRange = 65536;
-  const Error wrong = usage(option + " " + list +
-                            ": expected all, or labels L and ranges A-B with commas between them");
+  const std::string given = option + " " + list + ": ";
+  const Error wrong =
+      usage(given + "must be all, or labels L and ranges A-B with commas between them");
   const char *at = list.data(), *const end = at + list.size();
   while (true) {
     int first = 0;
@@ -58,9 +57,9 @@ Result<void> add_labels(const std::string& option, const std::string& list, std:
       rest = range.ptr;
     }
     if (rest != end && *rest != ',') return wrong;
-    if (last < first) return usage(option + " " + list + ": a range ends before it begins");
+    if (last < first) return usage(given + "a range ends before it begins");
     if (static_cast<std::int64_t>(last) - first >= kMostOfRange)
-      return usage(option + " " + list + ": a range has more than 65536 labels");
+      return usage(given + "a range has more than 65536 labels");
     for (std::int64_t label = first; label <= last; ++label)
       labels.insert(static_cast<int>(label));
     if (rest == end) return {};
@@ -172,16 +171,17 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   if (a.fill == "all") {
     out.fill_mm2 = std::numeric_limits<double>::infinity();
   } else if (!a.fill.empty()) {
-    const auto n = numbers<double>(a.fill, "#", "--fill");
-    if (!n || !((*n)[0] >= 0 && (*n)[0] <= 1e12))
-      return usage("--fill " + a.fill + ": expected an area in mm^2, or all");
+    const auto n = numbers<double>(a.fill, "#", "--fill", "an area in mm^2, or all");
+    if (!n) return n.error();
+    if (!((*n)[0] >= 0 && (*n)[0] <= 1e12))
+      return usage("--fill " + a.fill + ": must be within 0 and 1e12 mm^2, or all");
     out.fill_mm2 = (*n)[0];
   }
   if (a.close_mm > 0 && !out.fill_mm2)
     return usage(
         "--close needs --fill MM2 or --fill all: it says which gaps count as closed there");
   for (const std::string& seed : a.seeds) {
-    const auto n = numbers<double>(seed, "#,#,#", "--seed");
+    const auto n = numbers<double>(seed, "#,#,#", "--seed", "X,Y,Z in mm");
     if (!n) return n.error();
     for (const double mm : *n)
       if (!(std::abs(mm) < 1e6)) return usage("--seed " + seed + ": each must lie within 1e6 mm");
@@ -190,7 +190,7 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   if (!a.mask.empty()) {
     const auto colon = a.mask.rfind(':');
     if (colon == std::string::npos || colon == 0)
-      return usage("--mask " + a.mask + ": expected LABELS.nii.gz:L[,L]");
+      return usage("--mask " + a.mask + ": must be LABELS.nii.gz:L[,L]");
     out.mask_file = a.mask.substr(0, colon);
     if (auto ok = add_labels("--mask", a.mask.substr(colon + 1), out.mask_labels); !ok)
       return ok.error();
@@ -254,12 +254,12 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.lattice.bits = a.lattice_bits;
   out.threads = a.jobs;
   if (!a.slices.empty()) {
-    const auto n = numbers<int>(a.slices, "#:#", "--slices");
+    const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
     if (!n) return n.error();
     out.slices = std::pair{(*n)[0], (*n)[1]};
   }
   if (!a.crop.empty()) {
-    const auto n = numbers<int>(a.crop, "#:#,#:#", "--crop");
+    const auto n = numbers<int>(a.crop, "#:#,#:#", "--crop", "X0:X1,Y0:Y1, first and last pixel");
     if (!n) return n.error();
     out.mesh.crop = Crop{(*n)[0], (*n)[1], (*n)[2], (*n)[3]};
   }
@@ -280,7 +280,7 @@ Result<OpenOptions> open_options(const Arguments& a) {
   out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
   if (!a.spacing.empty()) {
-    const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing");
+    const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing", "X,Y,Z in mm");
     if (!n) return n.error();
     for (const double mm : *n) {
       if (!(mm > 1e-6 && mm < 1e6))

@@ -141,13 +141,7 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   return {};
 }
 
-// Reports hold no absolute paths: of one, only the name.
-std::string without_folder(const fs::path& file) {
-  if (!file.is_absolute()) return file.string();
-  return (file.has_filename() ? file : file.parent_path()).filename().string();
-}
-
-// Absolute inputs in the warnings, too.
+// Reports hold no absolute paths, also not in the warnings.
 json without_folders(json report, const std::vector<fs::path>& inputs) {
   const auto shorten = [&inputs](json& text) {
     std::string out = text.get<std::string>();

@@ -158,6 +158,11 @@ Result<void> check_arguments(const Arguments& a) {
     return usage("--energy-budget: must be within 0.001 and 10 J");
   }
   if (a.strict && !a.check) return usage("--strict: is for --check");
+  if (const long processors = ::sysconf(_SC_NPROCESSORS_CONF);
+      a.cpu < -1 || (processors > 0 && a.cpu >= processors)) {
+    return usage("--cpu " + std::to_string(a.cpu) + ": must be within 0 and " +
+                 std::to_string(processors - 1) + ", the processors of this machine");
+  }
   if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
   if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
     return usage(
@@ -197,7 +202,14 @@ Result<Loaded> load(const Arguments& arguments) {
   for (const SceneSlice& slice : loaded.scene.slices)
     slice_indices.push_back(slice.index);
   const Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(slice_indices));
-  if (!part) return part.error();
+  if (!part) {
+    std::error_code ignored;
+    const bool is_elsewhere =
+        arguments.asset.empty() && !std::filesystem::exists(loaded.scene.asset, ignored);
+    return Error{
+        part.error().code,
+        part.error().message + (is_elsewhere ? " (the scene's asset; --asset names another)" : "")};
+  }
   auto sheets = place_slices(loaded.scene, part->asset, loaded.scene.asset.string());
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);

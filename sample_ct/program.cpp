@@ -39,6 +39,8 @@ int run(const Arguments& arguments) {
   stop_on_signals();
   const Result<ScanGeometry> geometry = sample_geometry(arguments.size, arguments.slices);
   if (!geometry) return fail(geometry.error());
+  if (const Result<void> good = check_sample_folder(arguments.folder); !good)
+    return fail(good.error());
 
   const bool show = !arguments.quiet && ::isatty(STDERR_FILENO) == 1;
   const auto progress = [&](const std::string& what) {
@@ -66,11 +68,10 @@ std::string check_whole(const std::string& text) {
   const auto [rest, error] = std::from_chars(text.data(), end, value);
   return error == std::errc() && rest == end
              ? std::string()
-             : "\"" + text + "\" is not a whole number of 0 .. 2^64 - 1";
+             : text + " is not a whole number within 0 and 2^64 - 1";
 }
 std::string check_number(const std::string& text) {
-  return text.find_first_of("nN") == std::string::npos ? std::string()
-                                                       : "\"" + text + "\" is not a number";
+  return text.find_first_of("nN") == std::string::npos ? std::string() : text + " is not a number";
 }
 
 void declare(CLI::App& app, Arguments& arguments) {

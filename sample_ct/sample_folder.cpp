@@ -47,6 +47,25 @@ struct Scratch {
   }
 };
 
+/// Removes the folder when it goes out of scope, if it is empty then. An empty path: none.
+struct EmptyFolder {
+  fs::path path;
+  explicit EmptyFolder(fs::path folder) : path(std::move(folder)) {}
+  EmptyFolder(const EmptyFolder&) = delete;
+  EmptyFolder& operator=(const EmptyFolder&) = delete;
+  ~EmptyFolder() {
+    std::error_code ignored;
+    if (!path.empty()) fs::remove(path, ignored);
+  }
+};
+
+/// The error of a file in the scratch folder, with the name that the file would have got.
+Error named_after(Error error, const fs::path& scratch, const fs::path& folder) {
+  const std::size_t at = error.message.find(scratch.string());
+  if (at != std::string::npos) error.message.replace(at, scratch.string().size(), folder.string());
+  return error;
+}
+
 Result<void> sync_folder(const fs::path& folder) {
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor < 0) return failed(folder, last_error());
@@ -119,22 +138,38 @@ std::string describe_scan(const Scan& scan, const GreyWindow& window) {
   return json.dump(2) + "\n";
 }
 
+Result<void> check_sample_folder(const fs::path& folder) {
+  std::error_code error;
+  if (fs::exists(folder, error) && !fs::is_directory(folder, error))
+    return unwritable(folder.string() + ": exists and is not a folder");
+  fs::path existing = folder;  // or the one in which it will be made
+  while (!existing.empty() && !fs::exists(existing, error))
+    existing = existing.parent_path();
+  if (existing.empty()) existing = ".";
+  if (!fs::is_directory(existing, error))
+    return failed(folder, std::make_error_code(std::errc::not_a_directory));
+  if (::access(existing.c_str(), W_OK | X_OK) != 0) return failed(folder, last_error());
+  for (const auto& [name, pattern] :
+       {std::pair{"png", R"(slice_\d{3}\.png)"}, std::pair{"dicom", R"(CT_\d{3}\.dcm)"}})
+    if (Result<void> fit = check_replaceable(folder / name, pattern); !fit) return fit;
+  return {};
+}
+
 Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, const fs::path& folder,
                                  const std::function<void(const std::string&)>& progress,
                                  const std::atomic<bool>* stop) {
   if (is_set(stop)) return interrupted();
+  if (Result<void> good = check_sample_folder(folder); !good) return good;
   std::error_code error;
+  const EmptyFolder unless_filled{fs::exists(folder, error) ? fs::path() : folder};
   fs::create_directories(folder, error);
   if (error) return failed(folder, error);
-  for (const auto& [name, pattern] :
-       {std::pair{"png", R"(slice_\d{3}\.png)"}, std::pair{"dicom", R"(CT_\d{3}\.dcm)"}})
-    if (Result<void> fit = check_replaceable(folder / name, pattern); !fit) return fit;
 
   const Scratch scratch(folder / (".trocar-sample-ct." + std::to_string(::getpid())));
   fs::remove_all(scratch.path, error);
   for (const fs::path& made : {scratch.path, scratch.path / "png", scratch.path / "dicom"}) {
     fs::create_directory(made, error);
-    if (error) return failed(made, error);
+    if (error) return failed(folder, error);
   }
 
   using Writer = std::function<Result<void>()>;
@@ -147,7 +182,7 @@ Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, con
        }}};
   for (const auto& [what, write] : writers) {
     if (progress) progress(what);
-    if (Result<void> r = write(); !r) return r;
+    if (Result<void> r = write(); !r) return named_after(r.error(), scratch.path, folder);
     if (is_set(stop)) return interrupted();
   }
   for (const fs::path& made : {scratch.path / "png", scratch.path / "dicom", scratch.path})

@@ -14,6 +14,10 @@
 
 namespace trocar::sample {
 
+/// Whether a scan could be written to `folder`, as far as this can be known without writing:
+/// programs ask before they render. (Unwritable) if not.
+Result<void> check_sample_folder(const std::filesystem::path& folder);
+
 /// Writes everything to a hidden folder inside `folder` (created if needed), then moves
 /// the four outputs into place, replacing those of an earlier run. On failure
 /// (unwritable, naming the file) existing outputs are unchanged and the hidden folder is

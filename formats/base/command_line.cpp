@@ -6,6 +6,8 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <regex>
+#include <string>
 #include <vector>
 
 #include "formats/base/nearest_name.h"
@@ -19,7 +21,7 @@ std::string empty_value(int argc, const char* const* argv) {
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i], before = argv[i - 1];
     if (argument.empty())
-      return (before.starts_with('-') ? before : "an argument") + ": its value is empty";
+      return before.starts_with('-') ? before + ": its value is empty" : "an argument is empty";
     if (argument.starts_with("--") && argument.find('=') == argument.size() - 1)
       return argument.substr(0, argument.size() - 1) + ": its value is empty";
   }
@@ -54,6 +56,46 @@ std::string no_number(const CLI::App& app) {
     }
   }
   return {};
+}
+
+/// "a", "a or b", "a, b or c" from "a,b,c".
+std::string alternatives(std::string list) {
+  const std::size_t last = list.rfind(',');
+  if (last != std::string::npos) list.replace(last, 1, " or ");
+  for (std::size_t at = 0; (at = list.find(',', at)) != std::string::npos; at += 2)
+    list.replace(at, 1, ", ");
+  return list;
+}
+
+/// A number of CLI11's messages without the zeros at its end.
+std::string without_zeros(std::string number) {
+  if (number.find('.') == std::string::npos) return number;
+  number.erase(number.find_last_not_of('0') + 1);
+  if (number.back() == '.') number.pop_back();
+  return number;
+}
+
+/// CLI11's message of a missing value, a number out of range, or a word that is none of several, in
+/// the words of all other messages. Its form is that of CLI11 2.1; others are left as they are.
+std::string plain_words(const std::string& message) {
+  static const std::regex missing(R"((-[^ :]+): 1 required .* missing)");
+  static const std::regex range(R"((-[^ :]+): Value (.*) not in range (\S+) to (\S+))");
+  static const std::regex word(R"((-[^ :]+): (.*) not in \{(.*)\})");
+  std::smatch part;
+  if (std::regex_match(message, part, missing)) return part.str(1) + ": its value is missing";
+  if (std::regex_match(message, part, word))
+    return part.str(1) + " " + part.str(2) + ": must be " + alternatives(part.str(3));
+  if (std::regex_match(message, part, range)) {
+    return part.str(1) + " " + part.str(2) + ": must be within " + without_zeros(part.str(3)) +
+           " and " + without_zeros(part.str(4));
+  }
+  return message;
+}
+
+/// Whether an option was given that there is not: the required one, mistyped.
+bool has_unknown_option(const CLI::App& app) {
+  const std::vector<std::string> rest = app.remaining(true);
+  return !rest.empty() && rest.front().starts_with("--");
 }
 
 }  // namespace
@@ -92,10 +134,13 @@ std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const
     return 0;
   } catch (const CLI::ExtrasError&) {
     return report_error(program, usage(unexpected_argument(app) + see_help));
+  } catch (const CLI::RequiredError& error) {
+    const std::string wrong = has_unknown_option(app) ? unexpected_argument(app) : error.what();
+    return report_error(program, usage(wrong + see_help));
   } catch (const CLI::ParseError& error) {
     if (const std::string wrong = no_number(app); !wrong.empty())
       return report_error(program, usage(wrong + see_help));
-    return report_error(program, usage(error.what() + see_help));
+    return report_error(program, usage(plain_words(error.what()) + see_help));
   }
   return std::nullopt;
 }

@@ -81,6 +81,7 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file)
   if (fd.get() < 0) return refused(file.string() + ": " + why(errno));
   struct stat status {};
   if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + why(errno));
+  if (S_ISDIR(status.st_mode)) return refused(file.string() + ": is a folder, not a file");
   if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
   return std::unique_ptr<ByteSource>(
       std::make_unique<FileSource>(std::move(fd), static_cast<std::uint64_t>(status.st_size)));
@@ -147,6 +148,11 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
     }
   }
   return {};
+}
+
+std::string without_folder(const std::filesystem::path& file) {
+  if (!file.is_absolute()) return file.string();
+  return (file.has_filename() ? file : file.parent_path()).filename().string();
 }
 
 Result<void> write_file_atomically(const std::filesystem::path& file,

@@ -64,6 +64,10 @@ struct OutputFile {
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs);
 
+/// The path in a report that is passed on, which holds no absolute paths: a relative one as it is,
+/// the last name of an absolute one.
+std::string without_folder(const std::filesystem::path& file);
+
 /// Writes a temporary file beside the target, syncs it and renames it to the target. On failure
 /// (unwritable) the target is unchanged and the temporary file is removed.
 Result<void> write_file_atomically(const std::filesystem::path& file,

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "formats/base/nearest_name.h"
+
 namespace trocar {
 namespace {
 
@@ -17,6 +19,13 @@ std::string as_text(double x) {
 
 std::string range_message(double lowest, double highest) {
   return "must be within " + as_text(lowest) + " and " + as_text(highest);
+}
+
+/// nlohmann's message, "parse error at line 1, column 2: ...", in plain words.
+std::string why_no_json(std::string_view text, const std::string& what) {
+  if (text.find_first_not_of(" \t\r\n") == std::string_view::npos) return "not JSON: it is empty";
+  constexpr std::string_view kFront = "parse error at ";
+  return what.starts_with(kFront) ? "not JSON: " + what.substr(kFront.size()) : what;
 }
 
 }  // namespace
@@ -47,7 +56,8 @@ Result<nlohmann::json> parse_strict_json(std::string_view text, const std::strin
   } catch (const nlohmann::json::exception& failure) {
     const std::string what = failure.what();
     const std::size_t after = what.find("] ");
-    return refused(name + ": " + (after == std::string::npos ? what : what.substr(after + 2)));
+    return refused(name + ": " +
+                   why_no_json(text, after == std::string::npos ? what : what.substr(after + 2)));
   }
 }
 
@@ -67,7 +77,15 @@ bool StrictObject::has(const char* key) const {
 const nlohmann::json* StrictObject::find(const char* key, bool required) {
   known_.insert(key);
   if (has(key)) return &value_[key];
-  if (required && value_.is_object()) errors_.add(path(key), "is missing");
+  if (required && value_.is_object()) {
+    std::vector<std::string> others;
+    for (const auto& [other, unused] : value_.items())
+      others.push_back(other);
+    const std::string meant = nearest_name(key, others);
+    errors_.add(path(key), "is missing" + (meant.empty() || known_.contains(meant)
+                                               ? ""
+                                               : "; is it " + nlohmann::json(meant).dump() + "?"));
+  }
   return nullptr;
 }
 
@@ -160,7 +178,8 @@ void StrictObject::finish() {
   if (!value_.is_object()) return;
   for (const auto& [key, unused] : value_.items()) {
     if (!known_.contains(key)) {
-      errors_.add(path_, "unknown key " + nlohmann::json(key).dump());
+      errors_.add(path_, "unknown key " + nlohmann::json(key).dump() +
+                             did_you_mean(key, {known_.begin(), known_.end()}));
       return;
     }
   }

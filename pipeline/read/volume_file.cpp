@@ -58,7 +58,7 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
 Result<std::vector<std::uint8_t>> VolumeFile::head(const std::filesystem::path& file,
                                                    std::size_t bytes) {
   const GzFile in(gzopen(file.c_str(), "rbe"));  // plain files pass through
-  if (!in) return refused(file.string() + ": cannot be opened");
+  if (!in) return refused(file.string() + ": " + std::generic_category().message(errno));
   std::vector<std::uint8_t> out(bytes);
   const int n = gzread(in.get(), out.data(), static_cast<unsigned>(bytes));
   if (n < 0) return refused(file.string() + ": damaged gzip");

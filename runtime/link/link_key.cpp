@@ -26,13 +26,15 @@ int value_of(char digit) noexcept {
   return -1;
 }
 
-/// Reads an open key file. Gives the reason why it is refused, or an empty string.
-std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes) {
+/// Reads an open key file. Gives the reason why it is refused, or an empty string. `is_open`: other
+/// users have access to it.
+std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_t& bytes,
+                         bool& is_open) {
   struct stat status {};
   if (::fstat(fd, &status) != 0) return why(errno);
   if (!S_ISREG(status.st_mode)) return "not a regular file";
   if (status.st_uid != ::geteuid()) return "owned by another user";
-  if ((status.st_mode & 077) != 0) return "other users have access to it; chmod 600 it";
+  is_open = (status.st_mode & 077) != 0;
   const ssize_t got = ::read(fd, text.data(), text.size());
   if (got < 0) return why(errno);
   bytes = static_cast<std::size_t>(got);
@@ -46,7 +48,8 @@ Result<LinkKey> read_link_key(const std::filesystem::path& file) {
   if (fd < 0) return refused(file.string() + ": " + why(errno));
   std::array<char, kDigits + 2> text{};
   std::size_t bytes = 0;
-  const std::string wrong = read_guarded(fd, text, bytes);
+  bool is_open = false;
+  const std::string wrong = read_guarded(fd, text, bytes, is_open);
   ::close(fd);
   if (!wrong.empty()) return refused(file.string() + ": " + wrong);
 
@@ -54,10 +57,13 @@ Result<LinkKey> read_link_key(const std::filesystem::path& file) {
   const bool ends = bytes == kDigits || (bytes == kDigits + 1 && text[kDigits] == '\n');
   for (std::size_t i = 0; ends && i < kLinkKeyBytes; ++i) {
     const int high = value_of(text[2 * i]), low = value_of(text[2 * i + 1]);
-    if (high < 0 || low < 0) return refused(file.string() + ": not 64 hexadecimal digits");
+    if (high < 0 || low < 0)
+      return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
     key.bytes[i] = static_cast<std::uint8_t>(16 * high + low);
   }
-  if (!ends) return refused(file.string() + ": not 64 hexadecimal digits");
+  if (!ends) return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
+  // Last, so that nobody is asked to change the mode of a file that is no key.
+  if (is_open) return refused(file.string() + ": other users have access to it; chmod 600 it");
   return key;
 }
 

@@ -39,8 +39,12 @@ BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t r
 Result<std::unique_ptr<BlackBox>> BlackBox::make(const std::filesystem::path& folder,
                                                  double rate_Hz, const RecordingOrigin& origin) {
   const std::string name = "black_box_" + start_in_utc();
-  if (const Result<void> good = check_writable(folder / name); !good)
-    return unwritable(good.error().message + " (--black-box sets another folder for black boxes)");
+  if (const Result<void> good = check_writable(folder / name); !good) {
+    const std::string& why = good.error().message;  // FILE: REASON
+    return unwritable(folder.string() + ": no folder for black boxes: " +
+                      why.substr((folder / name).string().size() + 2) +
+                      " (--black-box sets another)");
+  }
   const auto rows = static_cast<std::size_t>(std::ceil(kBlackBox_s * rate_Hz - 1e-6));
   return std::unique_ptr<BlackBox>(
       new BlackBox(folder, name, std::max<std::size_t>(rows, 1), origin));

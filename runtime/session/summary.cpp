@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 
 namespace trocar::runtime {
@@ -48,6 +49,15 @@ json number_or_null(const FaultDetail& detail, double number) {
   return has_number ? json(number) : json(nullptr);
 }
 
+/// The message of a file's error without the file's folder, if that is absolute.
+std::string without_folder_of(const std::filesystem::path& file, std::string message) {
+  if (!file.is_absolute()) return message;
+  for (const std::string& folder : {file.parent_path().string() + "/", file.parent_path().string()})
+    for (std::size_t at = 0; (at = message.find(folder, at)) != std::string::npos;)
+      message.erase(at, folder.size());
+  return message;
+}
+
 json describe_faults(const SessionReport& report) {
   json list = json::array();
   for (const FaultEvent& event : report.faults) {
@@ -66,9 +76,9 @@ json describe_faults(const SessionReport& report) {
         std::find_if(report.black_boxes.begin(), report.black_boxes.end(),
                      [&event](const BlackBoxFile& b) { return b.t_s == event.t_s; });
     if (box != report.black_boxes.end()) {
-      fault["black_box"] = box->file.string();
+      fault["black_box"] = without_folder(box->file);
       fault["black_box_rows"] = box->rows;
-      if (box->error) fault["black_box_error"] = box->error->message;
+      if (box->error) fault["black_box_error"] = without_folder_of(box->file, box->error->message);
     }
     list.push_back(std::move(fault));
   }
@@ -127,6 +137,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
                                                              : "fault";
   const bool is_virtual = options.clock == Clock::kVirtual || !options.replay.empty();
   json summary = {
+      {"schema", "trocar.summary/1"},
       {"program", "trocar-run " TROCAR_VERSION},
       {"scene", scene.name},
       {"clock", is_virtual ? "virtual" : "real"},

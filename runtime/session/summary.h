@@ -8,15 +8,16 @@
 
 namespace trocar::runtime {
 
-/// ticks, missed_deadlines, tick_us, wake_us (p50, p99, p999, max, samples), allocations_in_loop
-/// (null: the program does not count them, see allocation_counter.h), max_force_N (of all that acts
-/// on the hand), punctures[], faults[], wrench_error_max, torque_max_Nm, and how the session was
-/// run (`realtime`: what was granted). tick_histogram_us and wake_histogram_us are lists of [at
-/// most us, count]. All fields are always present, 0 or empty if nothing happened, except `network`
-/// (responses, prepare_us, free_nodes_max, error bounds; only with that force law) and `replay`. A
-/// puncture's remesh_us and hole_vertices are null if its cut failed. `link_json`: the object
-/// `link` as JSON text; empty: the device has no link. The text is indented by two spaces, without
-/// a line feed at its end.
+/// The fields and their units: formats/session/summary.schema.json. No absolute paths: of one, only
+/// the last name. ticks, missed_deadlines, tick_us, wake_us (p50, p99, p999, max, samples),
+/// allocations_in_loop (null: the program does not count them, see allocation_counter.h),
+/// max_force_N (of all that acts on the hand), punctures[], faults[], wrench_error_max,
+/// torque_max_Nm, and how the session was run (`realtime`: what was granted). tick_histogram_us and
+/// wake_histogram_us are lists of [at most us, count]. All fields are always present, 0 or empty if
+/// nothing happened, except `network` (responses, prepare_us, free_nodes_max, error bounds; only
+/// with that force law) and `replay`. A puncture's remesh_us and hole_vertices are null if its cut
+/// failed. `link_json`: the object `link` as JSON text; empty: the device has no link. The text is
+/// indented by two spaces, without a line feed at its end.
 std::string summarize(const Scene& scene, const SessionOptions& options,
                       const SessionReport& report, const Remesher& remesher,
                       const std::string& link_json = {});

@@ -19,14 +19,22 @@ struct Grammar {
   const char* name;
   FaultKind kind;
   int values;
+  const char* form;
 };
 constexpr Grammar kGrammar[] = {
-    {"loss", FaultKind::kLoss, 1},           {"delay", FaultKind::kDelay, 2},
-    {"duplicate", FaultKind::kDuplicate, 1}, {"reorder", FaultKind::kReorder, 1},
-    {"flip", FaultKind::kFlip, 1},           {"stuck", FaultKind::kStuck, 1},
-    {"jump", FaultKind::kJump, 2},           {"dead", FaultKind::kDead, 1},
-    {"stop", FaultKind::kStop, 0},           {"kill", FaultKind::kKill, 0},
+    {"loss", FaultKind::kLoss, 1, "loss:P with P within 0 and 1"},
+    {"delay", FaultKind::kDelay, 2, "delay:P:MS with P within 0 and 1, MS within 0 and 10000"},
+    {"duplicate", FaultKind::kDuplicate, 1, "duplicate:P with P within 0 and 1"},
+    {"reorder", FaultKind::kReorder, 1, "reorder:P with P within 0 and 1"},
+    {"flip", FaultKind::kFlip, 1, "flip:P with P within 0 and 1"},
+    {"stuck", FaultKind::kStuck, 1, "stuck:ENCODER with a whole number within 0 and 15"},
+    {"jump", FaultKind::kJump, 2,
+     "jump:ENCODER:RAD with a whole number within 0 and 15, RAD within -100 and 100"},
+    {"dead", FaultKind::kDead, 1, "dead:MOTOR with a whole number within 0 and 7"},
+    {"stop", FaultKind::kStop, 0, "stop without a value"},
+    {"kill", FaultKind::kKill, 0, "kill without a value"},
 };
+static_assert(kEncoders == 16 && kMotors == 8);  // as in the texts
 
 bool is_of_packets(FaultKind kind) noexcept {
   return kind <= FaultKind::kFlip;
@@ -91,7 +99,7 @@ bool read_values(const std::vector<std::string_view>& values, PlannedFault& faul
 }
 
 std::string quote(std::string_view item) {
-  return "faults: \"" + std::string(item.substr(0, 80)) + "\": ";
+  return "--faults \"" + std::string(item.substr(0, 80)) + "\": ";
 }
 
 Result<PlannedFault> read_item(std::string_view item) {
@@ -100,7 +108,7 @@ Result<PlannedFault> read_item(std::string_view item) {
   bool timed = false;
   std::string_view what = cut(rest, "@", timed);
   if (timed && !read_when(rest, fault)) {
-    return usage(quote(item) + "@ must be followed by FROM or FROM..TO, in s");
+    return usage(quote(item) + "@ must be followed by FROM or FROM..TO, in s, TO not before FROM");
   }
   bool more = true;
   std::string_view name = cut(what, ":", more);
@@ -127,7 +135,7 @@ Result<PlannedFault> read_item(std::string_view item) {
     return usage(quote(item) + "command- and state- are for faults of packets only");
   }
   if (static_cast<int>(values.size()) != known->values || !read_values(values, fault)) {
-    return usage(quote(item) + "wrong number of values, or a value out of range");
+    return usage(quote(item) + "must be " + known->form);
   }
   return fault;
 }

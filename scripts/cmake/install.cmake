@@ -37,9 +37,11 @@ trocar_program(trocar-device-sim trocar-runtime)
 # The scenes name the demo's asset; --asset names another, as the man page says.
 install(DIRECTORY runtime/scenes DESTINATION ${share} COMPONENT trocar-runtime FILES_MATCHING PATTERN *.json)
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
-install(FILES formats/session/scene.schema.json formats/session/device.schema.json
+install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
+  formats/session/frames.schema.json formats/session/sheets.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-runtime)
-install(FILES formats/session/list.schema.json DESTINATION ${share}/schemas COMPONENT trocar-mesh)
+install(FILES formats/session/list.schema.json formats/session/report.schema.json
+  DESTINATION ${share}/schemas COMPONENT trocar-mesh)
 install(FILES formats/session/device_link.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
 # The head CT of the tutorial, from Debian's invesalius-examples.

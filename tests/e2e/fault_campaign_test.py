@@ -216,7 +216,7 @@ def check_files(row, recording, report, folder, duration_s):
         elif event["t_s"] < duration_s - 0.005:  # the session may end before torques are zero only this soon after a fault
             row.fail(f"{folder.name}: the torques of {event['fault']} at {event['t_s']} s were never zero")
         first = max(0, rest - round(BLACK_BOX_S * RATE_HZ))
-        box = pathlib.Path(event["black_box"]).read_text().splitlines()
+        box = (folder / pathlib.Path(event["black_box"]).name).read_text().splitlines()
         wanted = recording.lines[1 + first:1 + rest]
         if first > 0:  # its own first row has the origin, which the recording has in its first
             wanted[0] += recording.lines[1].rpartition(",")[2]

@@ -185,9 +185,9 @@ def presets_are_their_options(programs, scan, work):
           and parameters["min_volume_mm3"] == 100, f"parameters: {parameters}")
     out = ("-o", work / "never.glb")
     refuses(2, "--close needs --fill", mesh, volume, *out, "--close", "3")
-    refuses(2, "--fill some: expected an area in mm^2, or all", mesh, volume, *out, "--fill", "some")
-    refuses(2, "--seed 1,2: expected N,N,N", mesh, volume, *out, "--seed", "1,2")
-    refuses(2, "expected LABELS.nii.gz:L[,L]", mesh, volume, *out, "--mask", "labels.nii.gz")
+    refuses(2, "--fill some: must be an area in mm^2, or all", mesh, volume, *out, "--fill", "some")
+    refuses(2, "--seed 1,2: must be X,Y,Z in mm", mesh, volume, *out, "--seed", "1,2")
+    refuses(2, "must be LABELS.nii.gz:L[,L]", mesh, volume, *out, "--mask", "labels.nii.gz")
     refuses(2, "--mask 1,x", mesh, volume, *out, "--mask", "labels.nii.gz:1,x")
     refuses(2, "--max-area and --max-area-px exclude each other", mesh, volume, *out, "--max-area", "9", "--max-area-px", "9")
     refuses(2, "is for HU, which images do not carry", mesh, scan / "png", *out, "--preset", "vertebra", "--spacing", "0.3125,0.3125,1")
@@ -202,7 +202,7 @@ def names_what_is_no_number(programs, scan, work):
     for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
                                ("--jobs", "1.5", "whole number"), ("--lattice-bits", "x", "whole number")):
         refuses(2, f"{option}: {text} is not a {kind}", mesh, *words, option, text)
-    refuses(2, "--threshold: Value 1e7 not in range", mesh, *words, "--threshold", "1e7")
+    refuses(2, "--threshold 1e7: must be within -1000000 and 1000000", mesh, *words, "--threshold", "1e7")
     refuses(2, "--rate: fast is not a number", programs / "trocar-run", work / "scene.json", "--rate", "fast")
 
 

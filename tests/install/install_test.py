@@ -2,7 +2,7 @@
 """install_test.py SOURCE BUILD ASSET WORK: the installed tree, used without the source tree.
 
 Installs all components below WORK, then: every program answers --version with the project's
-version; the installed scenes load with the installed device description; every
+version; the installed scenes load with the installed device description; every schema is installed; every
 installed header compiles by itself; the man pages render and name
 every option of --help; the example program builds against find_package(Trocar) and lists the
 slices that `trocar-mesh info` lists; the bill of materials names the libraries that are used.
@@ -24,6 +24,11 @@ def check_programs(usr, version):
     for name in PROGRAMS:
         said = run(usr / "bin" / name, "--version").stdout.split()
         check(said[:2] == [name, version], f"{name} --version: {said}, expected {version}")
+
+
+def check_schemas(usr, source):
+    installed = sorted(path.name for path in (usr / "share/trocar/schemas").iterdir())
+    check(installed == sorted(path.name for path in (source / "formats/session").glob("*.schema.json")), f"installed schemas: {installed}")
 
 
 def check_scenes(usr, asset):
@@ -114,6 +119,7 @@ def main():
     run("cmake", "--install", build, "--prefix", usr)
     version = re.search(r"^CMAKE_PROJECT_VERSION:\w+=(.*)$", (build / "CMakeCache.txt").read_text(), re.M)[1]
     check_programs(usr, version)
+    check_schemas(usr, source)
     check_scenes(usr, asset)
     check_man_pages(usr)
     check_example(usr, asset, work)

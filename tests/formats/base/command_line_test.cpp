@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 namespace trocar {
@@ -20,9 +21,14 @@ struct Outcome {
 Outcome parse(std::vector<const char*> arguments) {
   CLI::App app("Does something.", "program");
   add_help_and_version(app, "program 1.2 (library 3)");
-  double threshold = 0;
+  double threshold = 0, angle = 0;
+  int bits = 0;
+  std::string axis;
   bool as_json = false;
   app.add_option("--threshold", threshold, "in HU");
+  app.add_option("--angle", angle, "in degrees")->check(CLI::Range(-1e6, 60.5));
+  app.add_option("--bits", bits, "a number")->check(CLI::Range(0, 14));
+  app.add_option("--axis", axis, "a name")->check(CLI::IsMember({"coronal", "sagittal", "other"}));
   app.add_subcommand("info", "describe")->add_flag("--json", as_json, "as JSON");
   arguments.insert(arguments.begin(), "program");
   testing::internal::CaptureStdout();
@@ -59,7 +65,7 @@ TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
             "program: not expected: --jsom, did you mean --json? (see program --help)\n");
   EXPECT_EQ(parse({"--threshold", ""}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({"--threshold="}).err, "program: --threshold: its value is empty\n");
-  EXPECT_EQ(parse({""}).err, "program: an argument: its value is empty\n");
+  EXPECT_EQ(parse({""}).err, "program: an argument is empty\n");
   EXPECT_EQ(parse({"--threshold", "bone"}).err,
             "program: --threshold: bone is not a number (see program --help)\n");
   for (const std::vector<const char*>& wrong : std::vector<std::vector<const char*>>{
@@ -68,6 +74,35 @@ TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
     EXPECT_EQ(outcome.code, 2);
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   }
+}
+
+TEST(CommandLine, SaysWhatAValueMustBe) {
+  const std::string end = " (see program --help)\n";
+  EXPECT_EQ(parse({"--threshold"}).err, "program: --threshold: its value is missing" + end);
+  EXPECT_EQ(parse({"--angle", "61"}).err,
+            "program: --angle 61: must be within -1000000 and 60.5" + end);
+  EXPECT_EQ(parse({"--bits", "-1"}).err, "program: --bits -1: must be within 0 and 14" + end);
+  EXPECT_EQ(parse({"--axis", "axial"}).err,
+            "program: --axis axial: must be coronal, sagittal or other" + end);
+  EXPECT_EQ(
+      parse({"--axis", "Value 1 not in range 2 to 3"}).err,
+      "program: --axis Value 1 not in range 2 to 3: must be coronal, sagittal or other" + end);
+}
+
+TEST(CommandLine, AMistypedOptionIsNamedBeforeTheOneThatIsMissingForIt) {
+  CLI::App app("Does something.", "program");
+  std::string key, scene;
+  app.add_option("SCENE", scene)->required();
+  app.add_option("--key-file", key)->required();
+  const auto said = [&app](std::vector<const char*> arguments) {
+    arguments.insert(arguments.begin(), "program");
+    testing::internal::CaptureStderr();
+    EXPECT_EQ(parse_command_line(app, static_cast<int>(arguments.size()), arguments.data()), 2);
+    return testing::internal::GetCapturedStderr();
+  };
+  EXPECT_EQ(said({"a", "--keyfile", "k"}),
+            "program: not expected: --keyfile, did you mean --key-file? (see program --help)\n");
+  EXPECT_EQ(said({"a"}), "program: --key-file is required (see program --help)\n");
 }
 
 TEST(CommandLine, RunProgramReportsAnExceptionAsABug) {

@@ -6,13 +6,16 @@
 #include <gtest/gtest.h>
 #include <sodium.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <iterator>
 #include <limits>
 #include <random>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -211,6 +214,135 @@ TEST_F(DeviceProtocol, ADenialIsSmallerThanTheHelloAndIsForItsHostOnly) {
   for (const Bytes& other : {encoded(welcome()), encoded(command()), encoded(state()), Bytes(96),
                              Bytes(), Bytes(5, 'T')})
     EXPECT_FALSE(hello_nonce(other, nonce));
+}
+
+/// The test vectors of device_link.md: blocks "```hex NAME" of bytes, and for each kind of packet a
+/// table of fields.
+class VectorsOfThePage {
+ public:
+  VectorsOfThePage() {
+    std::ifstream file(TROCAR_LINK_PAGE);
+    text_.assign(std::istreambuf_iterator<char>(file), {});
+  }
+  Bytes bytes(const std::string& name) const {
+    std::istringstream in(between("```hex " + name + "\n", "```"));
+    Bytes out;
+    for (unsigned value = 0; in >> std::hex >> value;)
+      out.push_back(static_cast<std::uint8_t>(value));
+    return out;
+  }
+  LinkKey key(const std::string& name) const {
+    LinkKey out;
+    const Bytes all = bytes(name);
+    EXPECT_EQ(all.size(), out.bytes.size()) << name;
+    std::copy_n(all.begin(), std::min(all.size(), out.bytes.size()), out.bytes.begin());
+    return out;
+  }
+  std::string field(const std::string& kind, const std::string& name) const {
+    const std::string table = between("### " + kind + "\n", "```");
+    const std::string row = "\n| " + name + " | ";
+    const std::size_t at = table.find(row);
+    EXPECT_NE(at, std::string::npos) << kind << ": " << name;
+    if (at == std::string::npos) return {};
+    const std::size_t from = at + row.size();
+    return table.substr(from, table.find(" |", from) - from);
+  }
+  std::uint64_t whole(const std::string& kind, const std::string& name) const {
+    return std::strtoull(field(kind, name).c_str(), nullptr, 10);
+  }
+  std::int64_t time_ns(const std::string& kind) const {
+    return static_cast<std::int64_t>(whole(kind, "time"));
+  }
+  template <std::size_t N>
+  std::array<double, N> reals(const std::string& kind, const std::string& name) const {
+    std::istringstream in(field(kind, name));
+    std::array<double, N> out{};
+    std::string word;
+    for (std::size_t i = 0; i < N && std::getline(in, word, ','); ++i)
+      out[i] = std::strtod(word.c_str(), nullptr);
+    return out;
+  }
+  LinkNonce nonce(const std::string& kind, const std::string& name) const {
+    const std::string text = field(kind, name);  // `HEX`
+    LinkNonce out{};
+    for (std::size_t i = 0; i < out.size() && 2 * i + 3 < text.size(); ++i)
+      out[i] = static_cast<std::uint8_t>(std::stoul(text.substr(2 * i + 1, 2), nullptr, 16));
+    return out;
+  }
+
+ private:
+  std::string between(const std::string& before, const std::string& after) const {
+    const std::size_t at = text_.find(before);
+    EXPECT_NE(at, std::string::npos) << before;
+    if (at == std::string::npos) return {};
+    const std::size_t from = at + before.size();
+    return text_.substr(from, text_.find(after, from) - from);
+  }
+  std::string text_;
+};
+
+TEST_F(DeviceProtocol, ThePageHasTheBytesOfHelloAndWelcome) {
+  const VectorsOfThePage page;
+  const LinkKey key = page.key("key");
+  const HelloPacket asked{page.time_ns("hello"), page.nonce("hello", "host's nonce"),
+                          page.reals<1>("hello", "period")[0],
+                          page.whole("hello", "starts again") == 1};
+  EXPECT_EQ(encoded(asked, key), page.bytes("hello"));
+  HelloPacket hello_read;
+  EXPECT_EQ(decode(page.bytes("hello"), key, hello_read), LinkRefusal::kNone);
+  EXPECT_EQ(hello_read, asked);
+  const WelcomePacket answer{page.time_ns("welcome"), asked.host_nonce,
+                             page.nonce("welcome", "drive's nonce"),
+                             page.reals<1>("welcome", "period")[0],
+                             static_cast<LinkClock>(page.whole("welcome", "clock"))};
+  EXPECT_EQ(encoded(answer, key), page.bytes("welcome"));
+  WelcomePacket welcome_read;
+  EXPECT_EQ(decode(page.bytes("welcome"), key, asked.host_nonce, welcome_read), LinkRefusal::kNone);
+  EXPECT_EQ(welcome_read, answer);
+  EXPECT_EQ(session_key(key, asked.host_nonce, answer.drive_nonce).bytes,
+            page.key("session key").bytes);
+  EXPECT_EQ(session_number(answer.drive_nonce), page.whole("command", "session"));
+}
+
+TEST_F(DeviceProtocol, ThePageHasTheBytesOfADenial) {
+  const VectorsOfThePage page;
+  const DenialPacket denial{page.time_ns("denial"), page.nonce("denial", "host's nonce"),
+                            static_cast<DenialReason>(page.whole("denial", "reason"))};
+  Bytes bytes(kDenialBytes);
+  ASSERT_EQ(encode(denial, bytes), kDenialBytes);
+  EXPECT_EQ(bytes, page.bytes("denial"));
+  DenialPacket read;
+  EXPECT_EQ(decode(page.bytes("denial"), denial.host_nonce, read), LinkRefusal::kNone);
+  EXPECT_EQ(read, denial);
+}
+
+TEST_F(DeviceProtocol, ThePageHasTheBytesOfCommandAndState) {
+  const VectorsOfThePage page;
+  const LinkKey key = page.key("session key");
+  const CommandPacket sent{page.whole("command", "session"),
+                           page.whole("command", "sequence"),
+                           page.time_ns("command"),
+                           static_cast<CommandMode>(page.whole("command", "mode")),
+                           page.whole("command", "newest state"),
+                           page.reals<kLinkMotors>("command", "torques")};
+  EXPECT_EQ(encoded(sent, key), page.bytes("command"));
+  CommandPacket command_read;
+  std::uint64_t last = 0;
+  EXPECT_EQ(decode(page.bytes("command"), key, sent.session, last, command_read),
+            LinkRefusal::kNone);
+  EXPECT_EQ(command_read, sent);
+  const StatePacket told{page.whole("state", "session"),
+                         page.whole("state", "sequence"),
+                         page.time_ns("state"),
+                         static_cast<DriveMode>(page.whole("state", "mode")),
+                         static_cast<std::uint8_t>(page.whole("state", "motor faults")),
+                         page.whole("state", "newest command"),
+                         page.reals<kLinkEncoders>("state", "angles")};
+  EXPECT_EQ(encoded(told, key), page.bytes("state"));
+  StatePacket state_read;
+  last = 0;
+  EXPECT_EQ(decode(page.bytes("state"), key, told.session, last, state_read), LinkRefusal::kNone);
+  EXPECT_EQ(state_read, told);
 }
 
 template <typename Packet>

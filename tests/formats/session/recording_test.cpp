@@ -10,7 +10,9 @@
 #include <cstdlib>
 #include <fstream>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <random>
+#include <set>
 
 #include "formats/base/file_io.h"
 #include "tests/support/file_size_limit.h"
@@ -136,6 +138,23 @@ TEST_F(Recording, TheFirstColumnsAreFixed) {
             0U);
   EXPECT_NE(recording_header().find(",th_4_4_rad,state,active_slice,penetration_m,"),
             std::string::npos);
+}
+
+TEST_F(Recording, TheSchemasNameEveryFaultAndState) {
+  const auto schema = [](const std::string& name) {
+    std::ifstream file(TROCAR_SCHEMAS "/" + name + ".schema.json");
+    return nlohmann::json::parse(file);
+  };
+  std::set<std::string> faults, states;
+  for (int i = 1; i < kFaults; ++i)
+    faults.insert(to_string(static_cast<Fault>(i)));
+  for (int i = 0; i <= static_cast<int>(ContactPhase::kFault); ++i)
+    states.insert(to_string(static_cast<ContactPhase>(i)));
+  using Pointer = nlohmann::json::json_pointer;
+  const Pointer of_faults("/properties/faults/items/properties/fault/enum");
+  EXPECT_EQ(schema("summary").at(of_faults).get<std::set<std::string>>(), faults);
+  const Pointer of_states("/$defs/frame/properties/state/enum");
+  EXPECT_EQ(schema("frames").at(of_states).get<std::set<std::string>>(), states);
 }
 
 TEST_F(Recording, EncodersThatAreNotFiniteCanBeRecorded) {

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""wrong_uses_test.py PROGRAMS SOURCE [WORDS]: every wrong use in the appendix of SOURCE/TUTORIAL.md, with its exit code and its
+message; with WORDS only those whose line has them.
+
+To add a wrong use, add a line to a table of the page; if it needs a file, make it in the page's ```sh block.
+
+How the appendix is read:
+- ```json NAME: a file, written as it stands; ```sh: commands that make the other files, in a new empty folder.
+- ### PROGRAM: the lines of its table are | mistake | `command` | exit code | `message` |. A command is run by bash in that folder.
+  The program must end with the exit code, and its standard error must be "PROGRAM: message" and nothing else. `...` in a message
+  stands for a number or name that differs between machines or versions; few lines may have it. <br> stands for a line feed.
+- After each command the folder holds the same files with the same bytes as before, except for NAME.partial if the message names it.
+- Port 4840 stands for one that is taken, by a socket of this test.
+
+As root, the commands run as another user, since nothing is forbidden to root.
+"""
+import os
+import pathlib
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+
+from e2e import check, failures, outcome
+
+PROGRAMS = ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-sample-ct")
+LEAST, MOST_WITH_DOTS = 20, 3  # lines for each program
+TIMEOUT_S = 60
+NOBODY = 65534
+HEADER = ["mistake", "command", "exit code", "message"]
+
+
+@dataclass
+class WrongUse:
+    line: int  # of the page
+    program: str
+    mistake: str
+    command: str
+    code: int
+    message: str
+
+    def pattern(self):
+        text = f"{self.program}: {self.message}".replace("<br>", "\n") + "\n"
+        return ".+".join(re.escape(piece) for piece in text.split("..."))
+
+
+def appendix(page):
+    """The page's appendix, and the number of its first line."""
+    before, _, text = page.partition("\n## Appendix")
+    return text, before.count("\n") + 2
+
+
+def unquoted(cell):
+    quoted = re.fullmatch(r"`([^`]+)`", cell)
+    return quoted[1] if quoted else None
+
+
+def parse(page):
+    """The wrong uses of the page's appendix."""
+    found, program = [], None
+    text, first = appendix(page)
+    for number, line in enumerate(text.splitlines(), first):
+        if line.startswith("### "):
+            program = line[4:].strip()
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+        if not line.startswith("|") or cells == HEADER or set(line) <= set("|-: "):
+            continue
+        command, message = unquoted(cells[1]) if len(cells) == 4 else None, unquoted(cells[-1])
+        if command is None or message is None or not cells[2].isdigit():
+            check(False, f"line {number}: not | mistake | `command` | exit code | `message` |")
+            continue
+        found.append(WrongUse(number, program, cells[0], command, int(cells[2]), message))
+    return found
+
+
+def check_table(uses):
+    for program in PROGRAMS:
+        its = [use for use in uses if use.program == program]
+        check(len(its) >= LEAST, f"{program}: {len(its)} wrong uses, not {LEAST}")
+        check(len({use.command for use in its}) == len(its), f"{program}: a command twice")
+        check(sum("..." in use.message for use in its) <= MOST_WITH_DOTS, f"{program}: more than {MOST_WITH_DOTS} lines with ...")
+    for use in uses:
+        check(use.program in PROGRAMS and use.program in use.command.split(), f"line {use.line}: not a command of {use.program}")
+        check(use.code in (2, 3, 4, 5) and len(use.message) >= 10, f"line {use.line}: {use.code} {use.message!r}")
+
+
+class Folder:
+    """A new folder with the files of the appendix, in which commands run."""
+
+    def __init__(self, programs):
+        self.path = pathlib.Path(tempfile.mkdtemp(prefix="trocar-wrong-uses-"))
+        self.work, self.user = self.path / "work", {}
+        self.work.mkdir()
+        if os.geteuid() == 0:  # another user may not reach the programs where they are
+            self.path.chmod(0o755)
+            (self.path / "bin").mkdir()
+            for name in PROGRAMS:
+                shutil.copy(programs / name, self.path / "bin" / name)
+            os.chown(self.work, NOBODY, NOBODY)
+            self.user, programs = {"user": NOBODY, "group": NOBODY, "extra_groups": [], "umask": 0o022}, self.path / "bin"
+        self.environment = dict(os.environ, PATH=f"{programs}{os.pathsep}{os.environ['PATH']}", LC_ALL="C.UTF-8", HOME=str(self.work))
+        self.taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.taken.bind(("127.0.0.1", 0))
+        self.port = str(self.taken.getsockname()[1])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.taken.close()
+        for folder, _, _ in os.walk(self.path):
+            os.chmod(folder, 0o700)
+        shutil.rmtree(self.path)
+
+    def run(self, command):
+        """(exit code, stderr); exit code None: it did not end."""
+        try:
+            done = subprocess.run(["bash", "-c", command.replace("127.0.0.1:4840", f"127.0.0.1:{self.port}")], cwd=self.work,
+                                  env=self.environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                  text=True, errors="replace", timeout=TIMEOUT_S, check=False, **self.user)
+        except subprocess.TimeoutExpired as late:
+            return None, str(late.stderr)
+        return done.returncode, done.stderr.replace(f"127.0.0.1:{self.port}", "127.0.0.1:4840")
+
+    def prepare(self, page):
+        for kind, name, body in re.findall(r"^```(\w*)[ \t]*(\S*)\n(.*?)^```$", appendix(page)[0], re.M | re.S):
+            if kind == "json":
+                (self.work / name).write_text(body, encoding="utf-8")
+                if self.user:
+                    os.chown(self.work / name, NOBODY, NOBODY)
+                continue
+            code, said = self.run("set -e\n" + body)
+            check(code == 0 and not said, f"the appendix's preparation ended with {code}: {said}")
+
+    def files(self):
+        """Name and state of each file; a file that is written again has another state."""
+        found = {}
+        for folder, _, names in os.walk(self.work):
+            found[folder] = 0
+            for name in names:
+                status = os.lstat(os.path.join(folder, name))
+                found[os.path.join(folder, name)] = (status.st_size, status.st_mtime_ns, status.st_ino, status.st_mode)
+        return found
+
+    def try_out(self, use):
+        """What did not hold."""
+        before, wrong = self.files(), []
+        code, said = self.run(use.command)
+        if code != use.code or not re.fullmatch(use.pattern(), said):
+            wrong.append(f"line {use.line}: {use.command}\n  ended with {code}, not {use.code}, and said\n  {said!r}, not\n"
+                         f"  {use.program}: {use.message}")
+        after = self.files()
+        for name in sorted(after.keys() - before.keys()):
+            if name.endswith(".partial") and pathlib.Path(name).name in use.message:
+                os.unlink(name)
+            else:
+                wrong.append(f"line {use.line}: {use.command} left {name}")
+        changed = [name for name, state in before.items() if after.get(name) != state]
+        return wrong + [f"line {use.line}: {use.command} changed {name}" for name in changed]
+
+
+def check_that_it_can_fail(folder, use):
+    """A line with another exit code or message, or whose command leaves a file, must not pass."""
+    for wrong in (WrongUse(**{**vars(use), "code": use.code + 1}), WrongUse(**{**vars(use), "message": use.message + "!"}),
+                  WrongUse(**{**vars(use), "message": use.message[1:]}), WrongUse(**{**vars(use), "command": use.command + " extra"}),
+                  WrongUse(**{**vars(use), "command": f"touch left; {use.command}"})):
+        check(folder.try_out(wrong), f"self-check: passed although wrong: {wrong}")
+        (folder.work / "left").unlink(missing_ok=True)
+
+
+def main():
+    if len(sys.argv) < 3:
+        print(__doc__.splitlines()[0], file=sys.stderr)
+        return 2
+    programs, source = (pathlib.Path(word).resolve() for word in sys.argv[1:3])
+    page = (source / "TUTORIAL.md").read_text(encoding="utf-8")
+    uses = parse(page)
+    check_table(uses)
+    chosen = [use for use in uses if all(word in page.splitlines()[use.line - 1] for word in sys.argv[3:])]
+    with Folder(programs) as folder:
+        folder.prepare(page)
+        if not failures and uses:
+            check(not (done := folder.try_out(uses[0])), f"{done}")
+            check_that_it_can_fail(folder, uses[0])
+        for use in chosen if not failures else []:
+            failures.extend(folder.try_out(use))
+    print(f"{len(chosen)} wrong uses")
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
