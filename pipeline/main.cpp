@@ -377,6 +377,7 @@ int run(int argc, char** argv) {
   const std::vector<std::string> words =
       with_preset_options(with_repeated_labels(std::vector<std::string>(argv, argv + argc)));
   std::vector<const char*> pointers;
+  pointers.reserve(words.size());
   for (const std::string& word : words)
     pointers.push_back(word.c_str());
   if (const auto done = parse_command_line(app, static_cast<int>(pointers.size()), pointers.data()))
