@@ -211,9 +211,10 @@ Result<std::vector<std::size_t>> seed_voxels(const SliceStack& stack, const Voxe
       for (std::size_t i = 0; i < pixels; ++i) {
         const std::size_t voxel = static_cast<std::size_t>(k) * pixels + i;
         if (material[voxel] == 0) continue;
+        const std::size_t x = i % width, y = i / width;
         const Eigen::Vector3d apart =
-            at - Eigen::Vector3d(static_cast<double>(i % width) * plane.spacing_u_mm,
-                                 static_cast<double>(i / width) * plane.spacing_v_mm, 0);
+            at - Eigen::Vector3d(static_cast<double>(x) * plane.spacing_u_mm,
+                                 static_cast<double>(y) * plane.spacing_v_mm, 0);
         if (apart.squaredNorm() > least || (nearest && apart.squaredNorm() == least)) continue;
         least = apart.squaredNorm();
         nearest = voxel;
