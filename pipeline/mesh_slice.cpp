@@ -92,6 +92,8 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
       std::holds_alternative<Threshold>(options.segmentation)) {
     out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
   }
+  out.all_material = std::all_of(field.image.values.begin(), field.image.values.end(),
+                                 [iso = field.iso](float value) { return value >= iso; });
   out.times.segment_ms = watch.lap_ms();
 
   out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,

@@ -40,9 +40,10 @@ struct StageTimes {
 
 /// What the asset, the report and the pictures need of one slice.
 struct MeshedSlice {
-  Pslg contours;  ///< full resolution, small rings dropped
-  Pslg pslg;      ///< simplified
-  SliceMesh cdt;  ///< constrained Delaunay, outside removed
+  bool all_material = false;  ///< every pixel
+  Pslg contours;              ///< full resolution, small rings dropped
+  Pslg pslg;                  ///< simplified
+  SliceMesh cdt;              ///< constrained Delaunay, outside removed
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
