@@ -80,8 +80,8 @@ Result<void> mesh_contours_to(const Lattice& lattice, const SimplificationOption
   return {};
 }
 
-// The same. Where areas are kept, the tolerance applies to the stored outline: what refinement's
-// points, rounded to the lattice, add to the distance is first allowed for, then measured.
+// The same. Where areas are kept, the tolerance applies to the stored outline: if refinement's
+// points, rounded to the lattice, exceed it, then the same with as much less as they may add.
 Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& wanted,
                            const RefinementOptions& refinement, Stopwatch& watch,
                            MeshedSlice& out) {
@@ -89,7 +89,7 @@ Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& 
   const bool has_margin =
       wanted.method == SimplificationMethod::kArea && wanted.tolerance_mm > 2 * most_mm;
   if (!has_margin) return mesh_contours_to(lattice, wanted, refinement, watch, out);
-  for (const double margin_mm : {lattice.step_mm(), most_mm}) {
+  for (const double margin_mm : {0.0, most_mm}) {
     SimplificationOptions closer = wanted;
     closer.tolerance_mm -= margin_mm;
     auto ok = mesh_contours_to(lattice, closer, refinement, watch, out);

@@ -17,8 +17,10 @@
 namespace trocar::pipeline {
 namespace {
 
-// Distances are measured in floating point; their error is far below this share.
-constexpr double kSafety = 1 - 1e-9;
+// Of the tolerance. Collapses use it up more evenly than Douglas-Peucker does: held to less, they
+// leave the outline nearer on average, still with fewer vertices. It also covers the rounding of
+// distances, and of the points that refinement adds.
+constexpr double kUsed = 0.9;
 
 // A point of a contour: on the edge from vertex k to the next, at the fraction t (0 <= t < 1).
 struct Place {
@@ -197,7 +199,7 @@ class Collapser {
             double tolerance)
       : contours_(contours),
         origin_(origin),
-        tolerance2_(tolerance * kSafety * tolerance * kSafety),
+        tolerance2_(tolerance * kUsed * tolerance * kUsed),
         grid_(box, vertices) {
     nodes_.reserve(vertices);
     for (std::uint32_t r = 0; r < contours.rings.size(); ++r) {
