@@ -28,6 +28,10 @@ struct Place {
   double t = 0;
 };
 
+// Collapses that move less than these shares of the tolerance, on average along what they replace,
+// are made first, in this order.
+constexpr std::array kSweeps = {1.0 / 64, 1.0 / 32, 1.0 / 16};
+
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
 struct Node {
@@ -214,8 +218,15 @@ class Collapser {
   }
 
   Pslg run() {
-    for (std::uint32_t i = 0; i < nodes_.size(); ++i)
-      queue(i);
+    sweep();
+    is_queueing_ = true;
+    for (const RingState& ring : rings_) {
+      std::uint32_t i = ring.first;
+      do {
+        queue(i);
+        i = nodes_[i].next;
+      } while (i != ring.first);
+    }
     while (!tickets_.empty()) {
       std::pop_heap(tickets_.begin(), tickets_.end(), later_);
       const Ticket ticket = tickets_.back();
@@ -273,6 +284,39 @@ class Collapser {
     return {a, b, c, d, nodes_[a].p, nodes_[b].p, nodes_[c].p, nodes_[d].p};
   }
 
+  // Collapses that hardly move anything, most of all, in the rings' order: much faster than by the
+  // queue. Each ring starts at its least vertex, so that the order of the input does not matter.
+  void sweep() {
+    std::vector<std::uint32_t> starts;
+    for (std::uint32_t r = 0; r < rings_.size(); ++r) {
+      const auto first = nodes_.begin() + rings_[r].first;
+      starts.push_back(static_cast<std::uint32_t>(
+          std::min_element(first, first + rings_[r].size,
+                           [](const Node& m, const Node& n) { return m.home < n.home; }) -
+          nodes_.begin()));
+    }
+    std::sort(starts.begin(), starts.end(), [this](std::uint32_t i, std::uint32_t j) {
+      return std::tie(nodes_[i].home, nodes_[i].home_next) <
+             std::tie(nodes_[j].home, nodes_[j].home_next);
+    });
+    for (std::uint32_t& start : starts) {
+      const RingState& ring = rings_[nodes_[start].ring];
+      for (const double share : kSweeps) {
+        std::uint32_t i = start;
+        for (std::uint32_t left = ring.size; left > 0 && ring.size > 3; --left) {
+          const Span s = span_of(i);
+          const auto best = ideals(s, static_cast<double>(s.doubled()))[0];
+          const double most2 = share * share * tolerance2_;
+          if (best && best->displacement * best->displacement <=
+                          most2 * static_cast<double>(distance2(s.a, s.d))) {
+            if (collapse(i) && start == s.ic) start = s.ib;
+          }
+          i = nodes_[i].next;
+        }
+      }
+    }
+  }
+
   // A ticket that has become too early is queued again when its turn comes.
   void queue(std::uint32_t b) {
     Node& node = nodes_[b];
@@ -289,12 +333,12 @@ class Collapser {
     std::push_heap(tickets_.begin(), tickets_.end(), later_);
   }
 
-  void collapse(std::uint32_t b) {
+  bool collapse(std::uint32_t b) {
     const Span s = span_of(b);
     RingState& ring = rings_[nodes_[b].ring];
-    if (ring.size <= 3) return;
+    if (ring.size <= 3) return false;
     const std::optional<Replacement> found = replacement(s, ring);
-    if (!found) return;
+    if (!found) return false;
     for (const std::uint32_t i : {s.ia, s.ib, s.ic})
       grid_.remove(nodes_[i].edge);
     ring.owed -= orient2d(s.a, found->e, s.d) - s.doubled();
@@ -307,8 +351,11 @@ class Collapser {
     nodes_[s.id].previous = s.ib;
     nodes_[s.ia].edge = grid_.add(s.a, found->e);
     nodes_[s.ib].edge = grid_.add(found->e, s.d);
-    for (const std::uint32_t i : {nodes_[s.ia].previous, s.ia, s.ib, s.id})
-      queue(i);
+    if (is_queueing_) {
+      for (const std::uint32_t i : {nodes_[s.ia].previous, s.ia, s.ib, s.id})
+        queue(i);
+    }
+    return true;
   }
 
   std::optional<Replacement> replacement(const Span& s, const RingState& ring) {
@@ -413,6 +460,7 @@ class Collapser {
   EdgeGrid grid_;
   std::vector<Node> nodes_;
   std::vector<RingState> rings_;
+  bool is_queueing_ = false;
   Later later_{nodes_};
   std::vector<Ticket> tickets_;
 };
