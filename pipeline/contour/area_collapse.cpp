@@ -37,8 +37,8 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 struct Node {
   LatticePoint p;
   std::uint32_t previous, next, ring;
-  std::uint32_t edge;       // the one to the next node
-  Place place;              // on the contour, within the tolerance of p
+  std::uint32_t edge;            // the one to the next node
+  Place place;                   // on the contour, within the tolerance of p
   LatticePoint home, home_next;  // the contour's edge that it began with
   double displacement = kNever;  // by the collapse of that edge
   double queued = kNever;        // the same when it was queued: the least of its tickets
@@ -212,8 +212,14 @@ class Collapser {
                  n = static_cast<std::uint32_t>(ring.size());
       rings_.push_back({first, n, 0});
       for (std::uint32_t k = 0; k < n; ++k)
-        nodes_.push_back({ring[k], first + (k + n - 1) % n, first + (k + 1) % n, r,
-                          grid_.add(ring[k], ring[(k + 1) % n]), {k, 0}, ring[k], ring[(k + 1) % n]});
+        nodes_.push_back({ring[k],
+                          first + (k + n - 1) % n,
+                          first + (k + 1) % n,
+                          r,
+                          grid_.add(ring[k], ring[(k + 1) % n]),
+                          {k, 0},
+                          ring[k],
+                          ring[(k + 1) % n]});
     }
   }
 
@@ -362,8 +368,8 @@ class Collapser {
     if (s.a == s.d) return std::nullopt;
     // At most a step's height of what the ring is owed: more would show.
     const double most = std::sqrt(static_cast<double>(distance2(s.a, s.d)));
-    const double area = static_cast<double>(s.doubled()) +
-                        std::clamp(static_cast<double>(ring.owed), -most, most);
+    const double area =
+        static_cast<double>(s.doubled()) + std::clamp(static_cast<double>(ring.owed), -most, most);
     for (const std::optional<Ideal>& ideal : ideals(s, area)) {
       if (!ideal) continue;
       const std::optional<LatticePoint> e = rounded(s, ideal->at, area);
@@ -417,8 +423,7 @@ class Collapser {
       const Point p = point(contour[k]), q = point(contour[k + 1 < n ? k + 1 : 0]);
       const double low = j == 0 ? from.t : 0, high = j == inner ? to.t : 1;
       const double t = std::clamp(fraction_along(p, q, point(e)), low, high);
-      const double d2 =
-          distance2_between({p.x + t * (q.x - p.x), p.y + t * (q.y - p.y)}, point(e));
+      const double d2 = distance2_between({p.x + t * (q.x - p.x), p.y + t * (q.y - p.y)}, point(e));
       if (d2 < least) least = d2, nearest = {k, t}, nearest_piece = j;
     }
     if (least > tolerance2_) return std::nullopt;

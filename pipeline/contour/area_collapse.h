@@ -11,8 +11,8 @@ namespace trocar::pipeline {
 /// Vertices are new lattice points. An edge and its two ends become one point, so placed that the
 /// ring's area stays; what rounding to the lattice leaves is passed on to the ring's next step. A
 /// step is made only if the new edges cross nothing, no vertex lies in what they sweep, and they
-/// are within `tolerance` (lattice steps) of the part of the contour that they stand for, both ways.
-/// O(n log n) typically.
+/// are within `tolerance` (lattice steps) of the part of the contour that they stand for, both
+/// ways. O(n log n) typically.
 Pslg collapse_segments(const Pslg& contours, double tolerance);
 
 }  // namespace trocar::pipeline

@@ -22,8 +22,8 @@ class Target {
     for (const LatticePoint p : ring)
       points_.push_back(point(p));
     points_.push_back(points_.front());
-    group_ = std::max<std::size_t>(4, static_cast<std::size_t>(
-                                          std::sqrt(static_cast<double>(ring.size()))));
+    group_ = std::max<std::size_t>(
+        4, static_cast<std::size_t>(std::sqrt(static_cast<double>(ring.size()))));
     for (std::size_t i = 0; i < ring.size(); i += group_) {
       Box box{points_[i], points_[i]};
       for (std::size_t k = i; k <= std::min(i + group_, ring.size()); ++k) {
@@ -119,7 +119,8 @@ void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2
 
 void raise_by_ring(const Ring& from, const Ring& ring, double& worst2) {
   const Target to(ring);
-  // Both rings run the same way round, so that the nearest edge is often the last one's or the next.
+  // Both rings run the same way round, so that the nearest edge is often the last one's or the
+  // next.
   const auto end_at = [&](LatticePoint at, std::size_t& edge) {
     const Point p = point(at);
     Target::Nearest near{to.to_edge(p, edge), edge};

@@ -44,8 +44,8 @@ struct Simplified {
   }
 };
 
-void keep_between(const Simplified& s, std::uint32_t first, std::uint32_t last,
-                     double tolerance2, std::vector<std::uint32_t>& kept) {
+void keep_between(const Simplified& s, std::uint32_t first, std::uint32_t last, double tolerance2,
+                  std::vector<std::uint32_t>& kept) {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> spans{{first, last}};
   while (!spans.empty()) {
     const auto [i, j] = spans.back();

@@ -279,8 +279,8 @@ class Refiner {
     const Refined::Segment& input = outline_.segments()[segment];
     const LatticePoint a = at(input.from), b = at(input.to);
     const auto area = static_cast<double>(orient2d(a, b, p));
-    return area * area >=
-           kFarthestFromOutline_steps * kFarthestFromOutline_steps * static_cast<double>(distance2(a, b));
+    return area * area >= kFarthestFromOutline_steps * kFarthestFromOutline_steps *
+                              static_cast<double>(distance2(a, b));
   }
 
   // Where to split the edge ab of the triangle abc (t) of the mesh at this fraction.
@@ -336,8 +336,7 @@ class Refiner {
     for (std::size_t k = 0; k < (has_shells ? 1 : kSplits.size()); ++k) {
       const double fraction =
           has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
-      const std::optional<LatticePoint> p =
-          split_place(triangle_of(s), segment, a, b, c, fraction);
+      const std::optional<LatticePoint> p = split_place(triangle_of(s), segment, a, b, c, fraction);
       if (!p || is_far_from_segment(*p, segment)) continue;
       if (!is_found) {
         is_found = look_at_split(s, *p, best_);

@@ -106,9 +106,8 @@ void RefinementOutline::find_room(const std::vector<LatticePoint>& points) {
     if (orient2d(p, a, b) < 0 && diametral_dot(p, b, a) > 0)
       has_room_[s] = has_room_[previous(s)] = 0;
   }
-  std::sort(order.begin(), order.end(), [&boxes](std::size_t s, std::size_t t) {
-    return boxes[s].low.x < boxes[t].low.x;
-  });
+  std::sort(order.begin(), order.end(),
+            [&boxes](std::size_t s, std::size_t t) { return boxes[s].low.x < boxes[t].low.x; });
   for (auto i = order.begin(); i != order.end(); ++i) {
     const std::size_t s = *i;
     for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[s].high.x + kRoom; ++j) {

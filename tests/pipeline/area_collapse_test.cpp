@@ -133,9 +133,9 @@ TEST(AreaCollapse, TenThousandRandomSlices) {
     expect_sound(full, stored, tolerance_mm + 3 * kStep_mm, seed % 20 == 0, what);
     if (HasFatalFailure()) return;
   }
-  std::printf("  %zu rings, %.2f %% within half a step times the longest edge; %zu vertices, %zu by dp\n",
-              rings, 100.0 * static_cast<double>(kept) / static_cast<double>(rings), vertices,
-              vertices_dp);
+  std::printf(
+      "  %zu rings, %.2f %% within half a step times the longest edge; %zu vertices, %zu by dp\n",
+      rings, 100.0 * static_cast<double>(kept) / static_cast<double>(rings), vertices, vertices_dp);
   EXPECT_GE(static_cast<double>(kept), 0.99 * static_cast<double>(rings));
   EXPECT_LT(vertices, vertices_dp);
 }
@@ -254,7 +254,8 @@ TEST_F(Scans, HaveFewerVerticesThatAreNearerThanDouglasPeuckers) {
   for_slices(4, {}, [&](const std::string& what, const MeshedSlice& slice) {
     const std::string scan = what.substr(0, what.find(" slice"));
     for (const double tolerance_mm : kTolerances_mm) {
-      for (const auto method : {SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker}) {
+      for (const auto method :
+           {SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker}) {
         const Pslg simple = simplify(slice.contours, kLattice, {tolerance_mm, method});
         Method& sum = found[{scan, tolerance_mm}][static_cast<std::size_t>(method)];
         for (std::size_t r = 0; r < simple.rings.size(); ++r) {
@@ -271,7 +272,8 @@ TEST_F(Scans, HaveFewerVerticesThatAreNearerThanDouglasPeuckers) {
                 std::filesystem::path(key.first).filename().c_str(), key.second, area.vertices,
                 area.distances.mean_mm(), dp.vertices, dp.distances.mean_mm());
     EXPECT_LT(area.vertices, dp.vertices) << key.first << " at " << key.second;
-    EXPECT_LT(area.distances.mean_mm(), dp.distances.mean_mm()) << key.first << " at " << key.second;
+    EXPECT_LT(area.distances.mean_mm(), dp.distances.mean_mm())
+        << key.first << " at " << key.second;
   }
 }
 
@@ -286,8 +288,9 @@ TEST(AreaCollapse, KeepsRingsThatTouchAndVerticesInBays) {
                    {8 * s, 10 * s},
                    {0, 10 * s}},
                   {{10 * s - 40, 9 * s}, {10 * s + 40, 9 * s}, {10 * s, 9 * s + 60}}}};
-  const Pslg touching{{{{0, 0}, {10 * s, 0}, {10 * s, 9 * s}, {7 * s, 10 * s}, {3 * s, 10 * s}, {0, 9 * s}},
-                       {{7 * s, 10 * s}, {5 * s, 8 * s}, {3 * s, 10 * s}, {5 * s, 9 * s}}}};
+  const Pslg touching{
+      {{{0, 0}, {10 * s, 0}, {10 * s, 9 * s}, {7 * s, 10 * s}, {3 * s, 10 * s}, {0, 9 * s}},
+       {{7 * s, 10 * s}, {5 * s, 8 * s}, {3 * s, 10 * s}, {5 * s, 9 * s}}}};
   for (const Pslg& full : {bay, touching}) {
     const auto valid = check_pslg(full);
     ASSERT_TRUE(valid) << valid.error().message;

@@ -78,8 +78,8 @@ double any_tolerance_mm() {
 }
 
 SimplificationOptions any_simplification() {
-  return {any_tolerance_mm(), *rc::gen::element(SimplificationMethod::kArea,
-                                                SimplificationMethod::kDouglasPeucker)};
+  return {any_tolerance_mm(),
+          *rc::gen::element(SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker)};
 }
 
 // ---- simplification ----
