@@ -52,6 +52,7 @@ struct MeshedSlice {
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
   ValueTally values;     ///< of input in HU, or whose material is chosen by labels
+  /// Two-sided Hausdorff distance between `contours` and `outline`, ring by ring.
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;
