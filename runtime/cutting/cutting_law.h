@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// The mechanics of one tool in one body of bone, a tick at a time. A massless proxy of the tool is
+// where one potential has a minimum: the coupling to the plate, the tip against a cutting front,
+// friction along and around the shaft, and the walls of its hole. All elements are elastic up to a
+// limit and yield at it, and what yields only dissipates (incremental variational plasticity: Ortiz
+// and Stainier, 1999). The front moves down to its first equilibrium, through as many slabs as the
+// tick takes: the global minimum would break a shell long before its strength is reached.
+//
+// Contract (tests/runtime/cutting/cutting_law_test.cpp):
+//  1. Passive. With the stored energy E, the wrench w on the device and its displacement dx between
+//     two ticks, E' - E <= w . dx (as work done on the proxy) + dx' K dx / 2, in every tick and for
+//     any stiffness, friction and number of steps: no step raises the potential, and no element
+//     appears or grows with energy. K is the coupling's stiffness; that of the elements where it
+//     is rigid.
+//  2. The front's work is the integral of the strength over what it cut. It never moves back, and
+//     moves only while the tip's force exceeds the strength there.
+//  3. A wall that has yielded stays where it was pushed (slot.h).
+//  4. No allocation, lock or system call; at most `most_steps` Newton steps a tick.
+//
+// Depth is -z of {B}: the tool goes into the body downwards, within kMaxTilt_deg of upright.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <limits>
+#include <span>
+#include <vector>
+
+#include "runtime/cutting/slot.h"
+#include "runtime/mechanism/pose.h"
+
+namespace trocar::runtime {
+
+struct CuttingTool {
+  Eigen::Vector3d tip_plate_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d inward_plate = -Eigen::Vector3d::UnitZ();  ///< unit, along the shaft to the tip
+  double radius_m = 1e-3;                                    ///< where friction around it acts
+};
+
+/// From the plate to the proxy, about the plate's origin.
+struct CuttingCoupling {
+  bool is_rigid = false;  ///< the proxy is the plate
+  double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;
+  /// The device's limits: beyond, the coupling's force is constant (Huber).
+  double most_force_N = std::numeric_limits<double>::infinity();
+  double most_moment_Nm = std::numeric_limits<double>::infinity();
+};
+
+struct CuttingOptions {
+  CuttingTool tool;
+  CuttingCoupling coupling;
+  double tip_N_per_m = 20'000;  ///< of the tip against the front
+  double presliding_m = 1e-4;   ///< along and around the shaft, at which friction slides
+  int most_steps = 12;          ///< Newton steps a tick
+  double tolerance = 1e-6;      ///< of forces, relative to the largest of 1 N and the coupling's
+};
+
+/// What a slab opposes to the tool where it is now. `top_m` and below ascend from slab to slab.
+struct CuttingSlab {
+  double top_m = 0, bottom_m = 0;                    ///< depth; equal: a sheet of no thickness
+  double strength_top_N = 0, strength_bottom_N = 0;  ///< of the front; linear in between
+  double cut_m = -std::numeric_limits<double>::infinity();  ///< above, all is cut
+  double friction_N_per_m = 0;                              ///< of embedded length
+  double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;      ///< sideways, of embedded length
+  double clearance_m = 0;                                   ///< of the hole around the shaft
+};
+
+/// What one slab of one hole remembers.
+struct CuttingHole {
+  double embedded_m = 0;                                      ///< of the shaft
+  double friction_N_per_m = 0, wall_N_per_m = 0;              ///< stiffnesses in the last tick
+  Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();     ///< along, around
+  std::array<Slot, 2> walls;                                  ///< at two Gauss points
+};
+
+struct CuttingState {
+  bool has_begun = false;
+  Pose T_device_proxy;
+  /// How far the tip is beyond the front, along the shaft; above 0 it is carried from tick to tick
+  /// and never taken from geometry, which would put energy in.
+  double stretch_m = 0;
+  std::vector<CuttingHole> holes;  ///< one a slab
+};
+
+struct CuttingResult {
+  Wrench wrench_device = Wrench::Zero();  ///< on the plate, about its origin
+  double tip_N = 0;                       ///< of the tip, along the shaft
+  double stored_J = 0;
+  double cut_J = 0;       ///< front work of this tick
+  double front_m = 0;     ///< depth of the front, or of the next material below the tip
+  double embedded_m = 0;  ///< of the shaft, in all slabs
+  int steps = 0;
+  bool has_converged = true;
+};
+
+/// One tick. `slabs` has as many entries as `state.holes`; `cut_m` of those that the front passes is
+/// lowered to it. `T_device_plate`: where the law is to be evaluated; with a predicted pose the
+/// caller accounts for the difference.
+void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
+                  std::span<CuttingSlab> slabs, CuttingState& state,
+                  CuttingResult& result) noexcept;
+
+}  // namespace trocar::runtime

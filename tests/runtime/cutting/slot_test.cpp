@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/cutting/slot.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector2d;
+
+TEST(Slot, PointAndClearance) {
+  Slot slot;
+  EXPECT_FALSE(slot.is_open());
+  slot.open({1, 2}, 0.25);
+  EXPECT_EQ(slot.reach({1.2, 2}).distance_m, 0);
+  const Slot::Reach r = slot.reach({1, 3});
+  EXPECT_NEAR(r.distance_m, 0.75, 1e-15);
+  EXPECT_NEAR((r.away - Vector2d(0, 1)).norm(), 0, 1e-15);
+  EXPECT_NEAR(r.bend, 0.75, 1e-15);
+}
+
+TEST(Slot, SegmentHasFlatSides) {
+  Slot slot;
+  slot.open({0, 0}, 0);
+  slot.include({2, 0});
+  EXPECT_EQ(slot.corners(), 2);
+  const Slot::Reach beside = slot.reach({1, -0.5});
+  EXPECT_NEAR(beside.distance_m, 0.5, 1e-15);
+  EXPECT_EQ(beside.bend, 0);
+  EXPECT_NEAR(slot.reach({3, 0}).bend, 1, 1e-15);
+  EXPECT_EQ(slot.reach({0.5, 0}).distance_m, 0);
+}
+
+// Against the distance to the hull of all points by brute force: the region is never smaller, and
+// while the corners suffice it is the same.
+TEST(Slot, OnlyWidens) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal(0, 1e-3);
+  for (int run = 0; run < 300; ++run) {
+    Slot slot;
+    const double clearance = run % 2 ? 5e-5 : 0;
+    slot.open({0, 0}, clearance);
+    std::vector<Vector2d> probes(60);
+    std::vector<double> before(probes.size());
+    for (std::size_t i = 0; i < probes.size(); ++i) {
+      probes[i] = {3 * normal(random), 3 * normal(random)};
+      before[i] = slot.reach(probes[i]).distance_m;
+    }
+    for (int step = 0; step < 40; ++step) {
+      const Vector2d p(normal(random), normal(random));
+      slot.include(p);
+      ASSERT_NEAR(slot.reach(p).distance_m, 0, 1e-12);
+      for (std::size_t i = 0; i < probes.size(); ++i) {
+        const double now = slot.reach(probes[i]).distance_m;
+        ASSERT_LE(now, before[i] + 1e-12);
+        before[i] = now;
+      }
+    }
+  }
+}
+
+// The reach's direction and bend are the derivatives of distance^2 / 2.
+TEST(Slot, Derivatives) {
+  std::mt19937 random(6);
+  std::normal_distribution<double> normal(0, 1);
+  for (int run = 0; run < 500; ++run) {
+    Slot slot;
+    slot.open({0, 0}, run % 3 == 0 ? 0.1 : 0);
+    for (int k = 0; k < run % 6; ++k)
+      slot.include({normal(random), normal(random)});
+    const Vector2d p(3 * normal(random), 3 * normal(random));
+    const Slot::Reach r = slot.reach(p);
+    if (r.distance_m < 0.05) continue;
+    const auto half2 = [&](const Vector2d& at) {
+      const double d = slot.reach(at).distance_m;
+      return d * d / 2;
+    };
+    const double h = 1e-4;
+    const Vector2d along = r.away, across(-along.y(), along.x());
+    EXPECT_NEAR((half2(p + h * along) - half2(p - h * along)) / (2 * h), r.distance_m, 1e-6);
+    EXPECT_NEAR((half2(p + h * across) - half2(p - h * across)) / (2 * h), 0, 1e-3);
+    const double bend = (half2(p + h * across) - 2 * half2(p) + half2(p - h * across)) / (h * h);
+    if (slot.reach(p + h * across).bend == slot.reach(p - h * across).bend || r.bend > 0)
+      EXPECT_NEAR(bend, r.bend, 2e-2) << run;
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime
