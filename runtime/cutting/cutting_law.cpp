@@ -309,20 +309,18 @@ class Tick {
       constexpr double kLeastDecrease = 1e-4;
       double share = 1;
       bool better = false;
+      const double before = V;
       for (int k = 0; k < kMostHalvings && !better; ++k, share *= 0.5) {
         const Pose at = moved(X, share * step);
-        const double there = potential(at, nullptr);
-        // Rounding of the energies must not stop the last step.
-        if (there <= V + kLeastDecrease * share * slope) {
-          X = at;
-          better = true;
-        }
+        Derivatives there;
+        V = potential(at, &there);
+        better = V <= before + kLeastDecrease * share * slope;
+        if (better) X = at, d = there;
       }
       if (!better) {
         out.has_converged = size_of(d.g) <= 1e3 * allowed(d);
-        return V;
+        return before;
       }
-      V = potential(X, &d);
     }
   }
 
