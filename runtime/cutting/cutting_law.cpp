@@ -1,440 +1,700 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/cutting/cutting_law.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 namespace trocar::runtime {
 namespace {
 
-using Eigen::Matrix2d;
+using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix32 = Eigen::Matrix<double, 3, 2>;
 
+constexpr double kRounding_J = 1e-15;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
 // Depths of the two Gauss points in a slab, as shares of its thickness.
 constexpr std::array<double, 2> kGauss{0.21132486540518713, 0.78867513459481287};
 
-// Energy, force and second derivative of a spring that yields at a force.
+// Energy, force and second derivatives of a spring that yields at a force. With `majorise` the one
+// along is that of a parabola which lies above the energy everywhere.
 struct Huber {
   double energy = 0, force = 0, along = 0, across = 0;
 };
-Huber huber(double stiffness, double most, double length) noexcept {
+Huber huber(double stiffness, double most, double length, bool majorise) noexcept {
   if (stiffness * length <= most)
     return {0.5 * stiffness * length * length, stiffness * length, stiffness, stiffness};
-  return {most * length - 0.5 * most * most / stiffness, most, 0, most / length};
+  const double across = most / length;
+  return {most * length - 0.5 * most * most / stiffness, most, majorise ? across : 0, across};
 }
 
-// Where the shaft meets the plane of a depth.
-struct Crossing {
-  Vector2d at_m;
-  double along_m = 0;  // from the tip, along the inward axis
-};
+// x = A^-1 b of a symmetric positive definite matrix, by Cholesky's method; false if it is not.
+bool solve(const Matrix6& A, const Vector6& b, Vector6& x) noexcept {
+  double L[6][6], inverse[6];
+  for (int j = 0; j < 6; ++j) {
+    double d = A(j, j);
+    for (int k = 0; k < j; ++k)
+      d -= L[j][k] * L[j][k];
+    if (!(d > 1e-12 * A(j, j))) return false;
+    inverse[j] = 1 / std::sqrt(d);
+    for (int i = j + 1; i < 6; ++i) {
+      double s = A(i, j);
+      for (int k = 0; k < j; ++k)
+        s -= L[i][k] * L[j][k];
+      L[i][j] = s * inverse[j];
+    }
+  }
+  double y[6];
+  for (int i = 0; i < 6; ++i) {
+    double s = b[i];
+    for (int k = 0; k < i; ++k)
+      s -= L[i][k] * y[k];
+    y[i] = s * inverse[i];
+  }
+  for (int i = 5; i >= 0; --i) {
+    double s = y[i];
+    for (int k = i + 1; k < 6; ++k)
+      s -= L[k][i] * x[k];
+    x[i] = s * inverse[i];
+  }
+  return true;
+}
 
 class Tick {
  public:
-  Tick(const CuttingOptions& options, const Pose& plate, std::span<CuttingSlab> slabs,
+  Tick(const CuttingOptions& options, const Pose& plate, std::span<const CuttingSlab> slabs,
        CuttingState& state) noexcept
       : o_(options), plate_(plate), slabs_(slabs), state_(state), start_(state.T_device_proxy) {
     axis_ = start_.q * o_.tool.inward_plate;
     tip_ = start_ * o_.tool.tip_plate_m;
     down_ = -axis_.z();
+    back_ = start_.q.conjugate();
   }
 
   void run(CuttingResult& out) noexcept {
+    ++state_.tick;
+    choose_hole();
     find_front();
+    enter_or_leave();
     embed();
-    Pose X = start_;
+    Evaluation e;
     if (o_.coupling.is_rigid) {
-      X = plate_;
-      const double s = shift(X);
-      const double dl = advance(o_.tip_N_per_m * (state_.stretch_m + s), o_.tip_N_per_m, out.cut_J);
-      state_.stretch_m -= dl;
-      front_ += dl * down_;
+      evaluate(plate_, false, e, out);
+      const Advance a = scan(e.tip_N, o_.tip_N_per_m);
+      if (a.length_m > 0) {
+        take(a, out);
+        evaluate(plate_, false, e, out);
+      }
     } else {
-      settle(X, out);
+      evaluate(start_, false, e, out);
+      settle(e, out);
     }
-    finish(X, out);
+    finish(e, out);
   }
 
  private:
+  // All of the potential at one pose.
+  struct Evaluation {
+    Pose X;
+    double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0;
+    double tip_N = 0, coupling_N = 0;
+    Vector2d slide = Vector2d::Zero();  // since the tick's start: along, around
+    Vector6 along = Vector6::Zero();    // derivative of slide[0]
+    Vector6 coupling = Vector6::Zero();
+    Vector6 g = Vector6::Zero();
+    Matrix6 H = Matrix6::Zero();
+    bool walls_yield = false;
+  };
+
+  // How far the front goes along the shaft, with its work and the strength before its end.
+  struct Advance {
+    double length_m = 0, work_J = 0, strength_N = 0;
+  };
+
+  Vector2d crossing(const Vector3d& tip, const Vector3d& axis, double depth_m) const noexcept {
+    const double along = (-depth_m - tip.z()) / axis.z();
+    return {tip.x() + along * axis.x(), tip.y() + along * axis.y()};
+  }
+  Vector2d start_at(double depth_m) const noexcept { return crossing(tip_, axis_, depth_m); }
+  static double gauss_depth(const CuttingSlab& slab, std::size_t g) noexcept {
+    return slab.top_m + kGauss[g] * (slab.bottom_m - slab.top_m);
+  }
+
+  int slab_count() const noexcept { return static_cast<int>(slabs_.size()); }
+  // The first slab whose bottom is at a depth or below.
+  int slab_at(double depth_m) const noexcept {
+    const auto at = std::lower_bound(slabs_.begin(), slabs_.end(), depth_m,
+                                     [](const CuttingSlab& s, double d) { return s.bottom_m < d; });
+    return static_cast<int>(at - slabs_.begin());
+  }
+
+  // True if the axis meets a slab within or beside the region of the hole there.
+  bool is_near(const CuttingHoleSlab& slab, std::size_t i) const noexcept {
+    return slab.walls[0].is_open() &&
+           slab.walls[0].reach(start_at(gauss_depth(slabs_[i], 0))).distance_m <= o_.same_hole_m;
+  }
+
+  // hole_: that the tool is in, or would enter.
+  void choose_hole() noexcept {
+    hole_ = state_.hole;
+    if (hole_ >= 0) return;
+    const int next = slab_at(-tip_.z());
+    if (next >= slab_count()) return;
+    for (std::size_t h = 0; h < state_.holes.size(); ++h) {
+      const CuttingHole& hole = state_.holes[h];
+      if (hole.first < 0) continue;
+      const auto i = static_cast<std::size_t>(std::max(next, hole.first));
+      if (is_near(hole.slabs[i], i)) {
+        hole_ = static_cast<int>(h);
+        return;
+      }
+    }
+  }
+
+  // Depth above which a slab has nothing to cut for the tool where it is.
+  double cut_of(int slab) const noexcept {
+    if (hole_ < 0) return -kInfinity;
+    const auto i = static_cast<std::size_t>(slab);
+    const CuttingHoleSlab& s = state_.holes[static_cast<std::size_t>(hole_)].slabs[i];
+    return s.embedded_m > 0 || is_near(s, i) ? s.cut_m : -kInfinity;
+  }
+
   // The front: carried while it is loaded, else the next material below the tip.
   void find_front() noexcept {
     const double tip_m = -tip_.z();
     if (state_.stretch_m > 0) {
-      front_ = tip_m - state_.stretch_m * down_;
+      front_ = first_front_ = tip_m - state_.stretch_m * down_;
       return;
     }
-    front_ = std::numeric_limits<double>::infinity();
-    for (const CuttingSlab& slab : slabs_) {
-      const double from = std::max(slab.top_m, slab.cut_m);
-      if (slab.cut_m >= slab.bottom_m || slab.bottom_m < tip_m ||
-          std::max(slab.strength_top_N, slab.strength_bottom_N) <= 0)
-        continue;
-      front_ = std::max(from, tip_m);
+    front_ = kInfinity;
+    for (int i = slab_at(tip_m); i < slab_count(); ++i) {
+      const CuttingSlab& slab = slabs_[static_cast<std::size_t>(i)];
+      if (std::max(slab.strength_top_N, slab.strength_bottom_N) <= 0) continue;
+      const double cut = cut_of(i);
+      if (cut >= slab.bottom_m) continue;
+      if (slab.share <= 0 && slab.share_to_m >= slab.bottom_m) continue;
+      front_ = std::max({slab.top_m, cut, tip_m});
+      if (slab.share <= 0) front_ = std::max(front_, slab.share_to_m);
       break;
     }
+    first_front_ = front_;
     state_.stretch_m = std::min((tip_m - front_) / down_, 0.0);
+  }
+
+  // The tool is in a hole as long as it is below the top of the hole's first slab.
+  void enter_or_leave() noexcept {
+    const double low = std::min(front_, -tip_.z());
+    if (state_.hole >= 0) {
+      CuttingHole& hole = state_.holes[static_cast<std::size_t>(state_.hole)];
+      if (low > slabs_[static_cast<std::size_t>(hole.first)].top_m) {
+        hole.last_used = state_.tick;
+        return;
+      }
+      for (int i = state_.embedded_from; i < state_.embedded_to; ++i)
+        hole.slabs[static_cast<std::size_t>(i)].embedded_m = 0;
+      state_.embedded_from = state_.embedded_to = 0;
+      state_.hole = -1;
+      return;
+    }
+    const int slab = slab_at(low);
+    if (slab < slab_count() && low > slabs_[static_cast<std::size_t>(slab)].top_m) enter(slab);
+  }
+
+  void enter(int slab) noexcept {
+    if (hole_ < 0 && !state_.holes.empty()) {
+      const auto oldest =
+          std::min_element(state_.holes.begin(), state_.holes.end(),
+                           [](const auto& a, const auto& b) { return a.last_used < b.last_used; });
+      hole_ = static_cast<int>(oldest - state_.holes.begin());
+      oldest->first = slab;
+      for (CuttingHoleSlab& s : oldest->slabs) {
+        s.cut_m = -kInfinity;
+        s.embedded_m = 0;
+        for (Slot& wall : s.walls)
+          wall.close();
+      }
+    }
+    if (hole_ < 0) return;
+    state_.hole = hole_;
+    CuttingHole& hole = state_.holes[static_cast<std::size_t>(hole_)];
+    hole.first = std::min(hole.first, slab);
+    hole.last_used = state_.tick;
   }
 
   // Embedded lengths, and with them the stiffness of friction and walls. What grows keeps its force,
   // so that its energy falls; what is new is free of force.
   void embed() noexcept {
     const double low = std::min(front_, -tip_.z());
-    for (std::size_t i = 0; i < slabs_.size(); ++i) {
-      const CuttingSlab& slab = slabs_[i];
-      CuttingHole& hole = state_.holes[i];
-      const double before = hole.embedded_m;
-      hole.embedded_m =
-          std::clamp(low - slab.top_m, 0.0, slab.bottom_m - slab.top_m) / down_;
-      embedded_ += hole.embedded_m;
-      if (hole.embedded_m <= 0) {
-        hole.friction_N_per_m = hole.wall_N_per_m = 0;
-        continue;
+    double friction = 0;
+    int from = 0, to = 0;
+    if (state_.hole >= 0) {
+      CuttingHole& hole = state_.holes[static_cast<std::size_t>(state_.hole)];
+      from = hole.first;
+      to = from;
+      while (to < slab_count() && slabs_[static_cast<std::size_t>(to)].top_m < low)
+        ++to;
+      for (int i = from; i < std::max(to, state_.embedded_to); ++i)
+        embed(static_cast<std::size_t>(i), low, hole.slabs[static_cast<std::size_t>(i)]);
+      for (int i = from; i < to; ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        embedded_ += hole.slabs[k].embedded_m;
+        friction += slabs_[k].friction_N_per_m * hole.slabs[k].embedded_m;
       }
-      const double friction =
-          slab.friction_N_per_m * hole.embedded_m / std::max(o_.presliding_m, 1e-9);
-      if (friction > hole.friction_N_per_m)
-        hole.presliding_m *= hole.friction_N_per_m / friction;
-      hole.friction_N_per_m = friction;
-      const double stretched = hole.presliding_m.norm();
-      if (stretched > o_.presliding_m) hole.presliding_m *= o_.presliding_m / stretched;
+    }
+    state_.embedded_from = from;
+    state_.embedded_to = to;
+    embedded_ /= down_;
+    friction_N_ = friction / down_;
+    const double stiffness = friction_N_ / std::max(o_.presliding_m, 1e-9);
+    if (stiffness > state_.friction_N_per_m)
+      state_.presliding_m *= state_.friction_N_per_m / stiffness;
+    state_.friction_N_per_m = stiffness;
+  }
 
-      const double wall = 0.5 * slab.wall_N_per_m2 * hole.embedded_m;
+  void embed(std::size_t i, double low, CuttingHoleSlab& s) const noexcept {
+    const CuttingSlab& slab = slabs_[i];
+    const double before = s.embedded_m;
+    s.embedded_m = std::clamp(low - slab.top_m, 0.0, slab.bottom_m - slab.top_m);
+    s.wall_most_N = 0.5 * slab.wall_strength_N_per_m * s.embedded_m;
+    const double stiffness = 0.5 * slab.wall_N_per_m2 * s.embedded_m;
+    if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m)) {
+      // A tool that comes back beside its hole has left it: it is where the tool is now.
+      const bool is_new = before <= 0 && !is_near(s, i);
+      if (is_new) s.cut_m = slab.top_m + s.embedded_m;
       for (std::size_t g = 0; g < 2; ++g) {
-        const Vector2d at = crossing(start_, i, g).at_m;
-        Slot& slot = hole.walls[g];
-        if (!slot.is_open()) {
-          slot.open(at, slab.clearance_m);
+        s.depth_m[g] = gauss_depth(slab, g);
+        const Vector2d at = start_at(s.depth_m[g]);
+        Slot& wall = s.walls[g];
+        if (is_new) {
+          wall.open(at, slab.clearance_m);
         } else if (before <= 0) {
-          slot.include(at);
-        } else if (wall > hole.wall_N_per_m) {
-          const Slot::Reach r = slot.reach(at);
-          slot.include(at - r.away * (r.distance_m * hole.wall_N_per_m / wall));
+          wall.include(at);
+        } else {
+          const Slot::Reach r = wall.reach(at);
+          wall.include(at - r.away * (r.distance_m * s.wall_N_per_m / stiffness));
         }
       }
-      hole.wall_N_per_m = wall;
     }
+    s.wall_N_per_m = stiffness;
   }
 
-  Crossing crossing(const Pose& X, std::size_t slab, std::size_t gauss) const noexcept {
-    return crossing(X * o_.tool.tip_plate_m, X.q * o_.tool.inward_plate, slab, gauss);
-  }
-  Crossing crossing(const Vector3d& tip, const Vector3d& axis, std::size_t slab,
-                    std::size_t gauss) const noexcept {
-    const CuttingSlab& s = slabs_[slab];
-    const double depth = s.top_m + kGauss[gauss] * (s.bottom_m - s.top_m);
-    const double along = (-depth - tip.z()) / axis.z();
-    return {(tip + along * axis).head<2>(), along};
-  }
-
-  double shift(const Pose& X) const noexcept { return axis_.dot(X * o_.tool.tip_plate_m - tip_); }
-
-  // Along and around the shaft since the tick's start.
-  Vector2d slide(const Pose& X) const noexcept {
-    return {shift(X), o_.tool.radius_m * axis_.dot(rotation_vector(X.q * start_.q.conjugate()))};
+  void evaluate(const Pose& X, bool majorise, Evaluation& e, CuttingResult& out) const noexcept {
+    ++out.evaluations;
+    e.X = X;
+    e.g.setZero();
+    e.H.setZero();
+    const Vector3d axis = X.q * o_.tool.inward_plate, lever = X.q * o_.tool.tip_plate_m;
+    const Vector3d tip = X.p_m + lever;
+    add_coupling(majorise, e);
+    add_axial(tip, lever, majorise, e);
+    add_walls(tip, axis, lever, majorise, e);
+    const double stretch = state_.stretch_m + e.slide[0];
+    e.V = e.coupling_J + e.friction_J + e.wall_J +
+          (stretch > 0 ? 0.5 * o_.tip_N_per_m * stretch * stretch : 0);
   }
 
-  struct Derivatives {
-    Vector6 g = Vector6::Zero();
-    Matrix6 H = Matrix6::Zero();  // without the tip
-    Vector6 along = Vector6::Zero();
-    double coupling_N = 0;
-  };
-
-  double coupling_energy(const Pose& X, Derivatives* d) const noexcept {
-    if (o_.coupling.is_rigid) return 0;
-    const Vector3d e = plate_.p_m - X.p_m, r = rotation_vector(plate_.q * X.q.conjugate());
-    const double le = e.norm(), lr = r.norm();
-    const Huber t = huber(o_.coupling.translation_N_per_m, o_.coupling.most_force_N, le);
-    const Huber m = huber(o_.coupling.rotation_Nm_per_rad, o_.coupling.most_moment_Nm, lr);
-    if (d != nullptr) {
-      const auto add = [d](int at, const Vector3d& v, double length, const Huber& h, double k) {
-        const Vector3d unit = length > 0 ? Vector3d(v / length) : Vector3d::Zero();
-        d->g.segment<3>(at) -= h.force * unit;
-        // A little of the stiffness stays where the force is constant, so that H has an inverse.
-        d->H.block<3, 3>(at, at) += std::max(h.across, 1e-6 * k) * Eigen::Matrix3d::Identity() +
-                                    (h.along - h.across) * unit * unit.transpose();
-        if (h.along == 0) d->H.block<3, 3>(at, at) += 1e-6 * k * unit * unit.transpose();
-      };
-      add(0, e, le, t, o_.coupling.translation_N_per_m);
-      add(3, r, lr, m, o_.coupling.rotation_Nm_per_rad);
-      d->coupling_N = t.force;
-    }
-    return t.energy + m.energy;
+  void add_coupling(bool majorise, Evaluation& e) const noexcept {
+    e.coupling_J = e.coupling_N = 0;
+    e.coupling.setZero();
+    if (o_.coupling.is_rigid) return;
+    const auto add = [&](int at, const Vector3d& v, double k, double most) {
+      const double length = v.norm();
+      const Huber h = huber(k, most, length, majorise);
+      e.coupling_J += h.energy;
+      // A little of the stiffness stays where the force is constant, so that H has an inverse.
+      for (int i = 0; i < 3; ++i)
+        e.H(at + i, at + i) += std::max(h.across, 1e-6 * k);
+      if (length > 0) {
+        const Vector3d unit = v / length;
+        e.coupling.segment<3>(at) = -h.force * unit;
+        const double less = h.across - std::max(h.along, 1e-6 * k);
+        if (less > 0) e.H.block<3, 3>(at, at) -= less * unit * unit.transpose();
+      }
+      return h.force;
+    };
+    e.coupling_N = add(0, plate_.p_m - e.X.p_m, o_.coupling.translation_N_per_m,
+                       o_.coupling.most_force_N);
+    add(3, rotation_vector(plate_.q * e.X.q.conjugate()), o_.coupling.rotation_Nm_per_rad,
+        o_.coupling.most_moment_Nm);
+    e.g += e.coupling;
   }
 
-  double friction_energy(const Pose& X, Derivatives* d) const noexcept {
-    const Vector2d moved = slide(X);
-    double energy = 0;
-    Vector2d g = Vector2d::Zero();
-    Matrix2d H = Matrix2d::Zero();
-    for (std::size_t i = 0; i < slabs_.size(); ++i) {
-      const CuttingHole& hole = state_.holes[i];
-      if (hole.friction_N_per_m <= 0) continue;
-      const Vector2d w = hole.presliding_m + moved;
+  // Tip and friction. The angle around the shaft is measured as 2 sin(angle / 2), whose derivative
+  // is simple; the same measure is used throughout, so that energies agree.
+  void add_axial(const Vector3d& tip, const Vector3d& lever, bool majorise,
+                 Evaluation& e) const noexcept {
+    const Eigen::Quaterniond turned = e.X.q * back_;
+    const double sign = turned.w() < 0 ? -2 : 2;
+    const Vector3d half = sign * turned.vec();
+    e.slide = {axis_.dot(tip - tip_), o_.tool.radius_m * axis_.dot(half)};
+    e.along << axis_, lever.cross(axis_);
+    const double stretch = state_.stretch_m + e.slide[0];
+    e.tip_N = o_.tip_N_per_m * std::max(stretch, 0.0);
+    double axial = e.tip_N, stiffness = stretch > 0 ? o_.tip_N_per_m : 0;
+    e.friction_J = 0;
+    if (state_.friction_N_per_m > 0) {
+      const Vector2d w = state_.presliding_m + e.slide;
       const double length = w.norm();
-      const Huber h =
-          huber(hole.friction_N_per_m, hole.friction_N_per_m * o_.presliding_m, length);
-      energy += h.energy;
-      if (d == nullptr || length <= 0) {
-        if (d != nullptr) H += h.across * Matrix2d::Identity();
-        continue;
+      const Huber h = huber(state_.friction_N_per_m, friction_N_, length, majorise);
+      e.friction_J = h.energy;
+      const Vector2d unit = length > 0 ? Vector2d(w / length) : Vector2d::Zero();
+      const double less = h.across - h.along;
+      axial += h.force * unit[0];
+      stiffness += h.across - less * unit[0] * unit[0];
+      const Vector3d around =
+          o_.tool.radius_m * (0.5 * sign * turned.w() * 2 * axis_ + half.cross(axis_));
+      e.g.tail<3>() += h.force * unit[1] * around;
+      const double around2 = h.across - less * unit[1] * unit[1];
+      e.H.bottomRightCorner<3, 3>() += around2 * around * around.transpose();
+      const double mixed = -less * unit[0] * unit[1];
+      if (mixed != 0) {
+        const Eigen::Matrix<double, 6, 3> M = mixed * e.along * around.transpose();
+        e.H.rightCols<3>() += M;
+        e.H.bottomRows<3>() += M.transpose();
       }
-      const Vector2d unit = w / length;
-      g += h.force * unit;
-      H += h.across * Matrix2d::Identity() + (h.along - h.across) * unit * unit.transpose();
     }
-    if (d != nullptr) {
-      Eigen::Matrix<double, 6, 2> J = Eigen::Matrix<double, 6, 2>::Zero();
-      J.col(0) = d->along;
-      J.col(1).tail<3>() = o_.tool.radius_m * axis_;
-      d->g += J * g;
-      d->H += J * H * J.transpose();
+    e.g += axial * e.along;
+    if (stiffness > 0) e.H += stiffness * e.along * e.along.transpose();
+    // The tip's path is curved where the tool turns about the plate.
+    if (axial != 0 && !majorise) {
+      const Matrix3d M = 0.5 * axial * axis_ * lever.transpose();
+      e.H.bottomRightCorner<3, 3>() += M + M.transpose();
+      for (int i = 3; i < 6; ++i)
+        e.H(i, i) -= axial * axis_.dot(lever);
     }
-    return energy;
   }
 
-  // The walls' derivatives are sums over the Gauss points of polynomials in the distance from the
-  // tip: a crossing moves by N' (u + turn x (lever + along * axis)).
-  double wall_energy(const Pose& X, Derivatives* d) const noexcept {
-    const Vector3d tip = X * o_.tool.tip_plate_m, axis = X.q * o_.tool.inward_plate;
-    double energy = 0;
-    Vector2d g0 = Vector2d::Zero(), g1 = g0;
-    Matrix2d H0 = Matrix2d::Zero(), H1 = H0, H2 = H0;
-    for (std::size_t i = 0; i < slabs_.size(); ++i) {
-      const CuttingHole& hole = state_.holes[i];
-      if (hole.wall_N_per_m <= 0) continue;
-      const double most = 0.5 * slabs_[i].wall_strength_N_per_m * hole.embedded_m;
-      for (std::size_t k = 0; k < 2; ++k) {
-        const Crossing c = crossing(tip, axis, i, k);
-        const Slot::Reach r = hole.walls[k].reach(c.at_m);
-        if (r.distance_m <= 0) {
-          // On the brink: the wall's stiffness helps the next step.
-          continue;
+  // A crossing moves by N' (u + turn x (lever + along * axis)): sums over the Gauss points of
+  // polynomials in the distance from the tip make up the derivatives.
+  void add_walls(const Vector3d& tip, const Vector3d& axis, const Vector3d& lever, bool majorise,
+                 Evaluation& e) const noexcept {
+    e.wall_J = 0;
+    e.walls_yield = false;
+    if (state_.hole < 0) return;
+    const CuttingHole& hole = state_.holes[static_cast<std::size_t>(state_.hole)];
+    const double per_z = -1 / axis.z(), mx = axis.x(), my = axis.y();
+    double energy = 0, gx0 = 0, gy0 = 0, gx1 = 0, gy1 = 0;
+    double xx0 = 0, xy0 = 0, yy0 = 0, xx1 = 0, xy1 = 0, yy1 = 0, xx2 = 0, xy2 = 0, yy2 = 0;
+    for (int i = state_.embedded_from; i < state_.embedded_to; ++i) {
+      const CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];
+      const double k = s.wall_N_per_m;
+      if (k <= 0) continue;
+      const double elastic_m = s.wall_most_N / k;
+      for (std::size_t g = 0; g < 2; ++g) {
+        const double t = (s.depth_m[g] + tip.z()) * per_z;
+        const Slot& wall = s.walls[g];
+        const Slot::Offset d = wall.offset({tip.x() + t * mx, tip.y() + t * my});
+        const double d2 = d.x_m * d.x_m + d.y_m * d.y_m, clearance = wall.clearance_m();
+        if (d2 <= clearance * clearance) continue;
+        double fx, fy, xx, xy, yy;
+        if (d.beside_corner && clearance <= 0 && d2 <= elastic_m * elastic_m) {
+          energy += 0.5 * k * d2;
+          fx = k * d.x_m;
+          fy = k * d.y_m;
+          xx = yy = k;
+          xy = 0;
+        } else {
+          const double whole = std::sqrt(d2), distance = whole - clearance;
+          const Huber h = huber(k, s.wall_most_N, distance, majorise);
+          e.walls_yield = e.walls_yield || distance > elastic_m;
+          energy += h.energy;
+          const double ux = d.x_m / whole, uy = d.y_m / whole;
+          fx = h.force * ux;
+          fy = h.force * uy;
+          const double across = d.beside_corner ? h.across * distance / whole : 0;
+          const double more = h.along - across;
+          xx = across + more * ux * ux;
+          xy = more * ux * uy;
+          yy = across + more * uy * uy;
         }
-        const Huber h = huber(hole.wall_N_per_m, most, r.distance_m);
-        energy += h.energy;
-        if (d == nullptr) continue;
-        const Vector2d g = h.force * r.away;
-        const double across = h.across * r.bend;
-        const Matrix2d H = across * Matrix2d::Identity() +
-                           (h.along - across) * r.away * r.away.transpose();
-        g0 += g;
-        g1 += c.along_m * g;
-        H0 += H;
-        H1 += c.along_m * H;
-        H2 += c.along_m * c.along_m * H;
+        gx0 += fx;
+        gy0 += fy;
+        gx1 += t * fx;
+        gy1 += t * fy;
+        const double t2 = t * t;
+        xx0 += xx;
+        xy0 += xy;
+        yy0 += yy;
+        xx1 += t * xx;
+        xy1 += t * xy;
+        yy1 += t * yy;
+        xx2 += t2 * xx;
+        xy2 += t2 * xy;
+        yy2 += t2 * yy;
       }
     }
-    if (d != nullptr && energy > 0) {
-      const Vector3d lever = tip - X.p_m;
-      Matrix32 N = Matrix32::Zero();
-      N(0, 0) = N(1, 1) = 1;
-      N(2, 0) = -axis.x() / axis.z();
-      N(2, 1) = -axis.y() / axis.z();
-      Matrix32 C0, C1;
-      for (int c = 0; c < 2; ++c) {
-        const Vector3d n = N.col(c);
-        C0.col(c) = lever.cross(n);
-        C1.col(c) = axis.cross(n);
-      }
-      d->g.head<3>() += N * g0;
-      d->g.tail<3>() += C0 * g0 + C1 * g1;
-      const Matrix32 NH0 = N * H0, NH1 = N * H1;
-      d->H.topLeftCorner<3, 3>() += NH0 * N.transpose();
-      const Eigen::Matrix3d mixed = NH0 * C0.transpose() + NH1 * C1.transpose();
-      d->H.topRightCorner<3, 3>() += mixed;
-      d->H.bottomLeftCorner<3, 3>() += mixed.transpose();
-      d->H.bottomRightCorner<3, 3>() += C0 * H0 * C0.transpose() + C0 * H1 * C1.transpose() +
-                                        C1 * H1 * C0.transpose() + C1 * H2 * C1.transpose();
+    e.wall_J = energy;
+    if (energy <= 0) return;
+    Matrix32 N, C0, C1;
+    N << 1, 0, 0, 1, mx * per_z, my * per_z;
+    for (int c = 0; c < 2; ++c) {
+      const Vector3d n = N.col(c);
+      C0.col(c) = lever.cross(n);
+      C1.col(c) = axis.cross(n);
     }
-    return energy;
-  }
-
-  double tip_energy(const Pose& X) const noexcept {
-    const double d = state_.stretch_m + shift(X);
-    return d > 0 ? 0.5 * o_.tip_N_per_m * d * d : 0;
-  }
-
-  double potential(const Pose& X, Derivatives* d) const noexcept {
-    if (d != nullptr) {
-      *d = {};
-      d->along.head<3>() = axis_;
-      d->along.tail<3>() = (X * o_.tool.tip_plate_m - X.p_m).cross(axis_);
-    }
-    double V = coupling_energy(X, d) + friction_energy(X, d) + wall_energy(X, d) + tip_energy(X);
-    if (d != nullptr) d->g += d->along * tip_force(X);
-    return V;
-  }
-
-  double tip_force(const Pose& X) const noexcept {
-    return o_.tip_N_per_m * std::max(state_.stretch_m + shift(X), 0.0);
+    const Vector2d g0(gx0, gy0), g1(gx1, gy1);
+    Eigen::Matrix2d H0, H1, H2;
+    H0 << xx0, xy0, xy0, yy0;
+    H1 << xx1, xy1, xy1, yy1;
+    H2 << xx2, xy2, xy2, yy2;
+    e.g.head<3>() += N * g0;
+    e.g.tail<3>() += C0 * g0 + C1 * g1;
+    const Matrix32 NH0 = N * H0, NH1 = N * H1, CH0 = C0 * H0 + C1 * H1, CH1 = C0 * H1 + C1 * H2;
+    e.H.topLeftCorner<3, 3>() += NH0 * N.transpose();
+    const Matrix3d mixed = NH0 * C0.transpose() + NH1 * C1.transpose();
+    e.H.topRightCorner<3, 3>() += mixed;
+    e.H.bottomLeftCorner<3, 3>() += mixed.transpose();
+    e.H.bottomRightCorner<3, 3>() += CH0 * C0.transpose() + CH1 * C1.transpose();
   }
 
   static Pose moved(const Pose& X, const Vector6& step) noexcept {
-    return {X.p_m + step.head<3>(),
-            (from_rotation_vector(step.tail<3>()) * X.q).normalized()};
+    return {X.p_m + step.head<3>(), (from_rotation_vector(step.tail<3>()) * X.q).normalized()};
   }
 
   static double size_of(const Vector6& g) noexcept {
     // A moment counts as its force at 0.1 m.
     return std::max(g.head<3>().cwiseAbs().maxCoeff(), g.tail<3>().cwiseAbs().maxCoeff() / 0.1);
   }
-
-  double allowed(const Derivatives& d) const noexcept {
-    return o_.tolerance * std::max(1.0, d.coupling_N);
+  double allowed(const Evaluation& e) const noexcept {
+    return o_.tolerance * std::max(1.0, e.coupling_N);
   }
 
-  // Newton's method with a line search at a fixed front. Returns the potential at its end.
-  double minimise(Pose& X, Derivatives& d, CuttingResult& out) const noexcept {
-    double V = potential(X, &d);
-    out.has_converged = false;
-    while (true) {
-      if (size_of(d.g) <= allowed(d)) {
-        out.has_converged = true;
-        return V;
-      }
-      if (out.steps >= o_.most_steps) return V;
-      ++out.steps;
-      Matrix6 H = d.H;
-      if (tip_force(X) > 0) H += o_.tip_N_per_m * d.along * d.along.transpose();
-      const Vector6 step = -H.ldlt().solve(d.g);
-      const double slope = d.g.dot(step);
-      if (!(slope < 0)) return V;
-      constexpr int kMostHalvings = 12;
-      constexpr double kLeastDecrease = 1e-4;
+  // One step of Newton's method that lowers the potential; false if none was found. Where the
+  // tangent leads astray, beyond the limits of many elements, the majorising parabola's does not.
+  bool step(Evaluation& e, CuttingResult& out) const noexcept {
+    Evaluation next;
+    constexpr double kLeastDecrease = 1e-4;
+    constexpr int kMostHalvings = 10;
+    for (const bool majorise : {false, true}) {
+      if (majorise) evaluate(e.X, true, e, out);
+      Vector6 towards;
+      if (!solve(e.H, e.g, towards)) continue;
+      const double slope = -e.g.dot(towards);
+      if (!(slope < 0)) continue;
       double share = 1;
-      bool better = false;
-      const double before = V;
-      for (int k = 0; k < kMostHalvings && !better; ++k, share *= 0.5) {
-        const Pose at = moved(X, share * step);
-        Derivatives there;
-        V = potential(at, &there);
-        better = V <= before + kLeastDecrease * share * slope;
-        if (better) X = at, d = there;
+      for (int k = 0; k < (majorise ? kMostHalvings : 2); ++k, share *= 0.25) {
+        evaluate(moved(e.X, -share * towards), false, next, out);
+        // Close to the minimum the potential cannot tell better from worse; the gradient can.
+        if (next.V <= e.V + kLeastDecrease * share * slope ||
+            (next.V <= e.V + kRounding_J && size_of(next.g) < size_of(e.g))) {
+          e = next;
+          return true;
+        }
       }
-      if (!better) {
-        out.has_converged = size_of(d.g) <= 1e3 * allowed(d);
-        return before;
+    }
+    return false;
+  }
+
+  void minimise(Evaluation& e, CuttingResult& out) const noexcept {
+    while (true) {
+      out.has_converged = size_of(e.g) <= allowed(e);
+      if (out.has_converged || out.steps >= o_.most_steps) return;
+      ++out.steps;
+      if (!step(e, out)) {
+        // As low as rounding lets it be.
+        out.has_converged = size_of(e.g) <= 1e3 * allowed(e);
+        return;
       }
     }
   }
 
-  // How far along the shaft the front moves if the tip's force falls from R by K_s a metre, and the
-  // work of it. Lowers cut_m of the slabs passed.
-  double advance(double R, double K_s, double& work_J) noexcept {
-    double x = 0;
-    for (CuttingSlab& slab : slabs_) {
-      const double at = front_ + x * down_;
-      const double from = std::max(slab.top_m, slab.cut_m);
-      if (slab.cut_m >= slab.bottom_m || slab.bottom_m < at ||
-          (slab.top_m < slab.bottom_m && slab.bottom_m <= at))
-        continue;
-      if (from > at) {
-        // Nothing to cut up to there.
-        const double gap = (from - at) / down_;
-        if (R - K_s * (x + gap) <= 0) return std::max(x, std::min(x + gap, R / K_s));
-        x += gap;
-      }
-      const double begin = std::max(from, at), thickness = slab.bottom_m - slab.top_m;
+  // How far the front moves until the tip's force, which falls from R by K_s a metre along the
+  // shaft, is no more than the strength.
+  Advance scan(double R, double K_s) const noexcept {
+    Advance a;
+    double at = front_;
+    // Beside a boundary the slab below it counts.
+    for (int i = slab_at(front_); i < slab_count(); ++i) {
+      const CuttingSlab& slab = slabs_[static_cast<std::size_t>(i)];
+      const double thickness = slab.bottom_m - slab.top_m;
+      if (thickness > 0 && slab.bottom_m <= at) continue;
+      const double cut = cut_of(i);
+      if (cut >= slab.bottom_m) continue;
       const double slope_depth =
           thickness > 0 ? (slab.strength_bottom_N - slab.strength_top_N) / thickness : 0;
-      const double Y = slab.strength_top_N + slope_depth * (begin - slab.top_m);
-      const double slope = slope_depth * down_;
-      const double excess = R - K_s * x - Y;
-      if (excess <= 0) return x;
-      const double length = (slab.bottom_m - begin) / down_;
-      double dl = length;
-      if (K_s + slope > 0) dl = std::min(excess / (K_s + slope), length);
-      work_J += dl * (Y + 0.5 * slope * dl);
-      x += dl;
-      const bool through = dl >= length;
-      slab.cut_m = through ? slab.bottom_m : begin + dl * down_;
-      if (!through) return x;
-    }
-    return std::max(x, R / K_s);
-  }
-
-  void settle(Pose& X, CuttingResult& out) noexcept {
-    Derivatives d;
-    minimise(X, d, out);
-    constexpr int kMostAdvances = 24;
-    for (int k = 0; k < kMostAdvances; ++k) {
-      const double R = tip_force(X);
-      if (R <= 0) return;
-      const double soft = d.along.dot(Vector6(d.H.ldlt().solve(d.along)));
-      const double K_s = 1 / (1 / o_.tip_N_per_m + std::max(soft, 0.0));
-      const double dl = advance(R, K_s, out.cut_J);
-      if (dl <= 0) return;
-      state_.stretch_m -= dl;
-      front_ += dl * down_;
-      if (K_s * dl <= allowed(d)) return;  // less than Newton's method leaves undetermined
-      minimise(X, d, out);
-      if (out.steps >= o_.most_steps) return;
-    }
-  }
-
-  void finish(const Pose& X, CuttingResult& out) noexcept {
-    Derivatives d;
-    potential(X, &d);
-    const double coupling = coupling_energy(X, nullptr);
-    if (o_.coupling.is_rigid) {
-      out.wrench_device = -d.g;
-    } else {
-      Derivatives only;
-      coupling_energy(X, &only);
-      out.wrench_device = only.g;
-    }
-    // What has yielded stays so.
-    const Vector2d slid = slide(X);
-    double stored = coupling;
-    for (std::size_t i = 0; i < slabs_.size(); ++i) {
-      CuttingHole& hole = state_.holes[i];
-      if (hole.friction_N_per_m > 0) {
-        hole.presliding_m += slid;
-        const double length = hole.presliding_m.norm();
-        if (length > o_.presliding_m) hole.presliding_m *= o_.presliding_m / length;
-        stored += 0.5 * hole.friction_N_per_m * hole.presliding_m.squaredNorm();
-      }
-      if (hole.wall_N_per_m <= 0) continue;
-      const double most = 0.5 * slabs_[i].wall_strength_N_per_m * hole.embedded_m;
-      for (std::size_t k = 0; k < 2; ++k) {
-        const Vector2d at = crossing(X, i, k).at_m;
-        Slot::Reach r = hole.walls[k].reach(at);
-        const double kept = most / hole.wall_N_per_m;
-        if (r.distance_m > kept) {
-          hole.walls[k].include(at - kept * r.away);
-          r.distance_m = kept;
+      // Above and below the depth to which other holes have taken a share.
+      for (const bool shared : {true, false}) {
+        const double top = shared ? slab.top_m : std::max(slab.top_m, slab.share_to_m);
+        const double bottom = shared ? std::min(slab.bottom_m, slab.share_to_m) : slab.bottom_m;
+        if (top > bottom || (thickness > 0 && bottom <= at)) continue;
+        if (!shared && thickness <= 0) continue;  // a sheet is passed once
+        const double share = shared ? slab.share : 1;
+        const double from = std::max({top, cut, at});
+        if (thickness > 0 && from >= bottom) continue;
+        if (from > at) {  // nothing to cut up to there
+          const double gap = (from - at) / down_;
+          if (R - K_s * (a.length_m + gap) <= 0) return to_rest(a, R, K_s);
+          a.length_m += gap;
+          at = from;
         }
-        stored += 0.5 * hole.wall_N_per_m * r.distance_m * r.distance_m;
+        const double Y = share * (slab.strength_top_N + slope_depth * (at - slab.top_m));
+        const double slope = share * slope_depth * down_;
+        const double excess = R - K_s * a.length_m - Y;
+        if (excess <= 0) return a;
+        const double length = (bottom - at) / down_;
+        double dl = length;
+        if (K_s + slope > 0) dl = std::min(excess / (K_s + slope), length);
+        a.work_J += dl * (Y + 0.5 * slope * dl);
+        a.strength_N = Y + slope * dl;
+        a.length_m += dl;
+        if (dl < length) return a;
+        at = bottom;
       }
     }
-    out.tip_N = tip_force(X);
-    stored += tip_energy(X);
-    out.stored_J = stored;
-    state_.stretch_m += shift(X);
-    state_.T_device_proxy = X;
+    return to_rest(a, R, K_s);
+  }
+  static Advance to_rest(Advance a, double R, double K_s) noexcept {
+    a.length_m = std::max(a.length_m, R / K_s);
+    a.strength_N = 0;
+    return a;
+  }
+
+  void take(const Advance& a, CuttingResult& out) noexcept {
+    out.cut_J += a.work_J;
+    state_.stretch_m -= a.length_m;
+    front_ += a.length_m * down_;
+    has_cut_ = true;
+  }
+
+  // Newton's method at a fixed front, and steps of the front by the tip's force, whose fall a linear
+  // model predicts. A step that goes too far is taken back.
+  void settle(Evaluation& e, CuttingResult& out) noexcept {
+    minimise(e, out);
+    constexpr int kMostAdvances = 24;
+    for (int k = 0; k < kMostAdvances && e.tip_N > 0; ++k) {
+      Vector6 y;
+      double K_s = o_.tip_N_per_m;
+      const bool is_solved = solve(e.H, e.along, y);
+      if (is_solved)
+        K_s = std::clamp(K_s * (1 - K_s * e.along.dot(y)), 1e-9 * K_s, K_s);
+      Advance a = scan(e.tip_N, K_s);
+      if (a.length_m <= 0) return;
+      const Evaluation before = e;
+      const CuttingResult out_before = out;
+      const double stretch = state_.stretch_m, front = front_;
+      constexpr int kMostTries = 3;
+      for (int tries = 0;; ++tries) {
+        take(a, out);
+        if (tries == kMostTries || out.steps >= o_.most_steps || !is_solved) {
+          // With the proxy where it was the tip's force falls fastest: this is never too far.
+          state_.stretch_m = stretch;
+          front_ = front;
+          out.cut_J = out_before.cut_J;
+          a = scan(before.tip_N, o_.tip_N_per_m);
+          take(a, out);
+          evaluate(before.X, false, e, out);
+          minimise(e, out);
+          break;
+        }
+        ++out.steps;
+        evaluate(moved(before.X, o_.tip_N_per_m * a.length_m * y), false, e, out);
+        minimise(e, out);
+        const double slack = std::max(allowed(e), 1e-9 * before.tip_N);
+        const bool too_far = a.strength_N > 0 && e.tip_N < a.strength_N - slack;
+        if (!too_far && e.V + a.work_J <= before.V + kRounding_J) break;
+        state_.stretch_m = stretch;
+        front_ = front;
+        out.cut_J = out_before.cut_J;
+        const double secant = (before.tip_N - e.tip_N) / a.length_m;
+        a = scan(before.tip_N, std::clamp(secant, K_s, o_.tip_N_per_m));
+        e = before;
+      }
+      if (K_s * a.length_m <= allowed(e)) return;  // less than Newton's method leaves undetermined
+      if (out.steps >= o_.most_steps) {
+        out.has_converged = out.has_converged && scan(e.tip_N, K_s).length_m * K_s <= allowed(e);
+        return;
+      }
+    }
+  }
+
+  void finish(const Evaluation& e, CuttingResult& out) noexcept {
+    out.wrench_device = o_.coupling.is_rigid ? Wrench(-e.g) : Wrench(e.coupling);
+    out.stored_J = e.V - e.friction_J - e.wall_J;
+    // What has yielded stays so.
+    if (state_.friction_N_per_m > 0) {
+      state_.presliding_m += e.slide;
+      const double length = state_.presliding_m.norm();
+      if (length > o_.presliding_m) state_.presliding_m *= o_.presliding_m / length;
+      out.stored_J += 0.5 * state_.friction_N_per_m * state_.presliding_m.squaredNorm();
+    } else {
+      state_.presliding_m.setZero();
+    }
+    const Vector3d tip = e.X * o_.tool.tip_plate_m, axis = e.X.q * o_.tool.inward_plate;
+    out.stored_J += e.walls_yield ? yield_walls(tip, axis) : e.wall_J;
+    out.tip_N = e.tip_N;
+    state_.stretch_m += e.slide[0];
+    state_.T_device_proxy = e.X;
     out.front_m = front_;
     out.embedded_m = embedded_;
+    if (has_cut_) record_cut(tip, axis);
+  }
+
+  double yield_walls(const Vector3d& tip, const Vector3d& axis) noexcept {
+    double stored = 0;
+    CuttingHole& hole = state_.holes[static_cast<std::size_t>(state_.hole)];
+    for (int i = state_.embedded_from; i < state_.embedded_to; ++i) {
+      CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];
+      if (s.wall_N_per_m <= 0) continue;
+      const double kept = s.wall_most_N / s.wall_N_per_m;
+      for (std::size_t g = 0; g < 2; ++g) {
+        const Vector2d at = crossing(tip, axis, s.depth_m[g]);
+        Slot::Reach r = s.walls[g].reach(at);
+        if (r.distance_m > kept) {
+          s.walls[g].include(at - kept * r.away);
+          r.distance_m = kept;
+        }
+        stored += 0.5 * s.wall_N_per_m * r.distance_m * r.distance_m;
+      }
+    }
+    return stored;
+  }
+
+  // What lies above the front is cut, in the hole that the tool is in or now begins.
+  void record_cut(const Vector3d& tip, const Vector3d& axis) noexcept {
+    for (int i = slab_at(first_front_); i < slab_count(); ++i) {
+      const CuttingSlab& slab = slabs_[static_cast<std::size_t>(i)];
+      if (slab.top_m >= front_) break;
+      if (state_.hole < 0) enter(i);
+      if (state_.hole < 0) return;
+      CuttingHoleSlab& s =
+          state_.holes[static_cast<std::size_t>(state_.hole)].slabs[static_cast<std::size_t>(i)];
+      if (s.embedded_m <= 0 && !is_near(s, static_cast<std::size_t>(i))) {
+        s.cut_m = -kInfinity;
+        for (std::size_t g = 0; g < 2; ++g)
+          s.walls[g].open(crossing(tip, axis, gauss_depth(slab, g)), slab.clearance_m);
+      }
+      s.cut_m = std::max(s.cut_m, std::min(front_, slab.bottom_m));
+    }
   }
 
   const CuttingOptions& o_;
   const Pose& plate_;
-  std::span<CuttingSlab> slabs_;
+  std::span<const CuttingSlab> slabs_;
   CuttingState& state_;
   const Pose start_;
+  Eigen::Quaterniond back_;
   Vector3d axis_, tip_;
-  double down_ = 1, front_ = 0, embedded_ = 0;
+  int hole_ = -1;
+  bool has_cut_ = false;
+  double down_ = 1, front_ = 0, first_front_ = 0, embedded_ = 0, friction_N_ = 0;
 };
 
 }  // namespace
 
+CuttingState make_cutting_state(std::size_t slabs, std::size_t holes) {
+  CuttingState state;
+  state.holes.resize(holes);
+  for (CuttingHole& hole : state.holes)
+    hole.slabs.resize(slabs);
+  return state;
+}
+
 void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
-                  std::span<CuttingSlab> slabs, CuttingState& state,
+                  std::span<const CuttingSlab> slabs, CuttingState& state,
                   CuttingResult& result) noexcept {
   result = {};
   if (!state.has_begun) {

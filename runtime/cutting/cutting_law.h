@@ -6,22 +6,26 @@
 // and Stainier, 1999). The front moves down to its first equilibrium, through as many slabs as the
 // tick takes: the global minimum would break a shell long before its strength is reached.
 //
-// Contract (tests/runtime/cutting/cutting_law_test.cpp):
+// Contract (tests/runtime/cutting/cutting_law_test.cpp, cutting_energy_test.cpp, hole_test.cpp):
 //  1. Passive. With the stored energy E, the wrench w on the device and its displacement dx between
-//     two ticks, E' - E <= w . dx (as work done on the proxy) + dx' K dx / 2, in every tick and for
-//     any stiffness, friction and number of steps: no step raises the potential, and no element
-//     appears or grows with energy. K is the coupling's stiffness; that of the elements where it
-//     is rigid.
+//     two ticks, E' - E + cut_J <= -w . dx + dx' K dx / 2, in every tick, for any stiffness, friction
+//     and number of Newton steps: no step raises the potential, and no element appears or grows with
+//     energy. K is the coupling's stiffness; where that is rigid, the elements' at the plate, to
+//     which the curvature of their paths adds if the plate turns.
 //  2. The front's work is the integral of the strength over what it cut. It never moves back, and
 //     moves only while the tip's force exceeds the strength there.
 //  3. A wall that has yielded stays where it was pushed (slot.h).
-//  4. No allocation, lock or system call; at most `most_steps` Newton steps a tick.
+//  4. A hole outlives withdrawal. A tool that comes within `same_hole_m` of a hole goes into it: what
+//     the hole has taken has no strength, and its walls and friction act. Elsewhere the tool makes a
+//     new hole; of a tool half over an old one, CuttingSlab::share tells how much of it cuts.
+//  5. No allocation, lock or system call; at most `most_steps` Newton steps a tick.
 //
 // Depth is -z of {B}: the tool goes into the body downwards, within kMaxTilt_deg of upright.
 #pragma once
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <limits>
 #include <span>
 #include <vector>
@@ -51,26 +55,38 @@ struct CuttingOptions {
   CuttingCoupling coupling;
   double tip_N_per_m = 20'000;  ///< of the tip against the front
   double presliding_m = 1e-4;   ///< along and around the shaft, at which friction slides
-  int most_steps = 12;          ///< Newton steps a tick
-  double tolerance = 1e-6;      ///< of forces, relative to the largest of 1 N and the coupling's
+  /// Of the axis from a hole's region: nearer, the tool goes into that hole.
+  double same_hole_m = 5e-5;
+  double tolerance = 1e-6;  ///< of forces, relative to the largest of 1 N and the coupling's
+  int most_steps = 12;      ///< Newton steps a tick
 };
 
 /// What a slab opposes to the tool where it is now. `top_m` and below ascend from slab to slab.
 struct CuttingSlab {
-  double top_m = 0, bottom_m = 0;                    ///< depth; equal: a sheet of no thickness
-  double strength_top_N = 0, strength_bottom_N = 0;  ///< of the front; linear in between
-  double cut_m = -std::numeric_limits<double>::infinity();  ///< above, all is cut
-  double friction_N_per_m = 0;                              ///< of embedded length
-  double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;      ///< sideways, of embedded length
-  double clearance_m = 0;                                   ///< of the hole around the shaft
+  double top_m = 0, bottom_m = 0;  ///< depth; equal: a sheet of no thickness
+  /// Of the front with all of the tool's outline over what is not cut; linear in between.
+  double strength_top_N = 0, strength_bottom_N = 0;
+  /// Of the strength, above `share_to_m`: the part of the tool that is over what other holes have
+  /// not taken. The geometry of the cuts tells.
+  double share = 1, share_to_m = std::numeric_limits<double>::infinity();
+  double friction_N_per_m = 0;                               ///< of embedded length
+  double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;       ///< sideways, of embedded depth
+  double clearance_m = 0;                                    ///< of a new hole around the shaft
 };
 
-/// What one slab of one hole remembers.
+/// What one slab remembers of one hole.
+struct CuttingHoleSlab {
+  double cut_m = -std::numeric_limits<double>::infinity();  ///< above, the hole has taken all
+  double embedded_m = 0;                                    ///< depth that the shaft fills now
+  double wall_N_per_m = 0, wall_most_N = 0;                 ///< at each Gauss point, in the last tick
+  std::array<double, 2> depth_m{};                          ///< of the Gauss points
+  std::array<Slot, 2> walls;
+};
+
 struct CuttingHole {
-  double embedded_m = 0;                                      ///< of the shaft
-  double friction_N_per_m = 0, wall_N_per_m = 0;              ///< stiffnesses in the last tick
-  Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();     ///< along, around
-  std::array<Slot, 2> walls;                                  ///< at two Gauss points
+  int first = -1;               ///< slab at which it begins; -1: there is no hole
+  std::uint64_t last_used = 0;  ///< tick
+  std::vector<CuttingHoleSlab> slabs;
 };
 
 struct CuttingState {
@@ -79,8 +95,15 @@ struct CuttingState {
   /// How far the tip is beyond the front, along the shaft; above 0 it is carried from tick to tick
   /// and never taken from geometry, which would put energy in.
   double stretch_m = 0;
-  std::vector<CuttingHole> holes;  ///< one a slab
+  double friction_N_per_m = 0;                             ///< stiffness in the last tick
+  Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< along, around
+  int hole = -1;                                           ///< that the tool is in; -1: none
+  int embedded_from = 0, embedded_to = 0;                  ///< slabs that the shaft fills, [from, to)
+  std::uint64_t tick = 0;
+  std::vector<CuttingHole> holes;  ///< as many as can be remembered; then the oldest is forgotten
 };
+
+CuttingState make_cutting_state(std::size_t slabs, std::size_t holes);
 
 struct CuttingResult {
   Wrench wrench_device = Wrench::Zero();  ///< on the plate, about its origin
@@ -89,15 +112,15 @@ struct CuttingResult {
   double cut_J = 0;       ///< front work of this tick
   double front_m = 0;     ///< depth of the front, or of the next material below the tip
   double embedded_m = 0;  ///< of the shaft, in all slabs
-  int steps = 0;
+  int steps = 0;          ///< of Newton's method
+  int evaluations = 0;    ///< of the potential
   bool has_converged = true;
 };
 
-/// One tick. `slabs` has as many entries as `state.holes`; `cut_m` of those that the front passes is
-/// lowered to it. `T_device_plate`: where the law is to be evaluated; with a predicted pose the
-/// caller accounts for the difference.
+/// One tick. `slabs` has as many entries as each of `state.holes`. `T_device_plate`: where the law is
+/// to be evaluated; with a predicted pose the caller accounts for the difference.
 void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
-                  std::span<CuttingSlab> slabs, CuttingState& state,
+                  std::span<const CuttingSlab> slabs, CuttingState& state,
                   CuttingResult& result) noexcept;
 
 }  // namespace trocar::runtime

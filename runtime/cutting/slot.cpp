@@ -34,32 +34,84 @@ int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
 
 }  // namespace
 
-Slot::Reach Slot::reach(const Eigen::Vector2d& p_m) const noexcept {
-  if (size_ == 0) return {};
-  // The nearest point of the hull: a corner, or inside an edge.
-  Eigen::Vector2d nearest = corners_[0];
-  double best2 = (p_m - corners_[0]).squaredNorm();
-  bool at_corner = true, outside = size_ < 3;
-  for (int i = 0; size_ > 1 && i < size_; ++i) {
+void Slot::open(const Eigen::Vector2d& at_m, double clearance_m) noexcept {
+  corners_[0] = at_m;
+  size_ = 1;
+  last_edge_ = 0;
+  clearance_m_ = clearance_m;
+  disc2_m2_ = -1;
+}
+
+void Slot::find_disc() noexcept {
+  last_edge_ = 0;
+  disc2_m2_ = -1;
+  if (size_ < 3) return;
+  middle_m_.setZero();
+  for (int i = 0; i < size_; ++i)
+    middle_m_ += corners_[i];
+  middle_m_ /= size_;
+  double radius = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < size_; ++i) {
+    const Eigen::Vector2d edge = corners_[(i + 1) % size_] - corners_[i];
+    radius = std::min(radius, cross(edge, middle_m_ - corners_[i]) / edge.norm());
+  }
+  // Less than the whole, so that rounding cannot make it reach outside.
+  if (radius > 0) disc2_m2_ = 0.99 * radius * radius;
+}
+
+Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
+  if (size_ == 0 || (p_m - middle_m_).squaredNorm() <= disc2_m2_) return {};
+  const auto beside = [&](int i, const Eigen::Vector2d& to, const Eigen::Vector2d& edge, double along,
+                          double length2) -> Offset {
+    last_edge_ = i;
+    const Eigen::Vector2d from = to - edge * (along / length2);
+    return {from.x(), from.y(), false};
+  };
+  // Outside a convex polygon the strips beside the edges and the sectors beside the corners do not
+  // overlap: the feature that was nearest last is so if the point lies in its strip or sector.
+  if (size_ > 2) {
+    const int i = last_edge_;
     const Eigen::Vector2d& a = corners_[i];
-    const Eigen::Vector2d edge = corners_[(i + 1) % size_] - a, to = p_m - a;
-    if (size_ > 2 && cross(edge, to) < 0) outside = true;
+    const Eigen::Vector2d edge = corners_[i + 1 < size_ ? i + 1 : 0] - a, to = p_m - a;
     const double along = to.dot(edge), length2 = edge.squaredNorm();
-    const bool inside_edge = along > 0 && along < length2;
-    const Eigen::Vector2d q = inside_edge ? Eigen::Vector2d(a + edge * (along / length2)) : a;
-    const double d2 = (p_m - q).squaredNorm();
-    if (d2 < best2 || i == 0) {
-      best2 = d2;
-      nearest = q;
-      at_corner = !inside_edge;
+    if (along > 0 && along < length2) {
+      if (cross(edge, to) < 0) return beside(i, to, edge, along, length2);
+    } else if (along <= 0 && to.dot(a - corners_[i > 0 ? i - 1 : size_ - 1]) >= 0) {
+      return {to.x(), to.y(), true};
     }
   }
+  bool outside = size_ < 3;
+  double best2 = std::numeric_limits<double>::infinity();
+  Offset best;
+  for (int i = 0; i < size_; ++i) {
+    const Eigen::Vector2d& a = corners_[i];
+    const Eigen::Vector2d edge = corners_[i + 1 < size_ ? i + 1 : 0] - a, to = p_m - a;
+    const double along = to.dot(edge), length2 = edge.squaredNorm();
+    const bool is_outside = cross(edge, to) < 0;
+    outside = outside || is_outside;
+    if (along > 0 && along < length2) {
+      if (is_outside || size_ == 2) return beside(i, to, edge, along, length2);
+      continue;  // seen from within: another feature is nearer, if the point is outside at all
+    }
+    const double d2 = to.squaredNorm();
+    if (d2 < best2) {
+      best2 = d2;
+      last_edge_ = i;
+      best = {to.x(), to.y(), true};
+    }
+  }
+  return outside ? best : Offset{};
+}
+
+Slot::Reach Slot::reach(const Eigen::Vector2d& p_m) const noexcept {
+  if (size_ == 0) return {};
+  const Offset from = offset(p_m);
+  const double whole = std::hypot(from.x_m, from.y_m);
   Reach out;
-  const double whole = std::sqrt(best2);
-  if (!outside || whole <= clearance_m_) return out;
+  if (whole <= clearance_m_) return out;
   out.distance_m = whole - clearance_m_;
-  out.away = (p_m - nearest) / whole;
-  out.bend = at_corner ? out.distance_m / whole : 0;
+  out.away = Eigen::Vector2d(from.x_m, from.y_m) / whole;
+  out.bend = from.beside_corner ? out.distance_m / whole : 0;
   return out;
 }
 
@@ -97,6 +149,7 @@ void Slot::include(const Eigen::Vector2d& p_m) noexcept {
   }
   size_ = std::min(size, kMostCorners);
   std::copy(hull.begin(), hull.begin() + size_, corners_.begin());
+  find_disc();
 }
 
 }  // namespace trocar::runtime
