@@ -32,35 +32,33 @@ Huber huber(double stiffness, double most, double length, bool majorise) noexcep
   return {most * length - 0.5 * most * most / stiffness, most, majorise ? across : 0, across};
 }
 
-// x = A^-1 b of a symmetric positive definite matrix, by Cholesky's method; false if it is not.
+// The inverse of a symmetric matrix; false if it is not positive definite.
+bool invert(const Matrix3d& A, Matrix3d& inverse) noexcept {
+  const double c00 = A(1, 1) * A(2, 2) - A(1, 2) * A(1, 2),
+               c01 = A(0, 2) * A(1, 2) - A(0, 1) * A(2, 2),
+               c02 = A(0, 1) * A(1, 2) - A(0, 2) * A(1, 1),
+               c11 = A(0, 0) * A(2, 2) - A(0, 2) * A(0, 2),
+               c12 = A(0, 1) * A(0, 2) - A(0, 0) * A(1, 2),
+               c22 = A(0, 0) * A(1, 1) - A(0, 1) * A(0, 1);
+  const double det = A(0, 0) * c00 + A(0, 1) * c01 + A(0, 2) * c02;
+  const double size = A(0, 0) * A(1, 1) * A(2, 2);
+  if (!(A(0, 0) > 0 && c22 > 1e-12 * A(0, 0) * A(1, 1) && det > 1e-12 * size)) return false;
+  const double per = 1 / det;
+  inverse << c00 * per, c01 * per, c02 * per, c01 * per, c11 * per, c12 * per, c02 * per, c12 * per,
+      c22 * per;
+  return true;
+}
+
+// x = A^-1 b of a symmetric matrix, by blocks; false if it is not positive definite.
 bool solve(const Matrix6& A, const Vector6& b, Vector6& x) noexcept {
-  double L[6][6], inverse[6];
-  for (int j = 0; j < 6; ++j) {
-    double d = A(j, j);
-    for (int k = 0; k < j; ++k)
-      d -= L[j][k] * L[j][k];
-    if (!(d > 1e-12 * A(j, j))) return false;
-    inverse[j] = 1 / std::sqrt(d);
-    for (int i = j + 1; i < 6; ++i) {
-      double s = A(i, j);
-      for (int k = 0; k < j; ++k)
-        s -= L[i][k] * L[j][k];
-      L[i][j] = s * inverse[j];
-    }
-  }
-  double y[6];
-  for (int i = 0; i < 6; ++i) {
-    double s = b[i];
-    for (int k = 0; k < i; ++k)
-      s -= L[i][k] * y[k];
-    y[i] = s * inverse[i];
-  }
-  for (int i = 5; i >= 0; --i) {
-    double s = y[i];
-    for (int k = i + 1; k < 6; ++k)
-      s -= L[k][i] * x[k];
-    x[i] = s * inverse[i];
-  }
+  Matrix3d inverse, S_inverse;
+  const Matrix3d A01 = A.topRightCorner<3, 3>();
+  if (!invert(A.topLeftCorner<3, 3>(), inverse)) return false;
+  const Matrix3d W = inverse * A01;
+  const Matrix3d S = A.bottomRightCorner<3, 3>() - A01.transpose() * W;
+  if (!invert(S, S_inverse)) return false;
+  x.tail<3>() = S_inverse * (b.tail<3>() - W.transpose() * b.head<3>());
+  x.head<3>() = inverse * b.head<3>() - W * x.tail<3>();
   return true;
 }
 
@@ -346,7 +344,7 @@ class Tick {
       axial += h.force * unit[0];
       stiffness += h.across - less * unit[0] * unit[0];
       const Vector3d around =
-          o_.tool.radius_m * (0.5 * sign * turned.w() * 2 * axis_ + half.cross(axis_));
+          0.5 * o_.tool.radius_m * (sign * turned.w() * axis_ + half.cross(axis_));
       e.g.tail<3>() += h.force * unit[1] * around;
       const double around2 = h.across - less * unit[1] * unit[1];
       e.H.bottomRightCorner<3, 3>() += around2 * around * around.transpose();
@@ -378,6 +376,7 @@ class Tick {
     const CuttingHole& hole = state_.holes[static_cast<std::size_t>(state_.hole)];
     const double per_z = -1 / axis.z(), mx = axis.x(), my = axis.y();
     double energy = 0, gx0 = 0, gy0 = 0, gx1 = 0, gy1 = 0;
+    double k0 = 0, k1 = 0, k2 = 0;  // of walls that are as stiff in all directions
     double xx0 = 0, xy0 = 0, yy0 = 0, xx1 = 0, xy1 = 0, yy1 = 0, xx2 = 0, xy2 = 0, yy2 = 0;
     for (int i = state_.embedded_from; i < state_.embedded_to; ++i) {
       const CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];
@@ -390,13 +389,29 @@ class Tick {
         const Slot::Offset d = wall.offset({tip.x() + t * mx, tip.y() + t * my});
         const double d2 = d.x_m * d.x_m + d.y_m * d.y_m, clearance = wall.clearance_m();
         if (d2 <= clearance * clearance) continue;
-        double fx, fy, xx, xy, yy;
-        if (d.beside_corner && clearance <= 0 && d2 <= elastic_m * elastic_m) {
+        double fx, fy;
+        const double t2 = t * t;
+        if (clearance <= 0 && d2 <= elastic_m * elastic_m) {
           energy += 0.5 * k * d2;
           fx = k * d.x_m;
           fy = k * d.y_m;
-          xx = yy = k;
-          xy = 0;
+          if (d.beside_corner) {
+            k0 += k;
+            k1 += t * k;
+            k2 += t2 * k;
+          } else {
+            const double per = k / d2, xx = per * d.x_m * d.x_m, xy = per * d.x_m * d.y_m,
+                         yy = per * d.y_m * d.y_m;
+            xx0 += xx;
+            xy0 += xy;
+            yy0 += yy;
+            xx1 += t * xx;
+            xy1 += t * xy;
+            yy1 += t * yy;
+            xx2 += t2 * xx;
+            xy2 += t2 * xy;
+            yy2 += t2 * yy;
+          }
         } else {
           const double whole = std::sqrt(d2), distance = whole - clearance;
           const Huber h = huber(k, s.wall_most_N, distance, majorise);
@@ -407,24 +422,24 @@ class Tick {
           fy = h.force * uy;
           const double across = d.beside_corner ? h.across * distance / whole : 0;
           const double more = h.along - across;
-          xx = across + more * ux * ux;
-          xy = more * ux * uy;
-          yy = across + more * uy * uy;
+          k0 += across;
+          k1 += t * across;
+          k2 += t2 * across;
+          const double xx = more * ux * ux, xy = more * ux * uy, yy = more * uy * uy;
+          xx0 += xx;
+          xy0 += xy;
+          yy0 += yy;
+          xx1 += t * xx;
+          xy1 += t * xy;
+          yy1 += t * yy;
+          xx2 += t2 * xx;
+          xy2 += t2 * xy;
+          yy2 += t2 * yy;
         }
         gx0 += fx;
         gy0 += fy;
         gx1 += t * fx;
         gy1 += t * fy;
-        const double t2 = t * t;
-        xx0 += xx;
-        xy0 += xy;
-        yy0 += yy;
-        xx1 += t * xx;
-        xy1 += t * xy;
-        yy1 += t * yy;
-        xx2 += t2 * xx;
-        xy2 += t2 * xy;
-        yy2 += t2 * yy;
       }
     }
     e.wall_J = energy;
@@ -438,9 +453,9 @@ class Tick {
     }
     const Vector2d g0(gx0, gy0), g1(gx1, gy1);
     Eigen::Matrix2d H0, H1, H2;
-    H0 << xx0, xy0, xy0, yy0;
-    H1 << xx1, xy1, xy1, yy1;
-    H2 << xx2, xy2, xy2, yy2;
+    H0 << k0 + xx0, xy0, xy0, k0 + yy0;
+    H1 << k1 + xx1, xy1, xy1, k1 + yy1;
+    H2 << k2 + xx2, xy2, xy2, k2 + yy2;
     e.g.head<3>() += N * g0;
     e.g.tail<3>() += C0 * g0 + C1 * g1;
     const Matrix32 NH0 = N * H0, NH1 = N * H1, CH0 = C0 * H0 + C1 * H1, CH1 = C0 * H1 + C1 * H2;

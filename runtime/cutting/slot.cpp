@@ -16,9 +16,16 @@ double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
 template <std::size_t N>
 int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
             std::array<Eigen::Vector2d, N + 1>& hull) noexcept {
-  std::sort(points.begin(), points.begin() + count, [](const auto& a, const auto& b) {
+  const auto is_before = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
     return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
-  });
+  };
+  for (int i = 1; i < count; ++i) {
+    const Eigen::Vector2d p = points[i];
+    int k = i;
+    for (; k > 0 && is_before(p, points[k - 1]); --k)
+      points[k] = points[k - 1];
+    points[k] = p;
+  }
   int size = 0;
   const auto add = [&](const Eigen::Vector2d& p, int least) {
     while (size >= least && cross(hull[size - 1] - hull[size - 2], p - hull[size - 2]) <= 0)

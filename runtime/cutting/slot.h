@@ -59,12 +59,13 @@ class Slot {
   Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
   void find_disc() noexcept;
 
-  std::array<Eigen::Vector2d, kMostCorners> corners_;  // counter-clockwise
-  Eigen::Vector2d middle_m_ = Eigen::Vector2d::Zero();
-  double disc2_m2_ = -1;  // square of the radius of a disc around middle_m_ within the hull
-  double clearance_m_ = 0;
+  // What a slot of one corner needs comes first, in one line of the cache.
   int size_ = 0;
   mutable int last_edge_ = 0;  // the edge, or the corner it begins with, nearest to the last point
+  double clearance_m_ = 0;
+  Eigen::Vector2d middle_m_ = Eigen::Vector2d::Zero();
+  double disc2_m2_ = -1;  // square of the radius of a disc around middle_m_ within the hull
+  std::array<Eigen::Vector2d, kMostCorners> corners_;  // counter-clockwise
 };
 
 }  // namespace trocar::runtime
