@@ -66,11 +66,8 @@ class Tick {
  public:
   Tick(const CuttingOptions& options, const Pose& plate, std::span<const CuttingSlab> slabs,
        CuttingState& state) noexcept
-      : o_(options), plate_(plate), slabs_(slabs), state_(state), start_(state.T_device_proxy) {
-    axis_ = start_.q * o_.tool.inward_plate;
-    tip_ = start_ * o_.tool.tip_plate_m;
-    down_ = -axis_.z();
-    back_ = start_.q.conjugate();
+      : o_(options), plate_(plate), slabs_(slabs), state_(state) {
+    start_at(state.T_device_proxy);
   }
 
   void run(CuttingResult& out) noexcept {
@@ -95,6 +92,15 @@ class Tick {
   }
 
  private:
+  // Slides are measured from a pose, along the shaft's direction there.
+  void start_at(const Pose& X) noexcept {
+    start_ = X;
+    axis_ = X.q * o_.tool.inward_plate;
+    tip_ = X * o_.tool.tip_plate_m;
+    down_ = -axis_.z();
+    back_ = X.q.conjugate();
+  }
+
   // All of the potential at one pose.
   struct Evaluation {
     Pose X;
@@ -117,7 +123,7 @@ class Tick {
     const double along = (-depth_m - tip.z()) / axis.z();
     return {tip.x() + along * axis.x(), tip.y() + along * axis.y()};
   }
-  Vector2d start_at(double depth_m) const noexcept { return crossing(tip_, axis_, depth_m); }
+  Vector2d axis_at(double depth_m) const noexcept { return crossing(tip_, axis_, depth_m); }
   static double gauss_depth(const CuttingSlab& slab, std::size_t g) noexcept {
     return slab.top_m + kGauss[g] * (slab.bottom_m - slab.top_m);
   }
@@ -133,7 +139,7 @@ class Tick {
   // True if the axis meets a slab within or beside the region of the hole there.
   bool is_near(const CuttingHoleSlab& slab, std::size_t i) const noexcept {
     return slab.walls[0].is_open() &&
-           slab.walls[0].reach(start_at(gauss_depth(slabs_[i], 0))).distance_m <= o_.same_hole_m;
+           slab.walls[0].reach(axis_at(gauss_depth(slabs_[i], 0))).distance_m <= o_.same_hole_m;
   }
 
   // hole_: that the tool is in, or would enter.
@@ -265,7 +271,7 @@ class Tick {
       if (is_new) s.cut_m = slab.top_m + s.embedded_m;
       for (std::size_t g = 0; g < 2; ++g) {
         s.depth_m[g] = gauss_depth(slab, g);
-        const Vector2d at = start_at(s.depth_m[g]);
+        const Vector2d at = axis_at(s.depth_m[g]);
         Slot& wall = s.walls[g];
         if (is_new) {
           wall.open(at, slab.clearance_m);
@@ -627,7 +633,7 @@ class Tick {
   }
 
   void finish(const Evaluation& e, CuttingResult& out) noexcept {
-    out.wrench_device = o_.coupling.is_rigid ? Wrench(-e.g) : Wrench(e.coupling);
+    out.wrench_device = e.coupling;
     out.stored_J = e.V - e.friction_J - e.wall_J;
     // What has yielded stays so.
     if (state_.friction_N_per_m > 0) {
@@ -646,6 +652,13 @@ class Tick {
     out.front_m = front_;
     out.embedded_m = embedded_;
     if (has_cut_) record_cut(tip, axis);
+    if (o_.coupling.is_rigid) {
+      // The derivative of what is stored now, with the shaft as it is now.
+      start_at(e.X);
+      Evaluation now;
+      evaluate(e.X, false, now, out);
+      out.wrench_device = -now.g;
+    }
   }
 
   double yield_walls(const Vector3d& tip, const Vector3d& axis) noexcept {
@@ -690,7 +703,7 @@ class Tick {
   const Pose& plate_;
   std::span<const CuttingSlab> slabs_;
   CuttingState& state_;
-  const Pose start_;
+  Pose start_;
   Eigen::Quaterniond back_;
   Vector3d axis_, tip_;
   int hole_ = -1;
