@@ -117,6 +117,7 @@ class Tick {
   // How far the front goes along the shaft, with its work and the strength before its end.
   struct Advance {
     double length_m = 0, work_J = 0, strength_N = 0;
+    bool ends_free = false;  // in no material
   };
 
   Vector2d crossing(const Vector3d& tip, const Vector3d& axis, double depth_m) const noexcept {
@@ -175,7 +176,8 @@ class Tick {
       return;
     }
     front_ = kInfinity;
-    for (int i = slab_at(tip_m); i < slab_count(); ++i) {
+    // A sheet of no thickness is not passed by rounding.
+    for (int i = slab_at(tip_m - 1e-9); i < slab_count(); ++i) {
       const CuttingSlab& slab = slabs_[static_cast<std::size_t>(i)];
       if (std::max(slab.strength_top_N, slab.strength_bottom_N) <= 0) continue;
       const double cut = cut_of(i);
@@ -183,6 +185,7 @@ class Tick {
       if (slab.share <= 0 && slab.share_to_m >= slab.bottom_m) continue;
       front_ = std::max({slab.top_m, cut, tip_m});
       if (slab.share <= 0) front_ = std::max(front_, slab.share_to_m);
+      front_ = std::min(front_, slab.bottom_m);
       break;
     }
     first_front_ = front_;
@@ -394,7 +397,8 @@ class Tick {
         const Slot& wall = s.walls[g];
         const Slot::Offset d = wall.offset({tip.x() + t * mx, tip.y() + t * my});
         const double d2 = d.x_m * d.x_m + d.y_m * d.y_m, clearance = wall.clearance_m();
-        if (d2 <= clearance * clearance) continue;
+        // A femtometre has no direction that could be computed.
+        if (d2 <= std::max(clearance * clearance, 1e-30)) continue;
         double fx, fy;
         const double t2 = t * t;
         if (clearance <= 0 && d2 <= elastic_m * elastic_m) {
@@ -571,6 +575,7 @@ class Tick {
   static Advance to_rest(Advance a, double R, double K_s) noexcept {
     a.length_m = std::max(a.length_m, R / K_s);
     a.strength_N = 0;
+    a.ends_free = true;
     return a;
   }
 
@@ -579,6 +584,7 @@ class Tick {
     state_.stretch_m -= a.length_m;
     front_ += a.length_m * down_;
     has_cut_ = true;
+    is_free_ = a.ends_free;
   }
 
   // Newton's method at a fixed front, and steps of the front by the tip's force, whose fall a linear
@@ -646,8 +652,10 @@ class Tick {
     }
     const Vector3d tip = e.X * o_.tool.tip_plate_m, axis = e.X.q * o_.tool.inward_plate;
     out.stored_J += e.walls_yield ? yield_walls(tip, axis) : e.wall_J;
-    out.tip_N = e.tip_N;
+    out.tip_N = is_free_ ? 0 : e.tip_N;
     state_.stretch_m += e.slide[0];
+    // What rounding leaves of a tip in no material.
+    if (is_free_) state_.stretch_m = std::min(state_.stretch_m, 0.0);
     state_.T_device_proxy = e.X;
     out.front_m = front_;
     out.embedded_m = embedded_;
@@ -707,7 +715,7 @@ class Tick {
   Eigen::Quaterniond back_;
   Vector3d axis_, tip_;
   int hole_ = -1;
-  bool has_cut_ = false;
+  bool has_cut_ = false, is_free_ = false;
   double down_ = 1, front_ = 0, first_front_ = 0, embedded_ = 0, friction_N_ = 0;
 };
 
