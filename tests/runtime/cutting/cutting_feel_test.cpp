@@ -104,24 +104,28 @@ TEST(CuttingFeel, WorkAtEveryRateWithFriction) {
     slab.friction_N_per_m = 100;
     strength_J += 0.5 * (slab.strength_top_N + slab.strength_bottom_N) * 1e-3;
   }
-  const double fine = [&] {  // the hand's work in small steps
-    Bench b(body);
+  // The hand's work, in steps so small that its trapezoids do not show.
+  const auto pushed = [&](Bench& b, double step) {
     double work = 0, before = 0;
-    b.move(plate_at(0, -0.002), plate_at(0, 0.06), 2e-6, [&](const CuttingResult& out, const Pose&) {
-      work += 0.5 * (before + out.wrench_device[2]) * 2e-6;
-      before = out.wrench_device[2];
-    });
+    for (double x = -0.002; x < 0.06; x += step) {
+      b.tick(plate_at(0, x));
+      work += 0.5 * (before + b.out.wrench_device[2]) * step;
+      before = b.out.wrench_device[2];
+    }
     return work;
-  }();
+  };
+  Bench reference(body);
+  const double fine = pushed(reference, 2e-6);
   EXPECT_GT(fine, strength_J);
   for (const double rate : kRates_Hz) {
     for (const double speed : kSpeeds) {
       Bench b(body);
-      for (int k = 0; speed * k / rate < 0.062; ++k)
-        b.tick(plate_at(0, speed * k / rate - 0.002));
+      const double work = pushed(b, speed / rate);
       EXPECT_NEAR(b.cut_J, strength_J, 0.001 * strength_J) << rate << " Hz " << speed << " m/s";
-      // Friction's force at the end: that of the whole length.
-      EXPECT_NEAR(b.out.wrench_device[2], 100 * 0.035, 0.01 * 3.5) << rate << " Hz " << speed;
+      EXPECT_NEAR(b.out.wrench_device[2], 100 * 0.035, 0.01 * 3.5);  // friction of the whole length
+      if (speed / rate < 3e-4) {
+        EXPECT_NEAR(work, fine, 0.01 * fine) << rate << " Hz " << speed << " m/s";
+      }
     }
   }
 }
@@ -194,7 +198,8 @@ struct Device {
   }
 };
 
-double most_given(std::mt19937& random, double damping_share) {
+// `damping_share`: of K T / 2; `ahead`: ticks by which the law's pose is predicted.
+double most_given(std::mt19937& random, double damping_share, double ahead = 0) {
   const auto uniform = [&](double a, double b) {
     return std::uniform_real_distribution<double>(a, b)(random);
   };
@@ -222,6 +227,12 @@ double most_given(std::mt19937& random, double damping_share) {
            .X = plate_at(0, -0.105)};
   d.inertia = 2e-3 * (1 + d.mass);
   if (uniform(0, 1) < 0.3) d.v[2] = -uniform(0.3, 3);
+  if (ahead > 0) {  // K T^2 / M up to 0.5, for translation and rotation
+    const CuttingCoupling& c = b.options.coupling;
+    d.mass = std::max(d.mass, c.translation_N_per_m * T * T / 0.5);
+    d.inertia = std::max(d.inertia, c.rotation_Nm_per_rad * T * T / 0.5);
+  }
+  Pose before = d.X;
   const double spring = uniform(0, 1) < 0.3 ? uniform(0, 300) : uniform(0, 8000),
                turn = uniform(0, 60), depth = uniform(0.005, 0.045), f = uniform(0.5, 10),
                side = power(-4, -2), lean = uniform(-0.2, 0.2);
@@ -233,7 +244,9 @@ double most_given(std::mt19937& random, double damping_share) {
               aim.q * b.options.tool.tip_plate_m;
     const Vector3d axis = d.X.q * b.options.tool.inward_plate;
     if (d.X.p_m.norm() > 1 || axis.z() > -0.75) break;
-    b.tick(d.X);
+    const Twist step = ahead * displacement(before, d.X);
+    before = d.X;
+    b.tick({d.X.p_m + step.head<3>(), from_rotation_vector(step.tail<3>()) * d.X.q});
     Twist e = displacement(d.X, aim), hand;
     hand << spring * e.head<3>(), turn * e.tail<3>();
     d.move(b.out.wrench_device, hand, T);
@@ -250,7 +263,22 @@ TEST(CuttingFeel, ADampedDeviceIsGivenNothing) {
   EXPECT_LE(worst, 1e-9);
   for (int n = 0; n < 60; ++n)
     worst_undamped = std::max(worst_undamped, most_given(random, 0));
-  EXPECT_GT(worst_undamped, 1e-4);  // the same sessions without it: the bound is tried
+  EXPECT_GT(worst_undamped, 1e-4);  // such sessions without it: the bound is tried
+}
+
+// Where the damping is too small the law is evaluated at a predicted pose. Found, not proved.
+TEST(CuttingFeel, APredictedPoseGivesNothingWithoutDamping) {
+  std::mt19937 random(4);
+  for (const double ahead : {0.75, 1.0}) {
+    double worst = 0;
+    for (int n = 0; n < 100; ++n)
+      worst = std::max(worst, most_given(random, 0, ahead));
+    EXPECT_LE(worst, 1e-9) << ahead;
+  }
+  double worst = 0;
+  for (int n = 0; n < 100; ++n)
+    worst = std::max(worst, most_given(random, 0, 0.5));
+  EXPECT_GT(worst, 1e-6);  // half a tick is not enough
 }
 
 }  // namespace
