@@ -15,7 +15,8 @@ import sys
 ROOMS = (
     "formats/base", "formats/geometry", "formats/asset", "formats/session", "formats/examples",
     "pipeline/read", "pipeline/contour", "pipeline/solid", "pipeline/mesh", "pipeline",
-    "runtime/mesh", "runtime/cut", "runtime/refine", "runtime/device", "runtime/mechanism", "runtime/contact", "runtime/deformation",
+    "runtime/mesh", "runtime/cut", "runtime/refine", "runtime/device", "runtime/mechanism", "runtime/contact", "runtime/cutting",
+    "runtime/deformation",
     "runtime/link", "runtime/simulation", "runtime/realtime", "runtime/control", "runtime/session", "runtime",
 )
 FOLDERS = ("formats", "pipeline", "runtime")

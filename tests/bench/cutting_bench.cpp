@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// cutting_bench [Google Benchmark's options]: a tick of the cutting law in a body of 64 slabs that the
+// shaft fills, in four motions. Ends with two tables: quantiles of the ticks' times, and error
+// against the cap on Newton's steps.
+//
+// A tick is timed four times from the same state and the least counts, so that interrupts and stalls
+// of a virtual machine's host do not show; the caches are warm.
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <vector>
+
+#include "runtime/cutting/cutting_law.h"
+
+namespace trocar::bench {
+namespace {
+
+using namespace trocar::runtime;
+
+constexpr int kTicks = 12'000;
+constexpr double kRate_Hz = 4000, kLength_m = 0.1;
+
+enum class Motion { kPush, kHold, kTwist, kDrag };
+constexpr std::array<const char*, 4> kNames{"push", "hold below yield", "push and twist",
+                                            "push, drag, twist"};
+
+CuttingOptions options() {
+  CuttingOptions o;
+  o.tool.tip_plate_m = {0, 0, -kLength_m};
+  return o;
+}
+
+std::vector<CuttingSlab> body() {
+  std::vector<CuttingSlab> slabs(64);
+  for (int i = 0; i < 64; ++i) {
+    CuttingSlab& s = slabs[static_cast<std::size_t>(i)];
+    s.top_m = i * 5e-4;
+    s.bottom_m = (i + 1) * 5e-4;
+    s.strength_top_N = s.strength_bottom_N = i < 4 ? 60 : 15;
+    s.friction_N_per_m = 100;
+    s.wall_N_per_m2 = 1e7;
+    s.wall_strength_N_per_m = 1e4;
+  }
+  return slabs;
+}
+
+// The tool is first pushed in 25 mm; then the motion, during which it reaches the bottom.
+Pose pose_at(Motion motion, int k) {
+  const double t = k / kRate_Hz, depth = 0.030 + (motion == Motion::kHold ? 0 : 0.004 * t);
+  const double drag = motion == Motion::kDrag ? 1 : 0,
+               turn = motion == Motion::kTwist || motion == Motion::kDrag ? 0.1 : 0;
+  const double sway = motion == Motion::kHold ? 2e-4 : 0.002 * drag;
+  Pose X;
+  X.p_m = {sway * std::sin(3 * t), 0.001 * drag * std::sin(2 * t), kLength_m - depth};
+  X.q = from_rotation_vector({0.02 * drag * std::sin(t), 0.01, turn * std::sin(5 * t)});
+  return X;
+}
+
+struct Run {
+  CuttingOptions o = options();
+  std::vector<CuttingSlab> slabs = body();
+  CuttingState state = make_cutting_state(64, 2);
+  CuttingResult out;
+  explicit Run(Motion motion) {
+    const Pose first = pose_at(motion, 0);
+    for (int k = 0; k <= 700; ++k) {
+      Pose X = first;
+      X.p_m.z() += 0.032 * (1 - k / 700.0);
+      tick(X);
+    }
+  }
+  void tick(const Pose& X) { cutting_tick(o, X, slabs, state, out); }
+};
+
+void law_tick(benchmark::State& state) {
+  const auto motion = static_cast<Motion>(state.range(0));
+  Run run(motion);
+  int k = 0;
+  for (auto _ : state) {
+    run.tick(pose_at(motion, k));
+    k = (k + 1) % kTicks;
+    benchmark::DoNotOptimize(run.out);
+  }
+  state.SetLabel(kNames[static_cast<std::size_t>(state.range(0))]);
+}
+BENCHMARK(law_tick)->DenseRange(0, 3);
+
+void print_quantiles() {
+  std::printf("\n%-20s %8s %8s %8s %8s %12s\n", "64 slabs", "p50 us", "p99", "p99.9", "most",
+              "evaluations");
+  for (const Motion motion : {Motion::kPush, Motion::kHold, Motion::kTwist, Motion::kDrag}) {
+    Run run(motion);
+    std::vector<double> us;
+    long evaluations = 0;
+    for (int k = 0; k < kTicks; ++k) {
+      const Pose X = pose_at(motion, k);
+      const CuttingState before = run.state;
+      double least = 1e9;
+      for (int pass = 0; pass < 4; ++pass) {
+        run.state = before;
+        const auto start = std::chrono::steady_clock::now();
+        run.tick(X);
+        const std::chrono::duration<double, std::micro> took =
+            std::chrono::steady_clock::now() - start;
+        least = std::min(least, took.count());
+      }
+      us.push_back(least);
+      evaluations += run.out.evaluations;
+    }
+    std::sort(us.begin(), us.end());
+    const auto at = [&](double share) {
+      return us[static_cast<std::size_t>(share * static_cast<double>(us.size() - 1))];
+    };
+    std::printf("%-20s %8.2f %8.2f %8.2f %8.2f %12.2f\n",
+                kNames[static_cast<std::size_t>(motion)], at(0.5), at(0.99), at(0.999), at(1),
+                static_cast<double>(evaluations) / kTicks);
+  }
+}
+
+// The force's error against 200 steps and a tolerance of 1e-10, over the peak force.
+void print_errors() {
+  std::printf("\n%-20s %8s %12s %12s\n", "dragged at 1 kHz", "steps", "worst error", "p99 error");
+  for (const int cap : {1, 2, 3, 5, 8, 12}) {
+    Run run(Motion::kDrag), reference(Motion::kDrag);
+    run.o.most_steps = cap;
+    reference.o.most_steps = 200;
+    reference.o.tolerance = 1e-10;
+    std::vector<double> errors;
+    double peak = 0;
+    for (int k = 0; k < kTicks; k += 4) {
+      run.tick(pose_at(Motion::kDrag, k));
+      reference.tick(pose_at(Motion::kDrag, k));
+      errors.push_back(
+          (run.out.wrench_device - reference.out.wrench_device).head<3>().norm());
+      peak = std::max(peak, reference.out.wrench_device.head<3>().norm());
+    }
+    std::sort(errors.begin(), errors.end());
+    std::printf("%-20s %8d %12.2g %12.2g\n", "", cap, errors.back() / peak,
+                errors[errors.size() * 99 / 100] / peak);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::bench
+
+int main(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+  benchmark::RunSpecifiedBenchmarks();
+  trocar::bench::print_quantiles();
+  trocar::bench::print_errors();
+  return 0;
+}

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the haptic thread needs of the cutting law: no allocation, the same bits for the same input,
+// a bound on what a tick computes.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "runtime/realtime/allocation_counter.h"
+#include "tests/runtime/cutting/cutting_fixture.h"
+#include "tests/support/counted_allocations.h"
+
+namespace trocar::runtime {
+namespace {
+
+Bench body_of_64() {
+  Bench b(even_slabs(64, 5e-4, 15), 3);
+  for (CuttingSlab& slab : b.slabs) {
+    slab.friction_N_per_m = 100;
+    slab.wall_N_per_m2 = 1e7;
+    slab.wall_strength_N_per_m = 1e4;
+  }
+  b.options.tool.tip_plate_m = {0, 0, -0.1};
+  b.options.coupling.most_force_N = 60;
+  return b;
+}
+
+// Down, sideways, out and in again at three places.
+Pose pose_at(int k) {
+  const double t = 1e-3 * k, depth = 0.04 * std::abs(std::sin(3 * t)) - 0.003;
+  Pose X = plate_at(0.005 * std::floor(t / 1.1) + 0.002 * std::sin(9 * t), depth - 0.1,
+                    0.05 * std::sin(2 * t));
+  X.q = from_rotation_vector({0, 0, 0.3 * std::sin(7 * t)}) * X.q;
+  return X;
+}
+
+TEST(CuttingTick, AllocatesNothing) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  Bench b = body_of_64();
+  const std::uint64_t before = allocations_in_scopes();
+  int entered = 0;
+  {
+    const NoAllocationScope scope;
+    for (int k = 0; k < 4000; ++k) {
+      const int hole = b.state.hole;
+      b.tick(pose_at(k));
+      entered += hole < 0 && b.state.hole >= 0;
+    }
+  }
+  EXPECT_EQ(allocations_in_scopes(), before);
+  EXPECT_GE(entered, 4);
+}
+
+TEST(CuttingTick, SameInputSameBits) {
+  Bench a = body_of_64(), b = body_of_64();
+  for (int k = 0; k < 3000; ++k) {
+    a.tick(pose_at(k));
+    b.tick(pose_at(k));
+    ASSERT_EQ(std::memcmp(a.out.wrench_device.data(), b.out.wrench_device.data(), sizeof(Wrench)),
+              0);
+    ASSERT_EQ(a.out.stored_J, b.out.stored_J);
+    ASSERT_EQ(a.out.front_m, b.out.front_m);
+  }
+}
+
+TEST(CuttingTick, StepsAreBounded) {
+  Bench b = body_of_64();
+  int most = 0, evaluations = 0;
+  for (int k = 0; k < 4000; k += 7) {  // 7 ms a tick: every one is hard
+    b.tick(pose_at(k));
+    most = std::max(most, b.out.steps);
+    evaluations = std::max(evaluations, b.out.evaluations);
+    ASSERT_TRUE(b.out.wrench_device.allFinite());
+  }
+  EXPECT_GT(most, 5);
+  EXPECT_LE(most, b.options.most_steps);
+  EXPECT_LE(evaluations, 13 * b.options.most_steps + 30);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
