@@ -49,18 +49,26 @@ bool invert(const Matrix3d& A, Matrix3d& inverse) noexcept {
   return true;
 }
 
-// x = A^-1 b of a symmetric matrix, by blocks; false if it is not positive definite.
-bool solve(const Matrix6& A, const Vector6& b, Vector6& x) noexcept {
-  Matrix3d inverse, S_inverse;
-  const Matrix3d A01 = A.topRightCorner<3, 3>();
-  if (!invert(A.topLeftCorner<3, 3>(), inverse)) return false;
-  const Matrix3d W = inverse * A01;
-  const Matrix3d S = A.bottomRightCorner<3, 3>() - A01.transpose() * W;
-  if (!invert(S, S_inverse)) return false;
-  x.tail<3>() = S_inverse * (b.tail<3>() - W.transpose() * b.head<3>());
-  x.head<3>() = inverse * b.head<3>() - W * x.tail<3>();
-  return true;
-}
+// The inverse of a symmetric 6 x 6 matrix, by blocks.
+class Inverse {
+ public:
+  // False if the matrix is not positive definite.
+  bool of(const Matrix6& A) noexcept {
+    const Matrix3d A01 = A.topRightCorner<3, 3>();
+    if (!invert(A.topLeftCorner<3, 3>(), first_)) return false;
+    across_ = first_ * A01;
+    return invert(A.bottomRightCorner<3, 3>() - A01.transpose() * across_, second_);
+  }
+  Vector6 times(const Vector6& b) const noexcept {
+    Vector6 x;
+    x.tail<3>() = second_ * (b.tail<3>() - across_.transpose() * b.head<3>());
+    x.head<3>() = first_ * b.head<3>() - across_ * x.tail<3>();
+    return x;
+  }
+
+ private:
+  Matrix3d first_, across_, second_;
+};
 
 class Tick {
  public:
@@ -496,8 +504,9 @@ class Tick {
     constexpr int kMostHalvings = 10;
     for (const bool majorise : {false, true}) {
       if (majorise) evaluate(e.X, true, e, out);
-      Vector6 towards;
-      if (!solve(e.H, e.g, towards)) continue;
+      Inverse inverse;
+      if (!inverse.of(e.H)) continue;
+      const Vector6 towards = inverse.times(e.g);
       const double slope = -e.g.dot(towards);
       if (!(slope < 0)) continue;
       double share = 1;
@@ -583,56 +592,129 @@ class Tick {
     out.cut_J += a.work_J;
     state_.stretch_m -= a.length_m;
     front_ += a.length_m * down_;
-    has_cut_ = true;
     is_free_ = a.ends_free;
   }
 
-  // Newton's method at a fixed front, and steps of the front by the tip's force, whose fall a linear
-  // model predicts. A step that goes too far is taken back.
+  // What a step of the front changes.
+  struct Front {
+    double stretch_m, front_m, cut_J;
+    bool is_free;
+  };
+  Front front(const CuttingResult& out) const noexcept {
+    return {state_.stretch_m, front_, out.cut_J, is_free_};
+  }
+  void take_back(const Front& was, CuttingResult& out) noexcept {
+    state_.stretch_m = was.stretch_m;
+    front_ = was.front_m;
+    out.cut_J = was.cut_J;
+    is_free_ = was.is_free;
+  }
+
+  // The linear model of one evaluation: how all but the front moves for a force along the shaft, and
+  // how fast the tip's force falls as the front advances.
+  struct Model {
+    Vector6 along = Vector6::Zero();
+    double K_s = 0;
+  };
+  Model model_of(const Evaluation& e, const Inverse& inverse) const noexcept {
+    Model m{inverse.times(e.along), o_.tip_N_per_m};
+    if (e.tip_N > 0)
+      m.K_s = std::clamp(m.K_s * (1 - m.K_s * e.along.dot(m.along)), 1e-9 * m.K_s, m.K_s);
+    return m;
+  }
+
   void settle(Evaluation& e, CuttingResult& out) noexcept {
+    if (!step_together(e, out)) step_in_turn(e, out);
+  }
+
+  // Steps of proxy and front together, by the force that the linear model predicts for the tip. False
+  // where it does not hold; then e and the front are as before the front's last step.
+  bool step_together(Evaluation& e, CuttingResult& out) noexcept {
+    Evaluation before = e;
+    Front was = front(out);
+    double least_N = 0;  // of the tip, if the front's last step did not go too far
+    while (true) {
+      out.has_converged = size_of(e.g) <= allowed(e);
+      if (out.has_converged && e.tip_N <= 0) return true;
+      Inverse inverse;
+      if (!inverse.of(e.H)) return false;
+      const Vector6 towards = inverse.times(e.g);
+      const Model m = model_of(e, inverse);
+      const double R = e.tip_N - o_.tip_N_per_m * e.along.dot(towards);
+      if (least_N > 0 && R < least_N - std::max(allowed(e), 1e-9 * least_N)) {
+        take_back(was, out);
+        e = before;
+        return false;
+      }
+      Advance a;
+      if (e.tip_N > 0 && R > 0) a = scan(R, m.K_s);
+      // Less than Newton's method leaves undetermined.
+      if (m.K_s * a.length_m <= allowed(e)) {
+        if (out.has_converged) return true;
+        a = {};
+      }
+      if (out.steps >= o_.most_steps) {
+        out.has_converged = false;
+        return true;
+      }
+      ++out.steps;
+      const double V = e.V;
+      const Pose X = moved(e.X, o_.tip_N_per_m * a.length_m * m.along - towards);
+      if (a.length_m > 0) {
+        before = e;
+        was = front(out);
+        least_N = a.strength_N;
+        take(a, out);
+      }
+      evaluate(X, false, e, out);
+      if (!(e.V + a.work_J <= V + kRounding_J)) {
+        take_back(was, out);
+        e = before;
+        return false;
+      }
+    }
+  }
+
+  // Newton's method at a fixed front, and steps of the front by the tip's force then.
+  void step_in_turn(Evaluation& e, CuttingResult& out) noexcept {
     minimise(e, out);
     constexpr int kMostAdvances = 24;
     for (int k = 0; k < kMostAdvances && e.tip_N > 0; ++k) {
-      Vector6 y;
-      double K_s = o_.tip_N_per_m;
-      const bool is_solved = solve(e.H, e.along, y);
-      if (is_solved)
-        K_s = std::clamp(K_s * (1 - K_s * e.along.dot(y)), 1e-9 * K_s, K_s);
-      Advance a = scan(e.tip_N, K_s);
+      Inverse inverse;
+      const bool has_model = inverse.of(e.H);
+      Model m;
+      m.K_s = o_.tip_N_per_m;
+      if (has_model) m = model_of(e, inverse);
+      Advance a = scan(e.tip_N, m.K_s);
       if (a.length_m <= 0) return;
       const Evaluation before = e;
-      const CuttingResult out_before = out;
-      const double stretch = state_.stretch_m, front = front_;
+      const Front was = front(out);
       constexpr int kMostTries = 3;
       for (int tries = 0;; ++tries) {
-        take(a, out);
-        if (tries == kMostTries || out.steps >= o_.most_steps || !is_solved) {
+        if (tries == kMostTries || out.steps >= o_.most_steps || !has_model) {
           // With the proxy where it was the tip's force falls fastest: this is never too far.
-          state_.stretch_m = stretch;
-          front_ = front;
-          out.cut_J = out_before.cut_J;
           a = scan(before.tip_N, o_.tip_N_per_m);
           take(a, out);
           evaluate(before.X, false, e, out);
           minimise(e, out);
           break;
         }
+        take(a, out);
         ++out.steps;
-        evaluate(moved(before.X, o_.tip_N_per_m * a.length_m * y), false, e, out);
+        evaluate(moved(before.X, o_.tip_N_per_m * a.length_m * m.along), false, e, out);
         minimise(e, out);
         const double slack = std::max(allowed(e), 1e-9 * before.tip_N);
         const bool too_far = a.strength_N > 0 && e.tip_N < a.strength_N - slack;
         if (!too_far && e.V + a.work_J <= before.V + kRounding_J) break;
-        state_.stretch_m = stretch;
-        front_ = front;
-        out.cut_J = out_before.cut_J;
         const double secant = (before.tip_N - e.tip_N) / a.length_m;
-        a = scan(before.tip_N, std::clamp(secant, K_s, o_.tip_N_per_m));
+        take_back(was, out);
+        a = scan(before.tip_N, std::clamp(secant, m.K_s, o_.tip_N_per_m));
         e = before;
       }
-      if (K_s * a.length_m <= allowed(e)) return;  // less than Newton's method leaves undetermined
+      if (m.K_s * a.length_m <= allowed(e)) return;  // less than Newton's method leaves undetermined
       if (out.steps >= o_.most_steps) {
-        out.has_converged = out.has_converged && scan(e.tip_N, K_s).length_m * K_s <= allowed(e);
+        out.has_converged =
+            out.has_converged && scan(e.tip_N, m.K_s).length_m * m.K_s <= allowed(e);
         return;
       }
     }
@@ -659,7 +741,7 @@ class Tick {
     state_.T_device_proxy = e.X;
     out.front_m = front_;
     out.embedded_m = embedded_;
-    if (has_cut_) record_cut(tip, axis);
+    if (front_ > first_front_) record_cut(tip, axis);
     if (o_.coupling.is_rigid) {
       // The derivative of what is stored now, with the shaft as it is now.
       start_at(e.X);
@@ -715,7 +797,7 @@ class Tick {
   Eigen::Quaterniond back_;
   Vector3d axis_, tip_;
   int hole_ = -1;
-  bool has_cut_ = false, is_free_ = false;
+  bool is_free_ = false;
   double down_ = 1, front_ = 0, first_front_ = 0, embedded_ = 0, friction_N_ = 0;
 };
 
