@@ -116,6 +116,7 @@ class Tick {
     double tip_N = 0, coupling_N = 0;
     Vector2d slide = Vector2d::Zero();  // since the tick's start: along, around
     Vector6 along = Vector6::Zero();    // derivative of slide[0]
+    Vector3d around = Vector3d::Zero();  // of slide[1], for turns
     Vector6 coupling = Vector6::Zero();
     Vector6 g = Vector6::Zero();
     Matrix6 H = Matrix6::Zero();
@@ -229,6 +230,7 @@ class Tick {
       for (CuttingHoleSlab& s : oldest->slabs) {
         s.cut_m = -kInfinity;
         s.embedded_m = 0;
+        s.free_version = 0;
         for (Slot& wall : s.walls)
           wall.close();
       }
@@ -276,7 +278,8 @@ class Tick {
     s.embedded_m = std::clamp(low - slab.top_m, 0.0, slab.bottom_m - slab.top_m);
     s.wall_most_N = 0.5 * slab.wall_strength_N_per_m * s.embedded_m;
     const double stiffness = 0.5 * slab.wall_N_per_m2 * s.embedded_m;
-    if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m)) {
+    const bool has_new_free = slab.free != nullptr && s.free_version != slab.free_version;
+    if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m || has_new_free)) {
       // A tool that comes back beside its hole has left it: it is where the tool is now.
       const bool is_new = before <= 0 && !is_near(s, i);
       if (is_new) s.cut_m = slab.top_m + s.embedded_m;
@@ -284,9 +287,16 @@ class Tick {
         s.depth_m[g] = gauss_depth(slab, g);
         const Vector2d at = axis_at(s.depth_m[g]);
         Slot& wall = s.walls[g];
-        if (is_new) {
-          wall.open(at, slab.clearance_m);
-        } else if (before <= 0) {
+        if (is_new || has_new_free) {
+          const double pressed = before > 0 ? wall.reach(at).distance_m : 0;
+          if (has_new_free)
+            wall = *slab.free;
+          else
+            wall.open(at, slab.clearance_m);
+          const Slot::Reach r = wall.reach(at);
+          if (r.distance_m > pressed) wall.include(at - r.away * pressed);
+        }
+        if (before <= 0) {
           wall.include(at);
         } else {
           const Slot::Reach r = wall.reach(at);
@@ -294,6 +304,7 @@ class Tick {
         }
       }
     }
+    if (has_new_free && s.embedded_m > 0) s.free_version = slab.free_version;
     s.wall_N_per_m = stiffness;
   }
 
@@ -360,7 +371,7 @@ class Tick {
       const double less = h.across - h.along;
       axial += h.force * unit[0];
       stiffness += h.across - less * unit[0] * unit[0];
-      const Vector3d around =
+      const Vector3d around = e.around =
           0.5 * o_.tool.radius_m * (sign * turned.w() * axis_ + half.cross(axis_));
       e.g.tail<3>() += h.force * unit[1] * around;
       const double around2 = h.across - less * unit[1] * unit[1];
@@ -623,6 +634,30 @@ class Tick {
     return m;
   }
 
+  // Newton's step `-towards`. Friction that is elastic, but would slide in that step, is taken as
+  // sliding: it is so in most ticks in which the tool moves.
+  bool newton(const Evaluation& e, Inverse& inverse, Vector6& towards) const noexcept {
+    if (!inverse.of(e.H)) return false;
+    towards = inverse.times(e.g);
+    if (state_.friction_N_per_m <= 0) return true;
+    const Vector2d w = state_.presliding_m + e.slide;
+    const double length = w.norm();
+    if (length > o_.presliding_m) return true;
+    const Vector2d next =
+        w - Vector2d(e.along.dot(towards), e.around.dot(towards.tail<3>()));
+    const double next_length = next.norm();
+    if (next_length <= o_.presliding_m) return true;
+    const Vector2d unit = next / next_length;
+    Vector6 j = unit[0] * e.along;
+    j.tail<3>() += unit[1] * e.around;
+    const Matrix6 H = e.H - state_.friction_N_per_m * j * j.transpose();
+    Inverse sliding;
+    if (!sliding.of(H)) return true;
+    inverse = sliding;
+    towards = sliding.times(e.g + (friction_N_ - state_.friction_N_per_m * w.dot(unit)) * j);
+    return true;
+  }
+
   void settle(Evaluation& e, CuttingResult& out) noexcept {
     if (!step_together(e, out)) step_in_turn(e, out);
   }
@@ -637,8 +672,8 @@ class Tick {
       out.has_converged = size_of(e.g) <= allowed(e);
       if (out.has_converged && e.tip_N <= 0) return true;
       Inverse inverse;
-      if (!inverse.of(e.H)) return false;
-      const Vector6 towards = inverse.times(e.g);
+      Vector6 towards;
+      if (!newton(e, inverse, towards)) return false;
       const Model m = model_of(e, inverse);
       const double R = e.tip_N - o_.tip_N_per_m * e.along.dot(towards);
       if (least_N > 0 && R < least_N - std::max(allowed(e), 1e-9 * least_N)) {

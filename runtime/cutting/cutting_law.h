@@ -15,6 +15,7 @@
 //  2. The front's work is the integral of the strength over what it cut. It never moves back, and
 //     moves only while the tip's force exceeds the strength there.
 //  3. A wall that has yielded stays where it was pushed (slot.h).
+//     What has not been cut is a wall from outside too (CuttingSlab::free).
 //  4. A hole outlives withdrawal. A tool that comes within `same_hole_m` of a hole goes into it: what
 //     the hole has taken has no strength, and its walls and friction act. Elsewhere the tool makes a
 //     new hole; of a tool half over an old one, CuttingSlab::share tells how much of it cuts.
@@ -72,6 +73,10 @@ struct CuttingSlab {
   double friction_N_per_m = 0;                               ///< of embedded length
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;       ///< sideways, of embedded depth
   double clearance_m = 0;                                    ///< of a new hole around the shaft
+  /// Where the axis is free of what is not cut, if the tool comes from beside: a wall is one from
+  /// outside too. With another version (from 1) it replaces the hole's region, without energy.
+  const Slot* free = nullptr;
+  std::uint32_t free_version = 0;
 };
 
 /// What one slab remembers of one hole.
@@ -80,6 +85,7 @@ struct CuttingHoleSlab {
   double embedded_m = 0;                                    ///< depth that the shaft fills now
   double wall_N_per_m = 0, wall_most_N = 0;                 ///< at each Gauss point, in the last tick
   std::array<double, 2> depth_m{};                          ///< of the Gauss points
+  std::uint32_t free_version = 0;                           ///< of CuttingSlab::free in `walls`
   std::array<Slot, 2> walls;
 };
 

@@ -193,7 +193,9 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
     aim.f1 = random.uniform(0.5, 8);
     aim.f2 = random.uniform(0.5, 8);
     const double dt = 1 / random.power(2.7, 3.9);
-    const bool in_hand = random.chance(0.5), varies = random.chance(0.3);
+    const bool in_hand = random.chance(0.5), varies = random.chance(0.3),
+               has_free = random.chance(0.2);
+    Slot free;
     Hand hand;
     hand.mass = random.power(-1, 0.7);
     hand.inertia = 2e-3 * (1 + hand.mass);
@@ -215,6 +217,16 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
         for (CuttingSlab& slab : s.slabs) {
           slab.share = random.chance(0.5) ? 1 : random.uniform(0, 1);
           slab.share_to_m = random.chance(0.5) ? slab.bottom_m : random.uniform(0, 0.05);
+        }
+      }
+      if (has_free && random.chance(0.05)) {  // bone beside the tool, seen anew
+        const double x = random.uniform(-0.002, 0.01), y = random.uniform(-0.02, 0.02);
+        free.open({-1, -1}, 0);
+        for (const Vector2d corner : {Vector2d(x + y, -1), {x - y, 1}, {-1, 1}})
+          free.include(corner);
+        for (CuttingSlab& slab : s.slabs) {
+          slab.free = &free;
+          ++slab.free_version;
         }
       }
       if (s.options.coupling.is_rigid) was = s.state;

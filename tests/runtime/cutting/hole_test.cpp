@@ -175,5 +175,45 @@ TEST(Hole, LeftBySlanting) {
   EXPECT_GT(b.cut_J, cut + 20 * 0.005);
 }
 
+// Down beside the bone without force, then against it from outside: the wall holds the tool, yields
+// at its strength, and has then been pushed in.
+TEST(Hole, BoneIsAWallFromOutside) {
+  Slot beside;  // all of x < 2 mm
+  beside.open({-1, -1}, 0);
+  for (const Eigen::Vector2d corner : {Eigen::Vector2d(0.002, -1), {0.002, 1}, {-1, 1}})
+    beside.include(corner);
+  Bench b = bench();
+  b.options.coupling.rotation_Nm_per_rad = 1e4;
+  for (CuttingSlab& slab : b.slabs) {
+    slab.share = 0;
+    slab.friction_N_per_m = 0;
+    slab.wall_strength_N_per_m = 2000;
+    slab.free = &beside;
+    slab.free_version = 1;
+  }
+  b.move(plate_at(0, -0.002), plate_at(0, 0.01), kStep, [](const CuttingResult& out, const Pose&) {
+    ASSERT_LT(out.wrench_device.norm(), 1e-12);
+  });
+  b.move(plate_at(0, 0.01), plate_at(0.0019, 0.01), kStep);
+  EXPECT_LT(b.out.wrench_device.norm(), 1e-12);
+  double before = 0;
+  b.move(plate_at(0.0019, 0.01), plate_at(0.004, 0.01), 1e-5,
+         [&](const CuttingResult& out, const Pose&) {
+           EXPECT_GE(-out.wrench_device[0], before - 1e-5);  // never through bone without force
+           before = -out.wrench_device[0];
+         });
+  EXPECT_NEAR(before, 2000 * 0.01, 0.02 * 20);
+  const double pushed = b.state.T_device_proxy.p_m.x();
+  EXPECT_GT(pushed, 0.003);
+
+  // A new outline from the geometry, without what was pushed in: no energy comes with it.
+  const double stored = b.out.stored_J;
+  for (CuttingSlab& slab : b.slabs)
+    slab.free_version = 2;
+  b.tick(plate_at(0.004, 0.01));
+  EXPECT_LE(b.out.stored_J, stored + 1e-12);
+  EXPECT_NEAR(-b.out.wrench_device[0], before, 0.01 * before);
+}
+
 }  // namespace
 }  // namespace trocar::runtime
