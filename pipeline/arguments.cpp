@@ -114,7 +114,10 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));
-  app.add_option("--tolerance", a.tolerance_mm, "Douglas-Peucker tolerance, mm")
+  app.add_option("--simplify", a.simplify, "Douglas-Peucker, or collapse that keeps areas")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"dp", "area"}));
+  app.add_option("--tolerance", a.tolerance_mm, "largest distance from the contour, mm")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e4));
   app.add_option("--min-angle", a.min_angle_deg, "smallest angle, degrees")
@@ -254,6 +257,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.segmentation = std::move(*how);
   out.mesh.contour = a.contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.mesh.simplification.tolerance_mm = a.tolerance_mm;
+  if (a.simplify == "area") out.mesh.simplification.method = SimplificationMethod::kArea;
   out.mesh.refinement.min_angle_deg = a.min_angle_deg;
   out.mesh.refinement.max_area_mm2 = a.max_area_mm2;
   if (a.area_px_given->count() > 0) {
@@ -328,6 +332,7 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
               {"min_angle_deg", o.mesh.refinement.min_angle_deg},
               {"min_region_mm2", o.mesh.min_region_mm2},
               {"lattice_bits", o.mesh.lattice.bits}};
+  if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
   if (o.mesh.max_area_px2) {
     out["max_area_px2"] = *o.mesh.max_area_px2;
   } else {

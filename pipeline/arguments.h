@@ -21,7 +21,8 @@ struct Arguments {
          min_volume_mm3 = 0;
   std::vector<std::string> labels, seeds;
   std::string fill, mask;
-  std::string contour = "subpixel", axis = "transverse", preset, series, spacing, slices, crop;
+  std::string contour = "subpixel", simplify = "dp", axis = "transverse", preset, series, spacing,
+              slices, crop;
   int lattice_bits = 8, jobs = 0, dump_slice = -1, largest = 0, count = 12;
   bool any_modality = false, quiet = false, explain = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,

@@ -43,6 +43,9 @@ void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
   if (meshed.refined.mesh.triangles.empty()) {
     out.warnings.push_back({"empty_slice", index, "no material"});
   }
+  if (meshed.all_material) {
+    out.warnings.push_back({"all_material", index, "every pixel is material: nothing is outside"});
+  }
   const Refined& refined = meshed.refined;
   if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
     out.warnings.push_back({"area_not_reached", index,

@@ -71,12 +71,15 @@ bool follow_each_other(const std::set<int>& labels) {
                             [](int a, int b) { return b - a == 1; }) != labels.end();
 }
 
-bool looks_like_labels(const ValueTally& t) {
+bool looks_like_labels(const ValueTally& t, double level) {
   constexpr double kLeastEqual = 0.55, kLeastJumps = 0.4;
   constexpr std::size_t kFew = 16;
   if (!may_be_labels(t)) return false;
   const std::set<int> labels = labels_of(t);
-  if (labels.size() < 2 || (t.high > 255 && !follow_each_other(labels))) return false;
+  // At half of its level a mask is meshed as a label is; at another its outline is off by up to
+  // half a pixel.
+  const bool is_mask = labels.size() == 1 && t.high <= 255 && 2 * level != t.high;
+  if ((labels.size() < 2 && !is_mask) || (t.high > 255 && !follow_each_other(labels))) return false;
   const auto equal = static_cast<double>(t.equal), steps = static_cast<double>(t.steps),
              jumps = static_cast<double>(t.jumps);
   if (equal < kLeastEqual * (equal + steps + jumps)) return false;
@@ -116,7 +119,9 @@ ValueTally tally_values(const Image& image, bool as_labels) {
 std::optional<Warning> label_doubt(const ValueTally& t, PixelUnit unit, const Segmentation& how,
                                    const std::string& where) {
   if (!std::holds_alternative<Labels>(how)) {
-    if (unit != PixelUnit::kHounsfield || !looks_like_labels(t)) return {};
+    const auto* threshold = std::get_if<Threshold>(&how);
+    const double level = threshold != nullptr ? threshold->value : 0;
+    if (unit != PixelUnit::kHounsfield || !looks_like_labels(t, level)) return {};
     const std::set<int> labels = labels_of(t);
     return Warning{"looks_like_labels", where,
                    "the values look like labels and not like HU: whole numbers in even regions, "

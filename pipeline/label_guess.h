@@ -37,7 +37,9 @@ ValueTally tally_values(const Image& image, bool as_labels);
 /// - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
 /// or
 ///   fat, below 0; a crop inside the body has noise.)
-/// - At least two of them are not 0. (A binary image is the same meshed either way.)
+/// - At least two of them are not 0; or one, of at most 255, and the threshold is not half of it.
+/// (A
+///   binary image is the same meshed either way at half of its level.)
 /// - None is above 255, or two labels differ by 1: labels are small or numbered one after the
 /// other,
 ///   which the HU of a phantom's materials are not.

@@ -89,29 +89,38 @@ Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) 
   return {};
 }
 
-// `--labels 41 42` as `--labels 41 --labels 42`: words after it that begin with a digit and hold
-// only digits, commas and hyphens are labels and not inputs.
-std::vector<std::string> with_repeated_labels(const std::vector<std::string>& words) {
-  const auto is_list = [](const std::string& word) {
-    return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
-           word.front() != ',' && word.front() != '-';
-  };
+// `--labels 41 42` as `--labels 41 --labels 42`: words after an option's value for which is_value
+// holds are values of it, too, and not inputs.
+template <typename IsValue>
+std::vector<std::string> with_repeated(const std::string& option, const IsValue& is_value,
+                                       const std::vector<std::string>& words) {
   std::vector<std::string> out;
-  bool after_labels = false;
+  bool after_value = false;
   for (std::size_t i = 0; i < words.size(); ++i) {
     const std::string& word = words[i];
-    if (after_labels && is_list(word)) {
-      out.emplace_back("--labels");
+    if (after_value && is_value(word)) {
+      out.push_back(option);
     } else {
-      after_labels = word.starts_with("--labels=");
+      after_value = word.starts_with(option + "=");
     }
     out.push_back(word);
-    if (word == "--labels" && i + 1 < words.size()) {
+    if (word == option && i + 1 < words.size()) {
       out.push_back(words[++i]);
-      after_labels = true;
+      after_value = true;
     }
   }
   return out;
+}
+
+// Labels begin with a digit and hold only digits, commas and hyphens.
+bool is_labels(const std::string& word) {
+  return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
+         word.front() != ',' && word.front() != '-';
+}
+
+bool is_place(const std::string& word) {
+  return word.find_first_not_of("0123456789,.+-eE") == std::string::npos &&
+         std::count(word.begin(), word.end(), ',') == 2;
 }
 
 // A mistyped command is read as an INPUT.
@@ -447,9 +456,10 @@ int run(int argc, char** argv) {
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
 
-  const std::vector<std::string> words =
-      with_preset_options(with_repeated_labels(std::vector<std::string>(argv, argv + argc)));
+  const std::vector<std::string> words = with_preset_options(
+      with_repeated("--seed", is_place, with_repeated("--labels", is_labels, {argv, argv + argc})));
   std::vector<const char*> pointers;
+  pointers.reserve(words.size());
   for (const std::string& word : words)
     pointers.push_back(word.c_str());
   if (const auto done = parse_command_line(app, static_cast<int>(pointers.size()), pointers.data()))

@@ -7,6 +7,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
+#include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/triangulation.h"
 
 namespace trocar::pipeline {
@@ -67,6 +68,54 @@ Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& la
   return {};
 }
 
+namespace {
+
+// From `out.contours` to `out.refined`, with the outline simplified to the given tolerance.
+Result<void> mesh_contours_to(const Lattice& lattice, const SimplificationOptions& simplification,
+                              const RefinementOptions& refinement, Stopwatch& watch,
+                              MeshedSlice& out) {
+  out.pslg = simplify(out.contours, lattice, simplification);
+  out.times.simplify_ms += watch.lap_ms();
+  if (auto ok = check_pslg(out.pslg); !ok)
+    return bug("after simplification: " + ok.error().message);
+  out.times.check_ms += watch.lap_ms();
+
+  auto cdt = triangulate(out.pslg);
+  if (!cdt) return cdt.error();
+  out.times.triangulate_ms += watch.lap_ms();
+  out.refined = refine(*cdt, lattice, refinement);
+  out.cdt = std::move(cdt->mesh);
+  // As in refined meshes, the corner opposite edge 0 comes first.
+  for (Triangle& t : out.cdt.triangles)
+    t = {t[2], t[0], t[1]};
+  out.times.refine_ms += watch.lap_ms();
+
+  out.simplification_error_mm =
+      hausdorff_mm(out.contours, refined_rings(out.refined, out.pslg), lattice);
+  out.times.check_ms += watch.lap_ms();
+  return {};
+}
+
+// The same. Where areas are kept, the tolerance applies to the stored outline: if refinement's
+// points, rounded to the lattice, exceed it, then the same with as much less as they may add.
+Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& wanted,
+                           const RefinementOptions& refinement, Stopwatch& watch,
+                           MeshedSlice& out) {
+  const double most_mm = kFarthestFromOutline_steps * lattice.step_mm();
+  const bool has_margin =
+      wanted.method == SimplificationMethod::kArea && wanted.tolerance_mm > 2 * most_mm;
+  if (!has_margin) return mesh_contours_to(lattice, wanted, refinement, watch, out);
+  for (const double margin_mm : {0.0, most_mm}) {
+    SimplificationOptions closer = wanted;
+    closer.tolerance_mm -= margin_mm;
+    auto ok = mesh_contours_to(lattice, closer, refinement, watch, out);
+    if (!ok || out.simplification_error_mm <= wanted.tolerance_mm) return ok;
+  }
+  return bug("after refinement: the outline is beyond the tolerance");
+}
+
+}  // namespace
+
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop) {
   auto image = stack.read(slice);
   if (image && crop) return cropped(std::move(*image), *crop);
@@ -112,32 +161,20 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
       std::holds_alternative<Threshold>(options.segmentation)) {
     out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
   }
+  out.all_material = std::all_of(field.image.values.begin(), field.image.values.end(),
+                                 [iso = field.iso](float value) { return value >= iso; });
   out.times.segment_ms = watch.lap_ms();
 
   out.contours = contours_of(stack, slice, options, field);
   out.times.contour_ms = watch.lap_ms();
 
-  out.pslg = simplify(out.contours, options.lattice, options.simplification);
-  out.times.simplify_ms = watch.lap_ms();
-  if (auto ok = check_pslg(out.pslg); !ok)
-    return fail(bug("after simplification: " + ok.error().message));
-  out.simplification_error_mm = hausdorff_mm(out.contours, out.pslg, options.lattice);
-  out.times.check_ms = watch.lap_ms();
-
-  auto cdt = triangulate(out.pslg);
-  if (!cdt) return fail(cdt.error());
-  out.times.triangulate_ms = watch.lap_ms();
-
   RefinementOptions refinement = options.refinement;
   if (options.max_area_px2)
     refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
+  refinement.keep_area = options.simplification.method == SimplificationMethod::kArea;
   out.max_area_bound_mm2 = refinement.max_area_mm2;
-  out.refined = refine(*cdt, options.lattice, refinement);
-  out.cdt = std::move(cdt->mesh);
-  // As in refined meshes, the corner opposite edge 0 comes first.
-  for (Triangle& t : out.cdt.triangles)
-    t = {t[2], t[0], t[1]};
-  out.times.refine_ms = watch.lap_ms();
+  if (auto ok = mesh_contours(options.lattice, options.simplification, refinement, watch, out); !ok)
+    return fail(ok.error());
 
   out.outline = boundary_rings(out.refined.mesh);
   if (auto ok = check_mesh_against_pslg(out.refined.mesh, out.outline); !ok) {

@@ -40,9 +40,10 @@ struct StageTimes {
 
 /// What the asset, the report and the pictures need of one slice.
 struct MeshedSlice {
-  Pslg contours;  ///< full resolution, small rings dropped
-  Pslg pslg;      ///< simplified
-  SliceMesh cdt;  ///< constrained Delaunay, outside removed
+  bool all_material = false;  ///< every pixel
+  Pslg contours;              ///< full resolution, small rings dropped
+  Pslg pslg;                  ///< simplified
+  SliceMesh cdt;              ///< constrained Delaunay, outside removed
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
@@ -51,6 +52,7 @@ struct MeshedSlice {
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
   ValueTally values;     ///< of input in HU, or whose material is chosen by labels
+  /// Two-sided Hausdorff distance between `contours` and `outline`, ring by ring.
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;

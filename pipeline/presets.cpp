@@ -42,6 +42,7 @@ std::span<const Preset> presets() {
        "the published method: histogram equalisation, pixel chains, 30 degrees, 200 pixels",
        {{"--equalize", "230"},
         {"--contour", "pixel"},
+        {"--simplify", "dp"},
         {"--min-angle", "30"},
         {"--max-area-px", "200"}}},
   };

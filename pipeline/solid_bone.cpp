@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipeline/for_each_piece.h"
+#include "pipeline/label_guess.h"
 #include "pipeline/solid/nearest_seed.h"
 #include "pipeline/solid/plane_flood.h"
 #include "pipeline/solid/voxel_pieces.h"
@@ -178,7 +179,17 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   const auto mask = open_nifti(options.mask_file, open);
   if (!mask) return mask.error();
   if (auto ok = check_same_grid(stack, **mask, options.mask_file); !ok) return ok;
-  const auto flags = segmented(**mask, Labels{options.mask_labels}, grid);
+  ValueTally tally;
+  for (int k = 0; k < (*mask)->size(); ++k) {
+    const auto image = (*mask)->read(k);
+    if (!image) return image.error();
+    tally.add(tally_values(*image, true));
+  }
+  const Labels labels{options.mask_labels};
+  if (const auto doubt = label_doubt(tally, (*mask)->pixel_unit(), labels, options.mask_file))
+    return refused(doubt->where + ": " + doubt->sentence.substr(0, doubt->sentence.find(';')) +
+                   "; --mask needs a label map");
+  const auto flags = segmented(**mask, labels, grid);
   if (!flags) return flags.error();
   Bytes near(grid.size());
   std::transform(flags->begin(), flags->end(), near.begin(), [](std::uint8_t f) {
@@ -211,9 +222,10 @@ Result<std::vector<std::size_t>> seed_voxels(const SliceStack& stack, const Voxe
       for (std::size_t i = 0; i < pixels; ++i) {
         const std::size_t voxel = static_cast<std::size_t>(k) * pixels + i;
         if (material[voxel] == 0) continue;
+        const std::size_t x = i % width, y = i / width;
         const Eigen::Vector3d apart =
-            at - Eigen::Vector3d(static_cast<double>(i % width) * plane.spacing_u_mm,
-                                 static_cast<double>(i / width) * plane.spacing_v_mm, 0);
+            at - Eigen::Vector3d(static_cast<double>(x) * plane.spacing_u_mm,
+                                 static_cast<double>(y) * plane.spacing_v_mm, 0);
         if (apart.squaredNorm() > least || (nearest && apart.squaredNorm() == least)) continue;
         least = apart.squaredNorm();
         nearest = voxel;
@@ -275,8 +287,11 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
     return std::find(voxels.begin(), voxels.end(), 1) != voxels.end();
   };
   if (holds_any(before) && !holds_any(material))
-    return refused(stack.name(0) + ": --min-volume and --mask leave none of the " +
-                   std::to_string(std::lround(volume_mm3(*grid, before))) + " mm^3 of material");
+    return refused(std::string(options.mask_file.empty()    ? "--min-volume leaves"
+                               : options.min_volume_mm3 > 0 ? "--min-volume and --mask leave"
+                                                            : "--mask leaves") +
+                   " none of the " + std::to_string(std::lround(volume_mm3(*grid, before))) +
+                   " mm^3 of material");
 
   SolidBone out;
   out.width_ = stack.width();

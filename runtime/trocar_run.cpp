@@ -232,6 +232,10 @@ void print_outcome(const SessionReport& report, const SessionOptions& options) {
       static_cast<unsigned long long>(report.ticks), options.rate_Hz,
       static_cast<unsigned long long>(report.realtime.missed_deadlines), report.max_force_N,
       report.torque_max_Nm);
+  constexpr double kLeastShown_N = 5e-4;
+  if (report.max_force_N < kLeastShown_N && report.punctures.empty() &&
+      report.fault == Fault::kNone)
+    std::printf("the tool touched nothing; trocar-run --check says why\n");
   for (const PunctureEvent& event : report.punctures) {
     std::printf("slice %d was punctured at %.4f s: force %.3f N, depth %.3f mm, tip at %.5f m\n",
                 event.slice, event.t_s, event.force_N, event.penetration_m * 1e3, event.tool_z_m);
@@ -450,6 +454,16 @@ void warn(const Arguments& arguments, const std::string& what) {
   std::fprintf(stderr, "trocar-run: warning: %s: %s\n", arguments.scene.c_str(), what.c_str());
 }
 
+/// The replay is of what the recording has, which may be less than the session.
+void warn_of_short(const Arguments& arguments, std::size_t rows, std::uint64_t session_ticks) {
+  if (arguments.quiet || rows >= session_ticks) return;
+  std::fprintf(
+      stderr,
+      "trocar-run: warning: %s: has %zu ticks, and the scene lasts %llu: its session ended "
+      "early, or a part is missing\n",
+      arguments.replay.c_str(), rows, static_cast<unsigned long long>(session_ticks));
+}
+
 /// --check.
 int check(const Arguments& arguments, const Loaded& loaded, const SessionOptions& options) {
   const Result<SceneCheck> checked = check_scene(loaded.scene, loaded.description, loaded.sheets,
@@ -486,6 +500,7 @@ int session(const Arguments& arguments) {
     if (!rate_Hz) return fail(rate_Hz.error());
     options.rate_Hz = *rate_Hz;
     options.duration_s = static_cast<double>(loaded->replay.size()) / *rate_Hz;
+    warn_of_short(arguments, loaded->replay.size(), tick_count(loaded->scene.duration_s, *rate_Hz));
     options.replay = loaded->replay;
   }
   if (!arguments.record.empty()) options.record = arguments.record;

@@ -14,8 +14,10 @@ set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # made once (e2e/CMakeLists.
 function(trocar_test name label)
   add_executable(${name} ${name}.cpp)
   target_link_libraries(${name} PRIVATE ${ARGN} trocar_flags GTest::gtest GTest::gtest_main)
-  target_compile_definitions(${name} PRIVATE TROCAR_CORPUS="${CMAKE_SOURCE_DIR}/tests/corpus"
-    $<$<BOOL:${TROCAR_SANITIZE}>:TROCAR_SANITIZED>)
+  target_compile_definitions(${name} PRIVATE TROCAR_CORPUS="${CMAKE_SOURCE_DIR}/tests/corpus")
+  if(TROCAR_SANITIZE)
+    target_compile_definitions(${name} PRIVATE TROCAR_SANITIZED)
+  endif()
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600)
 endfunction()

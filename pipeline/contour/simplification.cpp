@@ -7,24 +7,11 @@
 #include <tuple>
 
 #include "formats/geometry/mesh_validity.h"
+#include "pipeline/contour/area_collapse.h"
+#include "pipeline/contour/segment_distance.h"
 
 namespace trocar::pipeline {
 namespace {
-
-// Squared distance from p to the segment ab, in steps^2.
-double segment_distance2(LatticePoint a, LatticePoint b, LatticePoint p) {
-  const double abx = static_cast<double>(b.x) - a.x, aby = static_cast<double>(b.y) - a.y;
-  const double apx = static_cast<double>(p.x) - a.x, apy = static_cast<double>(p.y) - a.y;
-  const double length2 = abx * abx + aby * aby;
-  const double along = apx * abx + apy * aby;
-  if (along <= 0 || length2 == 0) return apx * apx + apy * apy;
-  if (along >= length2) {
-    const double bpx = apx - abx, bpy = apy - aby;
-    return bpx * bpx + bpy * bpy;
-  }
-  const double cross = abx * apy - aby * apx;
-  return cross * cross / length2;
-}
 
 // A contour and which of its vertices are kept. A span runs from one kept vertex to the next,
 // round the end of the ring.
@@ -39,7 +26,7 @@ struct Simplified {
   std::pair<std::uint32_t, double> farthest(std::uint32_t i, std::uint32_t j) const {
     std::pair<std::uint32_t, double> best{i, -1.0};
     for (std::uint32_t k = i + 1; k < j; ++k) {
-      const double d = segment_distance2(at(i), at(j), at(k));
+      const double d = segment_distance2(point(at(i)), point(at(j)), point(at(k)));
       if (d > best.second) best = {k, d};
     }
     return best;
@@ -57,8 +44,8 @@ struct Simplified {
   }
 };
 
-void douglas_peucker(const Simplified& s, std::uint32_t first, std::uint32_t last,
-                     double tolerance2, std::vector<std::uint32_t>& kept) {
+void keep_between(const Simplified& s, std::uint32_t first, std::uint32_t last, double tolerance2,
+                  std::vector<std::uint32_t>& kept) {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> spans{{first, last}};
   while (!spans.empty()) {
     const auto [i, j] = spans.back();
@@ -112,7 +99,7 @@ Simplified simplify_ring(const Ring& contour, double tolerance2) {
   const std::vector<std::uint32_t> from = s.kept;
   for (std::size_t k = 0; k < from.size(); ++k) {
     const std::uint32_t to = k + 1 < from.size() ? from[k + 1] : from[0] + s.size();
-    douglas_peucker(s, from[k], to, tolerance2, s.kept);
+    keep_between(s, from[k], to, tolerance2, s.kept);
   }
   std::sort(s.kept.begin(), s.kept.end());
   return s;
@@ -201,10 +188,7 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
   return any;
 }
 
-}  // namespace
-
-Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
-  const double tolerance = options.tolerance_mm / lattice.step_mm();
+Pslg douglas_peucker(const Pslg& contours, double tolerance) {
   std::vector<Simplified> rings;
   for (const Ring& contour : contours.rings)
     rings.push_back(simplify_ring(contour, tolerance * tolerance));
@@ -240,8 +224,8 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
         const std::uint32_t m = s.farthest(i, j).first;
         s.kept.push_back(m % s.size());
         // The halves' chords are new: the tolerance applies to them too.
-        douglas_peucker(s, i, m, tolerance * tolerance, s.kept);
-        douglas_peucker(s, m, j, tolerance * tolerance, s.kept);
+        keep_between(s, i, m, tolerance * tolerance, s.kept);
+        keep_between(s, m, j, tolerance * tolerance, s.kept);
         split = true;
       }
       std::sort(s.kept.begin(), s.kept.end());
@@ -255,27 +239,13 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
   return out;
 }
 
-double hausdorff_mm(const Pslg& contours, const Pslg& simplified, const Lattice& lattice) {
-  // Each chord replaces the contour span between its ends. The span is a path from one end to the
-  // other, so it crosses every perpendicular of the chord: no point of the chord is farther from
-  // the span than the span's farthest vertex is from the chord.
-  double worst2 = 0;
-  for (std::size_t r = 0; r < contours.rings.size(); ++r) {
-    const Ring& contour = contours.rings[r];
-    const Ring& ring = simplified.rings[r];
-    const std::size_t n = contour.size();
-    std::size_t at = static_cast<std::size_t>(std::find(contour.begin(), contour.end(), ring[0]) -
-                                              contour.begin());
-    for (std::size_t k = 0; k < ring.size(); ++k) {
-      const LatticePoint a = ring[k], b = ring[(k + 1) % ring.size()];
-      for (std::size_t steps = 0; steps < n && contour[(at + 1) % n] != b; ++steps) {
-        at = (at + 1) % n;
-        worst2 = std::max(worst2, segment_distance2(a, b, contour[at]));
-      }
-      at = (at + 1) % n;
-    }
-  }
-  return std::sqrt(worst2) * lattice.step_mm();
+}  // namespace
+
+Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
+  const double tolerance = options.tolerance_mm / lattice.step_mm();
+  return options.method == SimplificationMethod::kArea && tolerance > 0
+             ? collapse_segments(contours, tolerance)
+             : douglas_peucker(contours, tolerance);
 }
 
 }  // namespace trocar::pipeline

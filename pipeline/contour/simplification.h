@@ -1,24 +1,33 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Fewer vertices on the outline: Douglas and Peucker (1973), with the topology preserved.
+// Fewer vertices on the outline, within a tolerance and with the topology preserved.
 #pragma once
+
+#include <cstdint>
 
 #include "formats/geometry/slice_mesh.h"
 
 namespace trocar::pipeline {
 
-struct SimplificationOptions {
-  double tolerance_mm = 0.25;  ///< two-sided Hausdorff bound between each ring and its contour
+enum class SimplificationMethod : std::uint8_t {
+  kArea,            ///< segment collapse that keeps every ring's area (area_collapse.h)
+  kDouglasPeucker,  ///< Douglas and Peucker (1973): the vertices are a subset of the contour's
 };
 
-/// One ring for each ring of `contours` (valid by check_pslg), in the same order, its vertices a
-/// subset. No ring crosses another or itself or collapses, and each keeps its orientation and its
-/// place inside or outside the others: where plain Douglas-Peucker would violate this, the spans
-/// involved keep more vertices, down to the contour itself if need be.
-/// O(n log n) typically; the repair loop ends because each round adds contour vertices.
+struct SimplificationOptions {
+  double tolerance_mm = 0.25;  ///< two-sided Hausdorff bound between each ring and its contour
+  SimplificationMethod method = SimplificationMethod::kDouglasPeucker;
+};
+
+/// One ring for each ring of `contours` (valid by check_pslg), in the same order. No ring crosses
+/// another or itself or collapses, and each keeps its orientation and its place inside or outside
+/// the others. With a tolerance of 0 both methods remove exactly the vertices on the line between
+/// their neighbours. Douglas-Peucker keeps more vertices where it would violate the topology, down
+/// to the contour itself if need be; its repair loop ends because each round adds contour vertices.
+/// O(n log n) typically.
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options);
 
-/// Largest distance between each contour and its simplified ring, either way, in mm. Rings
-/// correspond by index, and simplified vertices are contour vertices in their order.
-double hausdorff_mm(const Pslg& contours, const Pslg& simplified, const Lattice& lattice);
+/// Largest distance between each contour and the ring of the same index, either way, in mm, with
+/// any vertices. Accurate to 1e-10 of itself. O(n sqrt(n)) typically.
+double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

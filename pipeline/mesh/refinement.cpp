@@ -22,8 +22,6 @@ namespace {
 // In lattice steps. No edge is split into shorter halves, and no triangle with a shorter edge is
 // improved: rounding to the lattice would decide the angles.
 constexpr std::int64_t kShortestEdge = 4;
-// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it splits.
-constexpr double kFarthestFromOutline = 3;
 
 // Places for a split of an edge of the outline, as fractions of it, the preferred one first.
 constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
@@ -81,6 +79,7 @@ class Refiner {
         min_angle_deg_(options.min_angle_deg),
         max_area_mm2_(options.max_area_mm2),
         max_vertices_(options.max_vertices),
+        keep_area_(options.keep_area),
         circle_(options.min_angle_deg * std::numbers::pi / 180) {
     for (std::size_t k = 0; k < aside_.size(); ++k) {
       const double angle = kAside_deg[k] * std::numbers::pi / 180;
@@ -93,6 +92,7 @@ class Refiner {
     outline_.clear(from.mesh.vertices.size());
     mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
     outline_.close(mesh_.points);
+    if (keep_area_) outline_.find_room(mesh_.points);
     origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
     encroached_.clear();
     bad_.clear();
@@ -279,8 +279,49 @@ class Refiner {
     const Refined::Segment& input = outline_.segments()[segment];
     const LatticePoint a = at(input.from), b = at(input.to);
     const auto area = static_cast<double>(orient2d(a, b, p));
-    return area * area >=
-           kFarthestFromOutline * kFarthestFromOutline * static_cast<double>(distance2(a, b));
+    return area * area >= kFarthestFromOutline_steps * kFarthestFromOutline_steps *
+                              static_cast<double>(distance2(a, b));
+  }
+
+  // Where to split the edge ab of the triangle abc (t) of the mesh at this fraction.
+  std::optional<LatticePoint> split_place(std::uint32_t t, std::uint32_t segment, LatticePoint a,
+                                          LatticePoint b, LatticePoint c, double fraction) {
+    const std::optional<LatticePoint> inside = split_near(a, b, c, fraction);
+    if (!keep_area_ || (inside && orient2d(a, b, *inside) == 0) || !outline_.has_room(segment))
+      return inside;
+    const std::optional<LatticePoint> outside = split_outside(t, segment, a, b, fraction);
+    if (!inside || !outside) return inside ? inside : outside;
+    const std::int64_t lost = outline_.lost_of_loop(segment);
+    return std::abs(lost + orient2d(a, b, *outside)) < std::abs(lost + orient2d(a, b, *inside))
+               ? outside
+               : inside;
+  }
+
+  // Of the lattice points around the one at this fraction from a to b: the nearest that lies on the
+  // void's side of the edge, no more than a step from the input segment, and in the circumcircle of
+  // the triangle, so that the mesh stays Delaunay.
+  std::optional<LatticePoint> split_outside(std::uint32_t t, std::uint32_t segment, LatticePoint a,
+                                            LatticePoint b, double fraction) const {
+    const Refined::Segment& input = outline_.segments()[segment];
+    const LatticePoint from = at(input.from), to = at(input.to);
+    const double farthest = edge_length(from, to);
+    const double x = fraction * (static_cast<double>(b.x) - a.x),
+                 y = fraction * (static_cast<double>(b.y) - a.y);
+    std::optional<LatticePoint> best;
+    double least = 0;
+    for (const double dx : {std::floor(x), std::ceil(x)}) {
+      for (const double dy : {std::floor(y), std::ceil(y)}) {
+        const LatticePoint p{a.x + static_cast<std::int32_t>(dx),
+                             a.y + static_cast<std::int32_t>(dy)};
+        if (orient2d(a, b, p) >= 0 || diametral_dot(a, b, p) >= 0 ||
+            static_cast<double>(orient2d(from, to, p)) < -farthest ||
+            !mesh_.circumcircle_contains(t, p))
+          continue;
+        const double far = (dx - x) * (dx - x) + (dy - y) * (dy - y);
+        if (!best || far < least) best = p, least = far;
+      }
+    }
+    return best;
   }
 
   bool split_edge(EdgeId s) {
@@ -295,7 +336,7 @@ class Refiner {
     for (std::size_t k = 0; k < (has_shells ? 1 : kSplits.size()); ++k) {
       const double fraction =
           has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
-      const std::optional<LatticePoint> p = split_near(a, b, c, fraction);
+      const std::optional<LatticePoint> p = split_place(triangle_of(s), segment, a, b, c, fraction);
       if (!p || is_far_from_segment(*p, segment)) continue;
       if (!is_found) {
         is_found = look_at_split(s, *p, best_);
@@ -312,6 +353,7 @@ class Refiner {
     if (better && look_at_split(s, *better, trial_) && trial_.growth < best_.growth)
       std::swap(best_, trial_);
     if (!insert(best_, {static_cast<std::int32_t>(segment)}, s)) return false;
+    if (keep_area_) outline_.lost_of_loop(segment) += orient2d(a, b, best_.p);
     for (const std::uint32_t t : fresh_)
       note_encroached_edges(t);
     return true;
@@ -469,6 +511,7 @@ class Refiner {
   Candidate &best_, &trial_;
   double min_angle_deg_, max_area_mm2_;
   std::uint32_t max_vertices_;
+  bool keep_area_;
   AngleCircle circle_;  // for the wanted angle
   std::array<Place, kAside_deg.size()> aside_{};
   ShapeLimits limits_{};
@@ -500,7 +543,7 @@ Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
   thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{angle_deg, options.max_area_mm2,
-                                    std::min(max_vertices, kMostVertices)};
+                                    std::min(max_vertices, kMostVertices), options.keep_area};
     return Refiner(from, lattice, attempt, memory).run();
   };
   const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);

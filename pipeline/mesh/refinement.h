@@ -19,6 +19,10 @@ namespace trocar::pipeline {
 /// in a small triangle at the corner, rounding to the lattice decides the angle.
 inline constexpr double kLatticeAllowance_deg = 1.5;
 
+/// Every vertex on the outline is nearer than this, in lattice steps, to the segment that it
+/// splits.
+inline constexpr double kFarthestFromOutline_steps = 3;
+
 /// Up to this angle refinement ends in practice, for any input.
 inline constexpr double kSafeAngle_deg = 33;
 
@@ -33,6 +37,9 @@ struct RefinementOptions {
   /// vertices. 0: a budget from input and area; for angles above kSafeAngle_deg, from the size of
   /// the mesh refined to that angle.
   std::uint32_t max_vertices = 0;
+  /// Round the points on boundary edges to either side, so that the area within each closed
+  /// boundary stays, and not always to the material's.
+  bool keep_area = false;
 };
 
 enum class RefinementOutcome {
@@ -76,7 +83,9 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 /// the input becomes a chain of edges whose inner vertices lie on it or, where no lattice point
 /// does, on its material side less than three steps away (each split rounds by less than 1.5 steps
 /// and inherits a part of the deviation of the edge that it splits; a split that would reach three
-/// steps is not made). Moved by lattice steps or rotated by right angles, an outline gives the same
+/// steps is not made). With keep_area, points of edges with enough void beside them also lie up to
+/// one step on the void's side, so that each loop of the boundary keeps its area but for about one
+/// rounding. Moved by lattice steps or rotated by right angles, an outline gives the same
 /// mesh, moved and rotated, unless a rotation maps it onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 

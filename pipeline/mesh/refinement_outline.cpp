@@ -6,6 +6,7 @@
 #include <limits>
 #include <numbers>
 
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/split_places.h"
 #include "formats/geometry/triangle_shape.h"
 
@@ -13,6 +14,8 @@ namespace trocar::pipeline {
 namespace {
 
 constexpr double kSmallInputAngle_deg = 60;
+// Two segments farther apart than this, in lattice steps, do not meet if each bulges by one.
+constexpr std::int32_t kRoom = 4;
 
 // The radii of the shells around a corner, the same for every segment: the powers of two; between
 // two of them their geometric mean; then repeated halves of the intervals. (Shells in the ratio
@@ -31,6 +34,20 @@ double shell_between(double near, double far) {
     middle = 0.5 * (from + to);
   }
   return 0.5 * (near + far);
+}
+
+// Squared distance from p to the segment ab.
+double distance2_to(LatticePoint a, LatticePoint b, LatticePoint p) {
+  if (diametral_dot(b, p, a) <= 0) return static_cast<double>(distance2(a, p));
+  if (diametral_dot(a, p, b) <= 0) return static_cast<double>(distance2(b, p));
+  const auto area = static_cast<double>(orient2d(a, b, p));
+  return area * area / static_cast<double>(distance2(a, b));
+}
+
+// Of two segments that do not cross.
+bool are_near(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
+  return std::min({distance2_to(a, b, c), distance2_to(a, b, d), distance2_to(c, d, a),
+                   distance2_to(c, d, b)}) <= double{kRoom} * kRoom;
 }
 
 }  // namespace
@@ -58,6 +75,50 @@ void RefinementOutline::close(const std::vector<LatticePoint>& points) {
     s.angle_at_from_deg =
         std::atan2(static_cast<double>(cross), static_cast<double>(dot)) * 180 / std::numbers::pi;
     angle_deg_[s.from] = s.angle_at_from_deg;
+  }
+}
+
+void RefinementOutline::find_room(const std::vector<LatticePoint>& points) {
+  const std::size_t n = segments_.size();
+  constexpr std::uint32_t kNone = 0xffffffff;
+  has_room_.assign(n, 1);
+  loop_.assign(n, kNone);
+  lost_.clear();
+  for (std::size_t first = 0; first < n; ++first) {
+    if (loop_[first] != kNone) continue;
+    const auto loop = static_cast<std::uint32_t>(lost_.size());
+    lost_.push_back(0);
+    for (std::size_t s = first; loop_[s] == kNone;
+         s = static_cast<std::size_t>(segments_[s].previous))
+      loop_[s] = loop;
+  }
+  const auto previous = [this](std::size_t s) {
+    return static_cast<std::size_t>(segments_[s].previous);
+  };
+  std::vector<std::size_t> order(n);
+  std::vector<LatticeBox> boxes;
+  for (std::size_t s = 0; s < n; ++s) {
+    order[s] = s;
+    const LatticePoint a = points[segments_[s].from], b = points[segments_[s].to];
+    boxes.push_back(box_around(a, b));
+    // The void must not be acute at a corner: there the two segments are not apart.
+    const LatticePoint p = points[segments_[previous(s)].from];
+    if (orient2d(p, a, b) < 0 && diametral_dot(p, b, a) > 0)
+      has_room_[s] = has_room_[previous(s)] = 0;
+  }
+  std::sort(order.begin(), order.end(),
+            [&boxes](std::size_t s, std::size_t t) { return boxes[s].low.x < boxes[t].low.x; });
+  for (auto i = order.begin(); i != order.end(); ++i) {
+    const std::size_t s = *i;
+    for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[s].high.x + kRoom; ++j) {
+      const std::size_t t = *j;
+      if (boxes[t].low.y > boxes[s].high.y + kRoom || boxes[s].low.y > boxes[t].high.y + kRoom ||
+          previous(s) == t || previous(t) == s)
+        continue;
+      if (are_near(points[segments_[s].from], points[segments_[s].to], points[segments_[t].from],
+                   points[segments_[t].to]))
+        has_room_[s] = has_room_[t] = 0;
+    }
   }
 }
 

@@ -20,6 +20,14 @@ class RefinementOutline {
   /// Measures the angles between the segments, once all are added.
   void close(const std::vector<LatticePoint>& points);
 
+  /// Which segments may be split up to a step on the void's side, and the loops that they form.
+  void find_room(const std::vector<LatticePoint>& points);
+  /// After find_room(): may no part of the outline, each point of which stays within a step on the
+  /// void's side of its segment and within three on the material's, meet one that does the same?
+  bool has_room(std::uint32_t segment) const { return has_room_[segment] != 0; }
+  /// After find_room(): twice the area that splits have taken from the segment's loop so far.
+  std::int64_t& lost_of_loop(std::uint32_t segment) { return lost_[loop_[segment]]; }
+
   const std::vector<Refined::Segment>& segments() const { return segments_; }
   /// Of an input vertex: the angle in the material; 360 for all of 90 and more.
   double angle_deg(std::uint32_t vertex) const { return angle_deg_[vertex]; }
@@ -47,6 +55,9 @@ class RefinementOutline {
   std::vector<Refined::Segment> segments_;
   std::vector<std::int32_t> into_;  // by input vertex: the segment that ends there
   std::vector<double> angle_deg_;
+  std::vector<char> has_room_;
+  std::vector<std::uint32_t> loop_;
+  std::vector<std::int64_t> lost_;  // by loop
 };
 
 }  // namespace trocar::pipeline

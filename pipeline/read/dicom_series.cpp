@@ -35,6 +35,12 @@ std::string substitute_uid(const DicomFile& file) {
   return "(no UID, frame of reference '" + h.frame_of_reference + "'" + rest;
 }
 
+bool have_equal_bytes(const std::filesystem::path& a, const std::filesystem::path& b) {
+  if (a == b) return false;  // one file twice in a list, or two frames of it
+  const auto first = digest_file(a), second = digest_file(b);
+  return first && second && *first == *second;
+}
+
 std::string lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
@@ -359,13 +365,27 @@ Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning
                    [&normal](const DicomFrame& a, const DicomFrame& b) {
                      return normal.dot(a.position) < normal.dot(b.position);
                    });
+  std::size_t kept = 1, copies = 0;
+  std::string copy;
   for (std::size_t i = 1; i < slices.size(); ++i) {
-    const DicomFrame &a = slices[i - 1], &b = slices[i];
+    const DicomFrame &a = slices[kept - 1], &b = slices[i];
     if (normal.dot(b.position - a.position) < 1e-3) {
       const bool same = !a.sop_uid.empty() && a.sop_uid == b.sop_uid && a.frame == b.frame;
-      return refused(b.name() + ": at the same position as " + a.name() +
-                     (same ? ", and the same SOP instance" : ""));
+      if (!same || !have_equal_bytes(a.file, b.file)) {
+        return refused(b.name() + ": at the same position as " + a.name() +
+                       (same ? ", and the same SOP instance with other contents" : ""));
+      }
+      if (copies++ == 0) copy = b.name();
+      continue;
     }
+    slices[kept++] = b;
+  }
+  slices.resize(kept);
+  if (copies > 0) {
+    warnings.push_back({"copied_slice", copy,
+                        plural(copies, "slice") + (copies == 1 ? " is" : " are") +
+                            " there twice, equal to the byte (this is the first); the copies are "
+                            "left out"});
   }
   warn_of_gaps(slices, warnings);
   return {};

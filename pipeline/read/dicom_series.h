@@ -61,7 +61,8 @@ StackShape stack_shape(const std::vector<DicomFrame>& slices);
 
 /// Sorts by position along the first one's normal (ascending). Errors (refused): size, orientation,
 /// pixel spacing or frame of reference differ, or two at the same position: both files are named.
-/// Warnings: missing_slice, uneven_spacing, gantry_tilt.
+/// A file that is there twice, equal to the byte, is taken once (warning copied_slice). Other
+/// warnings: missing_slice, uneven_spacing, gantry_tilt.
 Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings);
 
 }  // namespace trocar::pipeline

@@ -127,7 +127,11 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
   if (!slices) return slices.error();
   stack->slices_ = std::move(*slices);
   stack->series = series[chosen->index].info;
-  if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) return ok.error();
+  if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) {
+    return Error{
+        ok.error().code,
+        ok.error().message + (chosen->why.empty() ? "" : "; --series chooses another series")};
+  }
   if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)

@@ -90,6 +90,7 @@ ImageContent image_content(DcmItem& data) {
   using Kind = ImageContent::Kind;
   constexpr std::array<std::string_view, 3> kScouts{"LOCALIZER", "SURVIEW", "SCOUT"};
   constexpr std::array<std::string_view, 1> kMosaic{"MOSAIC"};
+  constexpr std::array<std::string_view, 2> kScreens{"SCREEN SAVE", "SCREEN_SAVE"};
   ImageContent out{Kind::kUnknown, modality_of(data)};
   const auto is = [&out](Kind kind, const std::string& type) {
     return ImageContent{kind, out.name + (out.name.empty() ? "" : " ") + type};
@@ -98,6 +99,13 @@ ImageContent image_content(DcmItem& data) {
     return is(Kind::kLocaliser, scout);
   if (const std::string mosaic = image_type_with(data, kMosaic); !mosaic.empty())
     return is(Kind::kOther, mosaic);
+  // Pictures of a screen carry the modality of what they show.
+  const std::string sop_class = dicom_text(&data, DCM_SOPClassUID);
+  const bool is_capture = sop_class == std::string(kStorage) + "7" ||
+                          sop_class.starts_with(std::string(kStorage) + "7.");
+  if (!image_type_with(data, kScreens).empty() ||
+      (is_capture && !data.tagExists(DCM_RescaleIntercept)))
+    return is(Kind::kOther, "SECONDARY CAPTURE");
   if (!out.name.empty()) out.kind = out.name == "CT" ? Kind::kCt : Kind::kOther;
   return out;
 }
@@ -113,6 +121,8 @@ std::string why_not_ct(const ImageContent& content) {
     return what + ", many slices side by side in one image, and its values are not HU; give a CT" +
            kAsItIs;
   }
+  if (content.name.find("CAPTURE") != std::string::npos)
+    return "a picture of a screen (" + content.name + "), not HU; give the CT series" + kAsItIs;
   const std::string_view words = look_up(kWords, content.name);
   const std::string named = what + (words.empty() ? "" : " (" + std::string(words) + ")");
   if (content.name == "SEG")

@@ -70,13 +70,14 @@ void keep_nearest_to_first(const VoxelGrid& grid, const std::vector<std::size_t>
   for (std::size_t s = 0; s < seeds.size(); ++s)
     front.emplace(0.0, static_cast<std::uint32_t>(s), seeds[s]);
   while (!front.empty()) {
-    const auto [length, seed, voxel] = front.top();
+    const Step step = front.top();
     front.pop();
+    const std::size_t voxel = std::get<2>(step);
     if (owner[voxel] != kNobody) continue;
-    owner[voxel] = seed;
+    owner[voxel] = std::get<1>(step);
     each_neighbour(grid, voxel, [&](std::size_t other, double apart) {
       if (material[other] != 0 && owner[other] == kNobody)
-        front.emplace(length + apart, seed, other);
+        front.emplace(std::get<0>(step) + apart, std::get<1>(step), other);
     });
   }
   for (std::size_t i = 0; i < material.size(); ++i)

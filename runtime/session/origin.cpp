@@ -71,7 +71,8 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {"force-law", std::string(to_string(scene.force_law.kind))},
       {"passivity", options.passivity.on ? "on" : "off"},
       {"coupling", options.coupling.on ? shortest(options.coupling.stiffness_N_per_m) : "none"},
-      {"compensate", name_of(options.compensation)}};
+      {"compensate", name_of(options.compensation)},
+      {"energy-budget", shortest(options.limits.energy_given_max_J)}};
   return origin;
 }
 

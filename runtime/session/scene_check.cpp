@@ -106,47 +106,6 @@ SheetView view_sheet(const Judgement& j, std::size_t index) {
 
 // Why a session stops, and what to do.
 
-/// The fastest encoder between two rows.
-double encoder_rate(const RecordingRow& before, const RecordingRow& row, double rate_Hz) {
-  double most_rad = 0;
-  for (std::size_t i = 0; i < row.encoder_rad.size(); ++i)
-    most_rad = std::max(most_rad, std::abs(row.encoder_rad[i] - before.encoder_rad[i]));
-  return most_rad * rate_Hz;
-}
-
-/// The value and the limit of the trial's fault; empty: not known.
-std::string describe_fault(const Judgement& j, const Trial& trial) {
-  const SafetyLimits& limits = j.options.limits;
-  switch (trial.fault) {
-    case Fault::kSpeed: {
-      const double speed_m_per_s = trial.twist_at_fault.head<3>().norm();
-      return speed_m_per_s > limits.speed_max_m_per_s
-                 ? describe_beyond("the plate moves at", speed_m_per_s, limits.speed_max_m_per_s,
-                                   " m/s", 2)
-                 : describe_beyond("the plate turns at", trial.twist_at_fault.tail<3>().norm(),
-                                   limits.rotation_rate_max_rad_per_s, " rad/s", 1);
-    }
-    case Fault::kEncoderJump:
-      return describe_beyond("a joint turns at",
-                             encoder_rate(trial.before_fault, trial.at_fault, j.options.rate_Hz),
-                             limits.encoder_rate_max_rad_per_s, " rad/s", 1);
-    case Fault::kMotorOverload:
-      return text_line(
-          "the motors are at their thermal limit and render %.0f %% of the force; the least is "
-          "%.0f %%",
-          100 * trial.scale_min, 100 * limits.overload_scale_min);
-    case Fault::kTorqueRate:
-      return text_line("torques rise faster than %.4g Nm/s for %.0f ms",
-                       limits.torque_rise_max_Nm_per_s, 1e3 * limits.torque_rise_time_max_s);
-    case Fault::kEnergy:
-      return text_line("the hand is given more than %.4g J within 0.1 s beyond what was stored",
-                       limits.energy_given_max_J);
-    default:
-      return describe_pose_fault(trial.fault, j.device, limits, j.tool,
-                                 plate_by_encoders(j.device, trial.at_fault));
-  }
-}
-
 /// What to do about a pose beyond a limit.
 std::string advise_on_reach(const Judgement& j, const Eigen::Vector3d& tip_m) {
   const SafetyLimits& limits = j.options.limits;
@@ -201,10 +160,10 @@ std::optional<std::string> warn_of_end(const Judgement& j) {
   }
   const Trial& trial = *j.trial;
   if (trial.fault != Fault::kNone) {
-    const std::string what = describe_fault(j, trial);
+    const std::string what = measured(trial.fault);
     const Pose T_device_plate = plate_by_encoders(j.device, trial.at_fault);
-    return at_time(trial.fault_t_s) + "the session ends with the fault " + to_string(trial.fault) +
-           (what.empty() ? "" : ": " + what) + ": " +
+    return at_time(trial.fault_t_s) + "the session ends with the fault " +
+           to_string(Fault{trial.fault}) + (what.empty() ? "" : ": " + what) + ": " +
            advise(j, trial.fault, T_device_plate * j.tool.tip_plate_m);
   }
   if (!trial.is_cut()) return std::nullopt;
@@ -434,7 +393,7 @@ std::string describe_trial(const Judgement& j) {
   }
   out += trial.fault == Fault::kNone
              ? std::string(": no fault")
-             : text_line(": fault %s at %.4f s", to_string(trial.fault), trial.fault_t_s);
+             : text_line(": fault %s at %.4f s", to_string(Fault{trial.fault}), trial.fault_t_s);
   return out + text_line(
                    "; %d of %zu slices touched, %d punctured; at most %.2f N and %.2f of %.2f "
                    "Nm\n",

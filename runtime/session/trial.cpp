@@ -29,21 +29,15 @@ std::size_t active_sheet(const RecordingRow& row,
 /// Sees every row of a trial.
 class Observer {
  public:
-  Observer(const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
-           Trial& trial)
-      : sheets_(sheets), options_(options), trial_(trial) {}
+  Observer(const std::vector<std::unique_ptr<const Sheet>>& sheets, Trial& trial)
+      : sheets_(sheets), trial_(trial) {}
 
   void see(const RecordingRow& row) {
-    if (trial_.fault != Fault::kNone) return;  // the ramp
-    note_speed(row);
+    if (trial_.at_fault.fault != Fault::kNone) return;  // the ramp
     if (row.fault != Fault::kNone) {
-      trial_.fault = row.fault;
-      trial_.fault_t_s = row.t_s;
       trial_.at_fault = row;
-      trial_.twist_at_fault = speed_.twist_device;
       return;
     }
-    trial_.before_fault = row;
     trial_.tip_lowest_m = std::min(trial_.tip_lowest_m, row.tool_m[2]);
     if (row.wrench_scale < 1 && row.authority >= 1) {
       if (trial_.scale_min == 1) trial_.scaled_t_s = row.t_s;
@@ -65,17 +59,8 @@ class Observer {
   }
 
  private:
-  void note_speed(const RecordingRow& row) {
-    Pose T_device_plate;
-    T_device_plate.p_m = Eigen::Vector3d(row.p_m.data());
-    T_device_plate.q = Eigen::Quaterniond(row.q[0], row.q[1], row.q[2], row.q[3]);
-    (void)check_speed(options_.limits, T_device_plate, 1 / options_.rate_Hz, speed_);
-  }
-
   const std::vector<std::unique_ptr<const Sheet>>& sheets_;
-  const SessionOptions& options_;
   Trial& trial_;
-  LimitState speed_;
 };
 
 }  // namespace
@@ -89,7 +74,7 @@ Result<Trial> run_trial(const Scene& scene, const DeviceDescription& description
   trial.session_ticks = tick_count(options.duration_s, options.rate_Hz);
   trial.tip_lowest_m = std::numeric_limits<double>::infinity();
   trial.sheets.resize(sheets.size());
-  Observer observer(sheets, options, trial);
+  Observer observer(sheets, trial);
 
   SessionOptions silent;
   silent.clock = Clock::kVirtual;
@@ -112,6 +97,10 @@ Result<Trial> run_trial(const Scene& scene, const DeviceDescription& description
   if (!report) return report.error();
 
   trial.ticks = report->ticks;
+  if (!report->faults.empty()) {
+    trial.fault = report->faults.front().detail;
+    trial.fault_t_s = report->faults.front().t_s;
+  }
   trial.force_max_N = report->max_force_N;
   trial.torque_max_Nm = report->torque_max_Nm;
   trial.scaled_ticks = report->scaled_ticks;

@@ -12,6 +12,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/device_description.h"
+#include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/contact/sheet.h"
@@ -37,10 +38,9 @@ struct Trial {
   std::uint64_t session_ticks = 0;  ///< of the whole session
   /// A session over `session_ticks` was not tried to its end.
   bool is_cut() const noexcept { return ticks < session_ticks && fault == Fault::kNone; }
-  Fault fault = Fault::kNone;
+  FaultDetail fault;
   double fault_t_s = 0;
-  RecordingRow at_fault, before_fault;   ///< the tick of the fault and the one before
-  Twist twist_at_fault = Twist::Zero();  ///< of the plate, smoothed as check_speed() does
+  RecordingRow at_fault;  ///< the tick of the fault
   double tip_lowest_m = 0;
   std::vector<SheetTrial> sheets;  ///< as the sheets given
   double force_max_N = 0, torque_max_Nm = 0;

@@ -192,7 +192,11 @@ def presets_are_their_options(programs, scan, work):
     refuses(2, "--max-area and --max-area-px exclude each other", mesh, volume, *out, "--max-area", "9", "--max-area-px", "9")
     refuses(2, "is for HU, which images do not carry", mesh, scan / "png", *out, "--preset", "vertebra", "--spacing", "0.3125,0.3125,1")
     refuses(3, "no material within 10 mm", mesh, volume, *out, "--seed", "9000,0,0")
-    refuses(3, "leave none of the", mesh, volume, *out, "--min-volume", "1e9")
+    refuses(3, "--min-volume leaves none of the", mesh, volume, *out, "--min-volume", "1e9")
+    refuses(3, "--seed 9000,0,0: no material", mesh, volume, *out, "--seed", "9000,0,0", "0,0,0")
+    refuses(3, "the values look like HU and not like labels", mesh, volume, *out, "--mask", f"{volume}:300")
+    said = warned(mesh, work / "all.json", volume, "-o", work / "all.glb", "--threshold", "-5000", "--slices", "14:15")
+    check("every pixel is material" in said.get("all_material", ""), f"all_material: {said}")
     label_map(scan, work / "small.nii.gz", [[1]])
     refuses(3, "needs a label map on the scan's grid", mesh, volume, *out, "--mask", f"{work / 'small.nii.gz'}:1")
 
@@ -250,7 +254,7 @@ def warns(programs, scan, work):
     said = warned(mesh, report, folder / "a1_001_x2.png", *out, *grey, "--threshold", "-5")
     check("0..255" in said.get("threshold_out_of_range", ""), f"a threshold of another scale: {said}")
     said = warned(mesh, report, *sorted(folder.iterdir())[:3], *out, *grey, "--threshold", "0")
-    check(set(said) <= {"empty_slice"}, f"unexpected warnings: {said}")
+    check(set(said) == {"all_material"}, f"unexpected warnings: {said}")
 
 
 def groups_its_warnings(programs, scan, work):

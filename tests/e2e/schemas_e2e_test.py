@@ -99,7 +99,7 @@ def reports(source, programs, scan, work):
             ("mask", (labelled, "--threshold", "1", "--mask", f"{labelled}:20-22")),
             ("modality", (magnetic, "--any-modality", "--threshold", "100")),
             ("volumes", (sheared, "--labels", "20-24")),
-            ("dicom", (scan / "dicom", "--jobs", "1")),
+            ("dicom", (scan / "dicom", "--jobs", "1", "--simplify", "area")),
             ("stray", (stray,)),
             ("paper", (scan / "png", "--spacing", "0.3125,0.3125,1", "--preset", "paper", "--crop", "0:60,0:60", "--slices", "0:9")),
             ("grey", (scan / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "90", "--slices", "3:5")),

@@ -207,7 +207,7 @@ def lists(s):
     s.series(study / "DICOM" / "C", 9, "PET", range(3), Modality="PT")
     s.series(study / "DICOM" / "D", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
     s.series(study / "DICOM" / "E", 8, "Twice", (1, 2))
-    shutil.copy(study / "DICOM" / "E" / "IM000001", study / "DICOM" / "E" / "copy")
+    (study / "DICOM" / "E" / "copy").write_bytes((study / "DICOM" / "E" / "IM000001").read_bytes() + bytes(8))
     shutil.copy(s.scan / "sample.nii.gz", study / "ct.nii.gz")
     shutil.copytree(s.scan / "png", study / "png")
     litter(study)

@@ -131,12 +131,15 @@ void check_outline(const Pslg& outline, const test::PslgCase& options) {
   if (!valid) return fuzz::expect_refusal(valid.error());
   mesh_outline(outline, options);
   if (options.also_at) expect_moves(outline, options);
-  const Pslg simple = simplify(outline, options.lattice, {options.tolerance_mm});
-  expect(check_pslg(simple), "simplification");
-  if (simple.rings.size() != outline.rings.size()) fail("simplification: another number of rings");
-  const double moved_mm = hausdorff_mm(outline, simple, options.lattice);
-  if (!(moved_mm <= options.tolerance_mm * (1 + 1e-12))) fail("simplification: beyond tolerance");
-  if (simple.rings != outline.rings) mesh_outline(simple, options);
+  for (const auto method : {SimplificationMethod::kDouglasPeucker, SimplificationMethod::kArea}) {
+    const Pslg simple = simplify(outline, options.lattice, {options.tolerance_mm, method});
+    expect(check_pslg(simple), "simplification");
+    if (simple.rings.size() != outline.rings.size())
+      fail("simplification: another number of rings");
+    const double moved_mm = hausdorff_mm(outline, simple, options.lattice);
+    if (!(moved_mm <= options.tolerance_mm * (1 + 1e-12))) fail("simplification: beyond tolerance");
+    if (simple.rings != outline.rings) mesh_outline(simple, options);
+  }
 }
 
 void check_picture(const test::Picture& picture, const test::PslgCase& options) {

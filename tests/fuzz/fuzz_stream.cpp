@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
 #include <vector>
 
 #include "formats/session/device_protocol.h"
@@ -85,6 +86,18 @@ class Stream {
   }
 
  private:
+  // A refused packet is answered only if it is a hello, by a denial that names its nonce, and at
+  // most ten times a second.
+  void check_denial(const Datagram& datagram, const Drive::Answer& answer) {
+    LinkNonce nonce{};
+    DenialPacket denial;
+    if (!hello_nonce(datagram, nonce)) fail("a refused packet that is no hello is answered");
+    if (decode(answer.view(), nonce, denial) != LinkRefusal::kNone)
+      fail("a refused hello is answered by something else than its denial");
+    if (denied_ns_ && now_ns_ - *denied_ns_ < 100'000'000) fail("denials follow one another");
+    denied_ns_ = now_ns_;
+  }
+
   // Gives a packet to the drive; `genuine`: made by a host. Stores the answer of an accepted
   // packet.
   LinkRefusal give(const Datagram& datagram, bool genuine) {
@@ -95,7 +108,8 @@ class Stream {
     const DriveMode mode = drive_.mode();
     const LinkRefusal refusal = drive_.receive(datagram, now_ns_, answer, from_host);
     if (refusal != LinkRefusal::kNone) {
-      if (answer.size > 0 || from_host) fail("a refused packet is answered");
+      if (from_host) fail("a refused packet is a host's");
+      if (answer.size > 0) check_denial(datagram, answer);
       if (sessions != drive_.report().sessions || time_s != drive_.session_time_s() ||
           mode != drive_.mode())
         fail("a refused packet changes something");
@@ -277,6 +291,7 @@ class Stream {
   CommandPacket newest_;
   /// Sequence of the first state after a watchdog that no command has acknowledged; 0: none.
   std::uint64_t watchdog_state_ = 0;
+  std::optional<std::int64_t> denied_ns_;
   std::int64_t now_ns_ = 0, newest_ns_ = 0;
   int waited_ = 0;
   LinkClock clock_;

@@ -111,6 +111,7 @@ def label_maps_as_ct(t):
     for k in range(6):
         data[10:30, 10:30, k] = 230 + k // 2
     t.warned("one a slice", "looks_like_labels", ("230-232",), t.nifti("one_a_slice", data))
+    t.warned("mask of 255 at 226", "looks_like_labels", ("255",), t.nifti("mask_255", blocks((255,))))
 
 
 def no_label_maps(t):
@@ -119,7 +120,7 @@ def no_label_maps(t):
     for name, data, words in (
             ("binary phantom", blocks((1000,)), ()),
             ("binary mask", blocks((1,)), ("--threshold", "0.5")),
-            ("mask of 255", blocks((255,)), ()),
+            ("mask of 255", blocks((255,)), ("--threshold", "127.5")),
             ("phantom with air", blocks((40, 300, 1000), background=-1000), ()),
             ("phantom without air", blocks((50, 400, 1000)), ()),
             ("CT", ct.astype(np.int16), ()),

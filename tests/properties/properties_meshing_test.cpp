@@ -11,6 +11,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
 #include "tests/cases/picture_checks.h"
@@ -76,6 +77,11 @@ double any_tolerance_mm() {
   return test::any_in(0, 40) / 20.0;
 }
 
+SimplificationOptions any_simplification() {
+  return {any_tolerance_mm(),
+          *rc::gen::element(SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker)};
+}
+
 // ---- simplification ----
 
 double distance_to(double x, double y, const Ring& ring) {
@@ -114,8 +120,9 @@ std::vector<std::vector<int>> nesting(const Pslg& pslg) {
 
 RC_GTEST_PROP(Simplification, KeepsToleranceValidityAndNesting, ()) {
   const Pslg full = any_outline();
-  const double tolerance_mm = any_tolerance_mm();
-  const Pslg simple = simplify(full, kLattice, {tolerance_mm});
+  const SimplificationOptions options = any_simplification();
+  const double tolerance_mm = options.tolerance_mm;
+  const Pslg simple = simplify(full, kLattice, options);
   const auto valid = check_pslg(simple);
   RC_ASSERT(static_cast<bool>(valid));
   RC_ASSERT(simple.rings.size() == full.rings.size());
@@ -140,14 +147,6 @@ RC_GTEST_PROP(Simplification, WithoutToleranceIsIdempotent, ()) {
   RC_CLASSIFY(canonical(once.rings) != canonical(full.rings), "vertices were removed");
 }
 
-RC_GTEST_PROP(Simplification, IsEquivariantUnderMotions, ()) {
-  const Pslg full = any_outline();
-  const double tolerance_mm = any_tolerance_mm();
-  const Motion m = *rc::gen::arbitrary<bool>() ? test::any_translation() : test::any_motion();
-  RC_ASSERT(canonical(simplify(m(full), kLattice, {tolerance_mm}).rings) ==
-            canonical(m(simplify(full, kLattice, {tolerance_mm})).rings));
-}
-
 // The rings in a random order, each starting at a random vertex.
 Pslg permuted(Pslg pslg) {
   for (Ring& ring : pslg.rings) {
@@ -162,9 +161,9 @@ Pslg permuted(Pslg pslg) {
 
 RC_GTEST_PROP(Simplification, DoesNotDependOnTheInputOrder, ()) {
   const Pslg full = any_outline();
-  const double tolerance_mm = any_tolerance_mm();
-  RC_ASSERT(canonical(simplify(permuted(full), kLattice, {tolerance_mm}).rings) ==
-            canonical(simplify(full, kLattice, {tolerance_mm}).rings));
+  const SimplificationOptions options = any_simplification();
+  RC_ASSERT(canonical(simplify(permuted(full), kLattice, options).rings) ==
+            canonical(simplify(full, kLattice, options).rings));
 }
 
 // ---- triangulation and refinement ----
@@ -174,6 +173,7 @@ RefinementOptions any_refinement() {
   out.min_angle_deg = *rc::gen::element(20.0, 30.0, 33.0);
   out.max_area_mm2 = *rc::gen::element(1.0, 10.0, 1e9);
   out.max_vertices = 20'000;
+  out.keep_area = *rc::gen::arbitrary<bool>();
   return out;
 }
 
@@ -190,6 +190,15 @@ Motion any_motion_of(const Pslg& outline, bool has_choices) {
                      : has_choices ? "with choices"
                                    : "without choices"));
   return has_choices && is_symmetric ? test::any_translation() : test::any_motion();
+}
+
+// Douglas-Peucker has no ties to break and nothing to round.
+RC_GTEST_PROP(Simplification, IsEquivariantUnderMotions, ()) {
+  const Pslg full = any_outline();
+  const SimplificationOptions options = any_simplification();
+  const Motion m = any_motion_of(full, options.method == SimplificationMethod::kArea);
+  RC_ASSERT(canonical(simplify(m(full), kLattice, options).rings) ==
+            canonical(m(simplify(full, kLattice, options)).rings));
 }
 
 RC_GTEST_PROP(Triangulation, IsEquivariantUnderMotions, ()) {
@@ -244,6 +253,15 @@ RC_GTEST_PROP(Triangulation, GivesAValidMesh, ()) {
               corners + 2 * holes - 2 * outer);
 }
 
+std::multiset<std::pair<LatticePoint, LatticePoint>> edges_of(const Pslg& pslg) {
+  std::multiset<std::pair<LatticePoint, LatticePoint>> out;
+  for (const Ring& ring : pslg.rings) {
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      out.emplace(ring[i], ring[(i + 1) % ring.size()]);
+  }
+  return out;
+}
+
 RC_GTEST_PROP(Refinement, GivesAValidMesh, ()) {
   const Pslg outline = any_outline();
   const RefinementOptions options = any_refinement();
@@ -251,14 +269,20 @@ RC_GTEST_PROP(Refinement, GivesAValidMesh, ()) {
   const auto valid = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
   RC_ASSERT(static_cast<bool>(valid));
   RC_ASSERT(is_constrained_delaunay(refined.mesh));
-  // The outline's vertices are kept, and the boundary recedes by less than three steps.
+  // The outline's vertices are kept, and the boundary moves by less than three steps: only to the
+  // material's side, unless the area is kept.
   const std::set<LatticePoint> points(refined.mesh.vertices.begin(), refined.mesh.vertices.end());
   for (const Ring& ring : outline.rings) {
     for (const LatticePoint p : ring)
       RC_ASSERT(points.contains(p));
   }
   const Pslg boundary = boundary_rings(refined.mesh);
-  RC_ASSERT(doubled_area(boundary) <= doubled_area(outline));
+  if (!options.keep_area) RC_ASSERT(doubled_area(boundary) <= doubled_area(outline));
+  const Pslg rings = refined_rings(refined, outline);
+  RC_ASSERT(doubled_area(rings) == doubled_area(boundary));
+  RC_ASSERT(rings.rings.size() == outline.rings.size());
+  // Rings that meet in pinches may be joined in another way in `boundary`.
+  RC_ASSERT(edges_of(rings) == edges_of(boundary));
   for (const Ring& ring : boundary.rings) {
     for (const LatticePoint p : ring)
       RC_ASSERT(runtime::nearest_edge(p.x, p.y, outline.rings) < 3);

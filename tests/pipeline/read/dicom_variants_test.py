@@ -312,7 +312,11 @@ def geometry(case):
     c.refuses("2b", "/2", "same position")
     c = series(case("copied_file"))
     shutil.copy(c.folder / "2", c.folder / "copy")
-    c.refuses("copy", "/2", "same SOP instance")
+    out = c.accepts(SLICES, "copied_slice")
+    check(any("1 slice is there twice, equal to the byte" in w["sentence"] for w in out["warnings"]), "copied_file: " + str(out["warnings"]))
+    with open(c.folder / "copy", "ab") as file:  # the same instance, not the same file
+        file.write(b"\0" * 8)
+    c.refuses("copy", "/2", "same SOP instance with other contents")
     c = series(case("turned"))
     modify(c.folder / "3", "-m", "ImageOrientationPatient=0\\1\\0\\0\\0\\-1")
     c.refuses("/3", "orientation differs")

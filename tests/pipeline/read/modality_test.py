@@ -101,6 +101,8 @@ def other_modalities(t):
             ("MR", {"Modality": "", "SOPClassUID": ENHANCED_MR}, "MR (magnetic resonance)"),
             ("MR MOSAIC", {"Modality": "MR", "SOPClassUID": MR, "ImageType": ["ORIGINAL", "PRIMARY", "M", "ND", "MOSAIC"]}, "MOSAIC"),
             ("CT MOSAIC", {"ImageType": ["DERIVED", "SECONDARY", "MOSAIC"]}, "MOSAIC"),
+            ("CT SECONDARY CAPTURE", {"SOPClassUID": "1.2.840.10008.5.1.4.1.1.7", "RescaleIntercept": None}, "a picture of a screen"),
+            ("CT SECONDARY CAPTURE", {"ImageType": ["DERIVED", "SECONDARY", "SCREEN SAVE"]}, "a picture of a screen"),
             ("CT LOCALIZER", {"ImageType": ["ORIGINAL", "PRIMARY", "LOCALIZER"]}, "LOCALIZER"),
             ("CT REF_SURVIEW", {"ImageType": ["DERIVED", "SECONDARY", "REF_SURVIEW"]}, "REF_SURVIEW"),
             ("MR LOCALIZER", {"Modality": "MR", "ImageType": ["ORIGINAL", "PRIMARY", "LOCALIZER"]}, "LOCALIZER")):
@@ -116,7 +118,7 @@ def other_modalities(t):
             warned = [w for w in report["warnings"] if w["code"] == "not_hu"]
             check(len(warned) == 1 and name in warned[0]["sentence"] and "values are not HU" in warned[0]["sentence"], f"{name}: {report['warnings']}")
             check([line for line in lines if "values are not HU" in line] == [line for line in lines if "(not_hu)" in line] != [], f"{name}: {lines}")
-            others = [w["code"] for w in report["warnings"] if w["code"] not in ("not_hu", "uneven_spacing")]
+            others = [w["code"] for w in report["warnings"] if w["code"] not in ("not_hu", "uneven_spacing", "no_rescale")]
             check(others == ([] if "--threshold" in words else ["default_threshold"]), f"{name} {words}: {others}")
             for where in (report["parameters"], asset["extras"]["trocar"]["parameters"]):
                 check(where.get("modality") == name and where.get("values_are_hu") is False, f"{name}: {where}")

@@ -376,8 +376,13 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   ASSERT_TRUE(stack) << stack.error().message;
   EXPECT_LT((*stack)->plane(0).z_mm, (*stack)->plane(3).z_mm);
   EXPECT_EQ((*stack)->read(2)->values, (*open_stack({dicom}, {}))->read(2)->values);
-  // A slice twice.
+  // A slice twice: a copy counts once, the same instance with other bytes is refused.
   fs::copy_file(dicom / "CT_003.dcm", folder_ / "shuffled" / "again");
+  const auto copied = open_stack({folder_ / "shuffled"}, {});
+  ASSERT_TRUE(copied) << copied.error().message;
+  EXPECT_EQ((*copied)->size(), 4);
+  EXPECT_EQ((*copied)->warnings.back().code, "copied_slice");
+  std::ofstream(folder_ / "shuffled" / "again", std::ios::app | std::ios::binary) << "more bytes";
   expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused,
                "at the same position as");
   fs::remove(folder_ / "shuffled" / "again");

@@ -94,6 +94,7 @@ TEST(NearestSeed, TheNearestSeedAlongPathsWins) {
     for (std::size_t k = 1 + random() % 3; k > 0; --k)
       seeds.push_back(material[random() % material.size()]);
     std::vector<std::vector<double>> length;
+    length.reserve(seeds.size());
     for (const std::size_t seed : seeds)
       length.push_back(lengths(v, seed));
     std::vector<std::uint8_t> expected(v.material.size(), 0);

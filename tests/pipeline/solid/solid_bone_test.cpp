@@ -19,8 +19,9 @@ class BlockStack final : public SliceStack {
   explicit BlockStack(const std::function<double(double x, double y, double z)>& value) {
     for (int z = 0; z < kSide; ++z) {
       Image image{kSide, kSide, {}};
-      for (int i = 0; i < kSide * kSide; ++i)
-        image.values.push_back(static_cast<float>(value(i % kSide, i / kSide, z)));
+      for (int y = 0; y < kSide; ++y)
+        for (int x = 0; x < kSide; ++x)
+          image.values.push_back(static_cast<float>(value(x, y, z)));
       images_.push_back(std::move(image));
       SlicePlane plane{1, 1, Eigen::Affine3d::Identity(), static_cast<double>(z)};
       plane.T_lps_plane.translation() = Eigen::Vector3d(100, 0, z);

@@ -29,7 +29,7 @@ std::vector<std::size_t> relaxed(const VoxelGrid& grid, const std::vector<std::u
   std::vector<std::size_t> number(voxels.size());
   std::iota(number.begin(), number.end(), 0U);
   const auto index = [&](int x, int y, int z) {
-    return static_cast<std::size_t>((z * ny + y) * nx + x);
+    return (static_cast<std::size_t>(z) * ny + y) * nx + x;
   };
   for (bool changes = true; changes;) {
     changes = false;

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// hausdorff_mm() of simplification.h.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "pipeline/contour/segment_distance.h"
+#include "pipeline/contour/simplification.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Of squared distances: a piece that may exceed the largest found by less than this share is left.
+constexpr double kShare = 2e-10;
+constexpr int kMostHalvings = 40;
+
+// A ring to which distances are measured, in groups of consecutive edges with a box around each.
+class Target {
+ public:
+  explicit Target(const Ring& ring) {
+    for (const LatticePoint p : ring)
+      points_.push_back(point(p));
+    points_.push_back(points_.front());
+    group_ = std::max<std::size_t>(
+        4, static_cast<std::size_t>(std::sqrt(static_cast<double>(ring.size()))));
+    for (std::size_t i = 0; i < ring.size(); i += group_) {
+      Box box{points_[i], points_[i]};
+      for (std::size_t k = i; k <= std::min(i + group_, ring.size()); ++k) {
+        const Point p = points_[k];
+        box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
+        box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
+      }
+      boxes_.push_back(box);
+    }
+  }
+
+  struct Nearest {
+    double d2;
+    std::size_t edge;
+  };
+  // `guess` is looked at first: near the nearest edge, little else is.
+  Nearest nearest(Point p, std::size_t guess) const {
+    Nearest best{to_edge(p, guess), guess};
+    const auto look_at = [&](std::size_t group) {
+      const std::size_t end = std::min((group + 1) * group_, points_.size() - 1);
+      for (std::size_t i = group * group_; i < end; ++i) {
+        const double d2 = to_edge(p, i);
+        if (d2 < best.d2) best = {d2, i};
+      }
+    };
+    look_at(guess / group_);
+    for (std::size_t g = 0; g < boxes_.size(); ++g) {
+      const double x = std::max({boxes_[g].low.x - p.x, p.x - boxes_[g].high.x, 0.0}),
+                   y = std::max({boxes_[g].low.y - p.y, p.y - boxes_[g].high.y, 0.0});
+      if (g != guess / group_ && x * x + y * y < best.d2) look_at(g);
+    }
+    return best;
+  }
+  // Are the vertices from edge i forwards to edge j all this near to the piece ab? If a is as near
+  // to edge i and b to edge j, then so is the whole piece to the path between: the points of the
+  // piece that are nearest to the path's run from one end of it to the other.
+  bool is_path_near(std::size_t i, std::size_t j, Point a, Point b, double d2) const {
+    const std::size_t n = points_.size() - 1;
+    for (std::size_t steps = 0; i != j; ++steps) {
+      i = i + 1 < n ? i + 1 : 0;
+      if (2 * steps > n || segment_distance2(a, b, points_[i]) > d2) return false;
+    }
+    return true;
+  }
+  double to_edge(Point p, std::size_t i) const {
+    return segment_distance2(points_[i], points_[i + 1], p);
+  }
+
+ private:
+  struct Box {
+    Point low, high;
+  };
+  std::vector<Point> points_;
+  std::vector<Box> boxes_;
+  std::size_t group_;
+};
+
+// An end of a piece with an edge that is near it, hardly ever not the nearest.
+struct End {
+  Point p;
+  Target::Nearest near;
+};
+
+// Raises worst2 to the largest squared distance from the piece to the target. The distance to one
+// edge is convex along the piece, so that the ends bound it; where no edge is good for both ends,
+// nor the path between theirs, the piece is halved.
+void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2) {
+  const auto bound2 = [&] {
+    return std::min(std::max(a.near.d2, to.to_edge(b.p, a.near.edge)),
+                    std::max(b.near.d2, to.to_edge(a.p, b.near.edge)));
+  };
+  const double enough2 = worst2 * (1 + kShare);
+  if (bound2() <= enough2) return;
+  if (std::max(a.near.d2, b.near.d2) <= enough2 &&
+      to.is_path_near(a.near.edge, b.near.edge, a.p, b.p, enough2))
+    return;
+  for (End* end : {&a, &b}) {
+    end->near = to.nearest(end->p, end->near.edge);
+    worst2 = std::max(worst2, end->near.d2);
+  }
+  const double most2 = bound2();
+  if (most2 <= worst2 * (1 + kShare)) return;
+  if (halvings == kMostHalvings) {
+    worst2 = std::max(worst2, most2);
+    return;
+  }
+  const Point middle{0.5 * (a.p.x + b.p.x), 0.5 * (a.p.y + b.p.y)};
+  const End m{middle, to.nearest(middle, a.near.edge)};
+  worst2 = std::max(worst2, m.near.d2);
+  raise_by_piece(to, a, m, halvings + 1, worst2);
+  raise_by_piece(to, m, b, halvings + 1, worst2);
+}
+
+void raise_by_ring(const Ring& from, const Ring& ring, double& worst2) {
+  const Target to(ring);
+  // Both rings run the same way round, so that the nearest edge is often the last one's or the
+  // next.
+  const auto end_at = [&](LatticePoint at, std::size_t& edge) {
+    const Point p = point(at);
+    Target::Nearest near{to.to_edge(p, edge), edge};
+    for (int k = 0; k < 3; ++k) {
+      edge = edge + 1 < ring.size() ? edge + 1 : 0;
+      const double d2 = to.to_edge(p, edge);
+      if (d2 < near.d2) near = {d2, edge};
+    }
+    if (near.d2 > worst2) near = to.nearest(p, near.edge);
+    worst2 = std::max(worst2, near.d2);
+    edge = near.edge;
+    return End{p, near};
+  };
+  std::size_t edge = to.nearest(point(from[0]), 0).edge;
+  const End first = end_at(from[0], edge);
+  End a = first;
+  for (std::size_t i = 1; i <= from.size(); ++i) {
+    const End b = i < from.size() ? end_at(from[i], edge) : first;
+    raise_by_piece(to, a, b, 0, worst2);
+    a = b;
+  }
+}
+
+}  // namespace
+
+double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice) {
+  double worst2 = 0;
+  for (std::size_t r = 0; r < contours.rings.size(); ++r) {
+    raise_by_ring(contours.rings[r], rings.rings[r], worst2);
+    raise_by_ring(rings.rings[r], contours.rings[r], worst2);
+  }
+  return std::sqrt(worst2) * lattice.step_mm();
+}
+
+}  // namespace trocar::pipeline
