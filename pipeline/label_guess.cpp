@@ -3,18 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "pipeline/number_ranges.h"
 
 namespace trocar::pipeline {
 namespace {
-
-std::string text_of(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.7g", value);
-  return out;
-}
 
 bool is_whole(float value) {
   return std::rint(value) == value && std::abs(value) < 1e9F;

@@ -90,8 +90,10 @@ Result<void> mesh_contours_to(const Lattice& lattice, const SimplificationOption
     t = {t[2], t[0], t[1]};
   out.times.refine_ms += watch.lap_ms();
 
-  out.simplification_error_mm =
-      hausdorff_mm(out.contours, refined_rings(out.refined, out.pslg), lattice);
+  // Where areas are kept, the points of refinement move the outline on purpose: they count.
+  const bool keeps_area = simplification.method == SimplificationMethod::kArea;
+  const Pslg compared = keeps_area ? refined_rings(out.refined, out.pslg) : out.pslg;
+  out.simplification_error_mm = hausdorff_mm(out.contours, compared, lattice);
   out.times.check_ms += watch.lap_ms();
   return {};
 }

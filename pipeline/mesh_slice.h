@@ -52,7 +52,8 @@ struct MeshedSlice {
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
   ValueTally values;     ///< of input in HU, or whose material is chosen by labels
-  /// Two-sided Hausdorff distance between `contours` and `outline`, ring by ring.
+  /// Two-sided Hausdorff distance, ring by ring, between `contours` and `pslg`; where areas are
+  /// kept (SimplificationMethod::kArea) and `outline`, with the points of refinement.
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   double max_area_bound_mm2 = 0;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <utility>
 
@@ -11,12 +10,6 @@
 
 namespace trocar::pipeline {
 namespace {
-
-std::string text_of(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.7g", value);
-  return out;
-}
 
 // What the slices hold within the crop.
 struct Found {

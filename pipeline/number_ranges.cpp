@@ -1,9 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/number_ranges.h"
 
+#include <cstdio>
+
 #include <iterator>
 
 namespace trocar::pipeline {
+
+std::string text_of(double value) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.7g", value);
+  return out;
+}
 
 std::string number_ranges(const std::set<int>& numbers, const std::string& separator) {
   constexpr int kMostRuns = 20;

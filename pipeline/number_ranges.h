@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Lists of whole numbers for people: "0-46, 50".
+// Numbers in messages, and lists of whole ones: "0-46, 50".
 #pragma once
 
 #include <set>
 #include <string>
 
 namespace trocar::pipeline {
+
+/// A value in messages: at most seven digits, as "226" or "0.3125".
+std::string text_of(double value);
 
 /// The numbers in order, runs of them as A-B, with `separator` between; after 20 runs the rest is
 /// only counted (" and 7 more").

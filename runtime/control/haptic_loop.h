@@ -51,27 +51,27 @@ struct LoopModel {
 
 /// The haptic thread's memory between ticks.
 struct LoopState {
-  std::uint64_t tick = 0;  ///< ticks done
-  ContactState contact;
-  DeviceState device;  ///< the last one read whose angles are finite
-  /// Time between the previous new pose and this tick's, on the device's clock; 0: no new pose in
-  /// this tick, or the first one. Without a new pose the last velocity (dx') is held, and the next
-  /// pose causes no force spike.
-  double pose_interval_s = 0;
-  VelocityWindow window;
-  EarlierPose earlier;  ///< velocities are computed over the time since; none: over pose_interval_s
-  double ahead_s = 0;   ///< time on the device's clock beyond that of the ticks, not counted yet
-  Pose T_device_plate;  ///< of the last tick whose checks passed
+  Pose T_device_plate;                                ///< of the last tick whose checks passed
   Jacobian G = Jacobian::Zero();                      ///< at T_device_plate
   MotorVector tau_motor_Nm = MotorVector::Zero();     ///< last written
   MotorVector tau_at_stop_Nm = MotorVector::Zero();   ///< when `running` was left
   MotorVector compensation_Nm = MotorVector::Zero();  ///< part of tau_motor_Nm
-  double compensation_share = 0;                      ///< rises like Safety::authority
-  Safety safety;
+  ContactState contact;
+  VelocityWindow window;
+  EarlierPose earlier;  ///< velocities are computed over the time since; none: over pose_interval_s
   LimitState limits;
   PassivityState passivity;
   EnergyAccount energy;
   CouplingState coupling;
+  std::uint64_t tick = 0;  ///< ticks done
+  /// Time between the previous new pose and this tick's, on the device's clock; 0: no new pose in
+  /// this tick, or the first one. Without a new pose the last velocity (dx') is held, and the next
+  /// pose causes no force spike.
+  double pose_interval_s = 0;
+  double ahead_s = 0;  ///< time on the device's clock beyond that of the ticks, not counted yet
+  double compensation_share = 0;  ///< rises like Safety::authority
+  Safety safety;
+  DeviceState device;  ///< the last one read whose angles are finite
   int no_data_ticks = 0;
   bool has_state = false;  ///< `device` has been read
 };

@@ -49,10 +49,10 @@ class Notices {
 
  private:
   static constexpr std::size_t kCapacity = 64;
-  std::function<void(const Notice&)> tell_;
   SpscQueue<Notice, kCapacity> waiting_;
-  std::atomic<bool> stopping_{false};
   std::thread thread_;
+  std::function<void(const Notice&)> tell_;
+  std::atomic<bool> stopping_{false};
 };
 
 /// Decides in each tick whether a recovery that was asked for is held up by something that the

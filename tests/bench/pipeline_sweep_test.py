@@ -30,9 +30,7 @@ def main():
 
     # Simplification adds at most its tolerance to the error of the exact contour.
     exact, default, pixel = row["exact"], row["default"], row["pixel"]
-    # Of the stored outline: points of refinement are off the edges by less than three lattice steps.
-    rounding = 3 / 256
-    assert exact["simplification_error_mm"] < rounding < default["simplification_error_mm"] <= 0.25 + rounding
+    assert exact["simplification_error_mm"] == 0 < default["simplification_error_mm"] <= 0.25
     assert 0 < exact["mean_distance_mm"] < 0.005 < default["mean_distance_mm"] < 0.25
     # (Steiner points may lie three lattice steps off; distances are sampled every eighth of a pixel.)
     allowance = 3 / 256 + exact["pixel_mm"] / 16

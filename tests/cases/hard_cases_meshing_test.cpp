@@ -277,9 +277,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
             << slice.error().message;
         return;
       }
-      // Of the stored outline: points of refinement are off the edges by the lattice.
-      const double rounding_mm = kFarthestFromOutline_steps * case_.lattice.step_mm();
-      EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm + rounding_mm);
+      EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm * (1 + 1e-12));
       const auto contours_ok = check_pslg(slice->contours);
       EXPECT_TRUE(contours_ok) << contours_ok.error().message;
       expect_pixels_on_the_right_side(slice->contours);

@@ -269,7 +269,7 @@ def late_tick(bench):
         session = Session(process.returncode, record, summary)
         if session.punctures():  # also of a session that a stall ended later
             puncture = session.punctures()[0]
-            return [f"the sheet gave way at {1e3 * puncture['penetration_m']:.2f} mm with a judged force of "
+            return [f"the sheet was punctured at {1e3 * puncture['penetration_m']:.2f} mm by a computed force of "
                     f"{puncture['judged_force_N']:.1f} N; the largest true force is {max(calm.column('fz_wanted_N')):.1f} N"]
         late = session.summary["missed_deadlines"]
         stalled = session.code == 5 and {fault["fault"] for fault in session.summary["faults"]} <= STALLS

@@ -278,6 +278,14 @@ def replays(source, programs, work, asset, scan):
     twice.write_text("".join(lines[:2]) + lines[2].rstrip("\n") + "a=1\n" + "".join(lines[3:]))
     refused("an origin in the second row", "line 3: origin belongs to the first row only", of=twice)
 
+    # Half a recording is replayed, and told; so is a session in which the tool touches nothing.
+    short = work / "short.csv"
+    short.write_text("".join(recording.read_text().splitlines(keepends=True)[:101]))
+    done = run(trocar_run, scene_file, "--replay", short)
+    check("short.csv: has 100 ticks, and the scene lasts" in done.stderr, f"a short recording: {done.stderr}")
+    check("touched nothing" in done.stdout, f"100 ticks above the sheet: {done.stdout}")
+    check("has" not in run(trocar_run, scene_file, "--replay", recording).stderr, "a whole recording is called short")
+
     # A black box names its origin too, and the replay of a fault has the fault's exit code.
     reach = work / "reach.json"
     reach.write_text(json.dumps({**at_reach_end(source, asset), "duration_s": 1}))

@@ -382,7 +382,9 @@ TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
   ASSERT_TRUE(copied) << copied.error().message;
   EXPECT_EQ((*copied)->size(), 4);
   EXPECT_EQ((*copied)->warnings.back().code, "copied_slice");
-  std::ofstream(folder_ / "shuffled" / "again", std::ios::app | std::ios::binary) << "more bytes";
+  std::fstream changed(folder_ / "shuffled" / "again", std::ios::in | std::ios::out);
+  changed.seekp(-1, std::ios::end).put('x');
+  changed.close();
   expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused,
                "at the same position as");
   fs::remove(folder_ / "shuffled" / "again");
