@@ -308,13 +308,15 @@ int preview(const Arguments& a) {
   if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
   const auto made = make_preview(**stack, *options, a.count);
   if (!made) return fail(made.error());
-  const SheetText text{sheet_title(a.inputs, **stack), options_text(*options, *open)};
+  const SheetText text{sheet_title(**stack, *made),
+                       options_text(*options, *open, (*stack)->pixel_unit())};
   const Sheet sheet = draw_sheet(*made, text);
   const auto png = png_of(sheet.picture);
   if (!png) return fail(png.error());
-  const auto ok = ending_of(a.output) == ".png"
-                      ? write_file_atomically(a.output, *png)
-                      : write_file_atomically(a.output, page_of(*made, sheet, text, *png));
+  const auto ok =
+      ending_of(a.output) == ".png"
+          ? write_file_atomically(a.output, *png)
+          : write_file_atomically(a.output, page_of(*made, sheet, text, input_kind(**stack), *png));
   if (!ok) return fail(ok.error());
   if (a.quiet) return 0;
   for (const Warning& w : made->warnings)

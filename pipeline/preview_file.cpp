@@ -46,11 +46,6 @@ std::string escaped(const std::string& text) {
   return out;
 }
 
-// Bytes that are not UTF-8 become U+FFFD.
-std::string utf8(const std::string& text) {
-  return json::parse(json_text(text)).get<std::string>();
-}
-
 std::string base64(std::span<const std::uint8_t> bytes) {
   std::string out(sodium_base64_ENCODED_LEN(bytes.size(), sodium_base64_VARIANT_ORIGINAL), '\0');
   sodium_bin2base64(out.data(), out.size(), bytes.data(), bytes.size(),
@@ -81,11 +76,11 @@ json edges(const Tile& t) {
   return {t.x, t.y, t.width, t.height};
 }
 
-json numbers_of(const Preview& preview, const Sheet& sheet, const SheetText& text) {
+json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& kind) {
   const Crop& v = sheet.view;
   json out = {{"schema", "trocar.preview/1"},
               {"program", "trocar-mesh " TROCAR_VERSION},
-              {"input", text.title},
+              {"input", kind},
               {"unit", unit_name(preview)},
               {"slices_of_scan", preview.slices},
               {"pixels_shown", {v.x0, v.x1, v.y0, v.y1}},
@@ -105,8 +100,8 @@ json numbers_of(const Preview& preview, const Sheet& sheet, const SheetText& tex
                                {"top", s.letters.top},
                                {"bottom", s.letters.bottom}}}});
   }
-  for (const Warning& w : preview.warnings)
-    out["warnings"].push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
+  for (const Warning& w : shown_warnings(preview))
+    out["warnings"].push_back({{"code", w.code}, {"sentence", w.sentence}});
   if (std::holds_alternative<Labels>(preview.segmentation)) {
     out["label_voxels"] = json::array();
     for (const auto& [label, voxels] : preview.label_voxels)
@@ -162,10 +157,8 @@ std::string tables(const Preview& preview) {
     changes.push_back({number_text(c.change), number_text(c.threshold), number_text(c.area_mm2, 6),
                        std::to_string(c.outlines)});
   }
-  return table("Another " + what + ", sums over the slices shown" +
-                   (preview.has_solid ? ", without solid bone" : ""),
-               changes) +
-         out;
+  return table("Another " + what, changes) + out + "<p>Another " + what + ": " +
+         escaped(changes_text(preview)) + "</p>\n";
 }
 
 constexpr const char* kStyle =
@@ -178,23 +171,25 @@ constexpr const char* kStyle =
 
 }  // namespace
 
-std::string sheet_title(const std::vector<std::filesystem::path>& inputs, const SliceStack& stack) {
-  std::string out = without_folder(inputs[0]);
-  if (inputs.size() > 1) out += " and " + std::to_string(inputs.size() - 1) + " more";
-  if (stack.series) {
-    const SeriesInfo& s = *stack.series;
-    if (s.number) out += ", series " + std::to_string(*s.number);
-    if (!s.description.empty()) out += ", " + s.description;
-  }
-  if (!stack.modality.empty()) out += ", " + stack.modality + " (values are not HU)";
-  return utf8(out);
+std::string input_kind(const SliceStack& stack) {
+  if (stack.series) return "DICOM";
+  return stack.pixel_unit() == PixelUnit::kGrey ? "images" : "NIfTI";
 }
 
-std::string options_text(const BatchOptions& options, const OpenOptions& input) {
+std::string sheet_title(const SliceStack& stack, const Preview& preview) {
+  const std::string kind = input_kind(stack);
+  return "Preview of " + (kind == "images" ? kind : "a " + kind + " scan") + ": " +
+         std::to_string(preview.shown.size()) + " of " + std::to_string(preview.slices) +
+         " slices" +
+         (preview.unit == PixelUnit::kUncalibrated ? ", not a CT (values are not HU)" : "");
+}
+
+std::string options_text(const BatchOptions& options, const OpenOptions& input, PixelUnit unit) {
   std::string out = "material: ";
   const MeshOptions& mesh = options.mesh;
   if (const auto* threshold = std::get_if<Threshold>(&mesh.segmentation)) {
     out += "at or above " + number_text(threshold->value, 6);
+    if (unit == PixelUnit::kHounsfield) out += " HU";
   } else if (const auto* equalize = std::get_if<Equalize>(&mesh.segmentation)) {
     out += "at or above level " + number_text(equalize->level, 6) + " after equalisation";
   } else {
@@ -267,18 +262,18 @@ bool is_sheet(const std::filesystem::path& file) {
 }
 
 std::string page_of(const Preview& preview, const Sheet& sheet, const SheetText& text,
-                    std::span<const std::uint8_t> png) {
-  std::string numbers = json_text(numbers_of(preview, sheet, text));
+                    const std::string& kind, std::span<const std::uint8_t> png) {
+  std::string numbers = json_text(numbers_of(preview, sheet, kind));
   for (std::size_t at = 0; (at = numbers.find('<', at)) != std::string::npos;)
     numbers.replace(at, 1, "\\u003c");
   std::string out = "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" +
-                    escaped(text.title) + ": preview</title><style>" + kStyle +
+                    escaped(text.title) + "</title><style>" + kStyle +
                     "</style></head><body>\n<h1>" + escaped(text.title) + "</h1>\n<p>" +
                     escaped(size_text(preview, sheet.view)) + "<br>" + escaped(text.options) +
                     "</p>\n";
-  for (const Warning& w : preview.warnings) {
-    out += "<p class=\"warning\">Warning (" + escaped(w.code) + "): " + escaped(utf8(w.where)) +
-           ": " + escaped(utf8(w.sentence)) + "</p>\n";
+  for (const Warning& w : shown_warnings(preview)) {
+    out +=
+        "<p class=\"warning\">Warning (" + escaped(w.code) + "): " + escaped(w.sentence) + "</p>\n";
   }
   out += "<p><img alt=\"Contact sheet of the slices with their outlines\" width=\"" +
          std::to_string(sheet.picture.width) + "\" height=\"" +

@@ -13,11 +13,14 @@
 
 namespace trocar::pipeline {
 
-/// The name of what was given, and of the series that was taken of it.
-std::string sheet_title(const std::vector<std::filesystem::path>& inputs, const SliceStack& stack);
+/// What was given: "DICOM", "NIfTI" or "images".
+std::string input_kind(const SliceStack& stack);
+
+/// What is shown of what.
+std::string sheet_title(const SliceStack& stack, const Preview& preview);
 
 /// The options that the material depends on, in words.
-std::string options_text(const BatchOptions& options, const OpenOptions& input);
+std::string options_text(const BatchOptions& options, const OpenOptions& input, PixelUnit unit);
 
 /// Errors (refused): not enough memory.
 Result<std::vector<std::uint8_t>> png_of(const Picture& picture);
@@ -28,6 +31,6 @@ bool is_sheet(const std::filesystem::path& file);
 /// The page, UTF-8. `png` is that of the sheet. Its numbers are there as JSON too, in the script
 /// element with the id "preview".
 std::string page_of(const Preview& preview, const Sheet& sheet, const SheetText& text,
-                    std::span<const std::uint8_t> png);
+                    const std::string& kind, std::span<const std::uint8_t> png);
 
 }  // namespace trocar::pipeline

@@ -221,6 +221,10 @@ void draw_contours(cv::Mat& tile, const Preview& preview, const PreviewSlice& sl
   const bool as_labels = std::holds_alternative<Labels>(preview.segmentation);
   const double sx = static_cast<double>(tile.cols) / (view.x1 - view.x0 + 1);
   const double sy = static_cast<double>(tile.rows) / (view.y1 - view.y0 + 1);
+  // At the scan's edge the outline is half a pixel outside the tile, where it would not be drawn.
+  const auto fixed = [](double at, int size) {
+    return static_cast<int>(std::lround(std::clamp(at, 0.0, size - 1.0) * (1 << kShift)));
+  };
   std::vector<std::vector<cv::Point>> lines;
   for (const Ring& ring : slice.contours.rings) {
     auto& line = lines.emplace_back();
@@ -229,8 +233,7 @@ void draw_contours(cv::Mat& tile, const Preview& preview, const PreviewSlice& sl
       // whole numbers.
       const double x = preview.lattice.to_mm(p.x) / slice.plane.spacing_u_mm - view.x0 + 0.5;
       const double y = preview.lattice.to_mm(p.y) / slice.plane.spacing_v_mm - view.y0 + 0.5;
-      line.emplace_back(static_cast<int>(std::lround((x * sx - 0.5) * (1 << kShift))),
-                        static_cast<int>(std::lround((y * sy - 0.5) * (1 << kShift))));
+      line.emplace_back(fixed(x * sx - 0.5, tile.cols), fixed(y * sy - 0.5, tile.rows));
     }
   }
   cv::polylines(tile, lines, true, as_labels ? cv::Scalar(255, 255, 255) : kOutline, 1, cv::LINE_AA,
@@ -400,6 +403,7 @@ std::string signed_text(double value) {
 
 std::string percent_text(double part, double whole) {
   if (!(whole > 0)) return "-";
+  if (part == whole) return "0";
   char out[32];
   std::snprintf(out, sizeof out, "%+.1f %%", 100 * (part - whole) / whole);
   return out;
@@ -408,8 +412,7 @@ std::string percent_text(double part, double whole) {
 void draw_changes(cv::Mat& sheet, const Preview& preview, int x, int y) {
   const bool is_level = std::holds_alternative<Equalize>(preview.segmentation);
   const std::string what = is_level ? "level" : "threshold";
-  draw_text(sheet, "Another " + what + (preview.has_solid ? ", without solid bone" : ""), x, y + 16,
-            kNormal, kText);
+  draw_text(sheet, "Another " + what, x, y + 16, kNormal, kText);
   std::vector<std::vector<std::string>> rows{
       {"change", what, "area mm2", "difference", "outlines"}};
   for (const Change& c : preview.changes) {
@@ -418,13 +421,26 @@ void draw_changes(cv::Mat& sheet, const Preview& preview, int x, int y) {
                     std::to_string(c.outlines)});
   }
   draw_table(sheet, rows, x, y + 52, 3);
-  draw_text(sheet, "Sums over " + slices_shown(preview) + ".", x, y + 52 + 24 * 6 + 8, 0.42,
-            kFaint);
+  int line = y + 52 + 24 * 6 + 8;
+  for (const std::string& text : wrapped(changes_text(preview), 0.42, kWidth - kMargin - x)) {
+    draw_text(sheet, text, x, line, 0.42, kFaint);
+    line += 18;
+  }
+}
+
+constexpr std::size_t kLabelRows = 9, kLabelColumns = 4;
+
+// Height of what is drawn below the slices.
+int panel_height(const Preview& preview) {
+  if (!std::holds_alternative<Labels>(preview.segmentation)) return kPanel;
+  const std::size_t labels = preview.label_voxels.size();
+  const std::size_t rows =
+      std::min(labels, kLabelRows) + (labels > kLabelRows * kLabelColumns ? 1 : 0);
+  return 50 + 24 * static_cast<int>(rows);
 }
 
 // The wanted labels, then as many others as there is room for.
 void draw_labels(cv::Mat& sheet, const Preview& preview, int x, int y) {
-  constexpr std::size_t kRows = 9, kColumns = 4;
   draw_text(sheet, "Voxels of " + slices_shown(preview) + ", by label (grey: not material)", x,
             y + 16, kNormal, kText);
   const auto& wanted = std::get<Labels>(preview.segmentation);
@@ -438,11 +454,11 @@ void draw_labels(cv::Mat& sheet, const Preview& preview, int x, int y) {
   std::int64_t most = 1;
   for (const auto& row : rows)
     most = std::max(most, row.second);
-  const std::size_t shown = std::min(rows.size(), kRows * kColumns);
-  const int column = rows.size() <= kRows ? 760 : 380;
+  const std::size_t shown = std::min(rows.size(), kLabelRows * kLabelColumns);
+  const int column = rows.size() <= kLabelRows ? 760 : 380;
   for (std::size_t r = 0; r < shown; ++r) {
-    const int left = x + static_cast<int>(r / kRows) * column,
-              line = y + 50 + static_cast<int>(r % kRows) * 24;
+    const int left = x + static_cast<int>(r / kLabelRows) * column,
+              line = y + 50 + static_cast<int>(r % kLabelRows) * 24;
     const auto c = label_colour(preview, rows[r].first);
     const int most_width = column - 230;
     const int width = static_cast<int>(
@@ -456,7 +472,7 @@ void draw_labels(cv::Mat& sheet, const Preview& preview, int x, int y) {
   }
   if (rows.size() > shown)
     draw_text(sheet, "and " + std::to_string(rows.size() - shown) + " more labels", x,
-              y + 50 + static_cast<int>(kRows) * 24, kSmall, kFaint);
+              y + 50 + static_cast<int>(kLabelRows) * 24, kSmall, kFaint);
 }
 
 std::string window_text(const Preview& preview, std::pair<double, double> window) {
@@ -467,6 +483,33 @@ std::string window_text(const Preview& preview, std::pair<double, double> window
 }
 
 }  // namespace
+
+std::vector<Warning> shown_warnings(const Preview& preview) {
+  // Their sentences are fixed but for numbers.
+  static constexpr std::array kPlain = {
+      "copied_slice",   "gantry_tilt",       "localiser",
+      "looks_like_ct",  "looks_like_labels", "missing_slice",
+      "no_modality",    "no_orientation",    "no_pixel_spacing",
+      "no_rescale",     "no_series_uid",     "no_sop_uid",
+      "not_dicom",      "spacing_ignored",   "threshold_out_of_range",
+      "uneven_spacing", "voxel_volume"};
+  std::vector<Warning> out;
+  for (const Warning& w : preview.warnings) {
+    const bool is_plain = std::find(kPlain.begin(), kPlain.end(), w.code) != kPlain.end();
+    const std::string sentence = is_plain ? w.sentence : "see the messages of the program";
+    if (std::none_of(out.begin(), out.end(), [&](const Warning& other) {
+          return other.code == w.code && other.sentence == sentence;
+        }))
+      out.push_back({w.code, "", sentence});
+  }
+  return out;
+}
+
+std::string changes_text(const Preview& preview) {
+  return "Sums over " + slices_shown(preview) +
+         (preview.has_solid ? ", of the contours before simplification and without solid bone."
+                            : ", of the contours before simplification.");
+}
 
 std::string number_text(double value, int digits) {
   char out[40];
@@ -529,9 +572,9 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
        wrapped(text.options + "; " + window_text(preview, window), kNormal, inner))
     lines.push_back(line);
   std::vector<std::string> warnings;
-  for (const Warning& w : preview.warnings) {
+  for (const Warning& w : shown_warnings(preview)) {
     for (const std::string& line :
-         wrapped("Warning (" + w.code + "): " + w.where + ": " + w.sentence, kSmall, inner))
+         wrapped("Warning (" + w.code + "): " + w.sentence, kSmall, inner))
       warnings.push_back(line);
   }
   constexpr std::size_t kMostWarningLines = 12;
@@ -542,8 +585,8 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
   const int head =
       kMargin + 30 * static_cast<int>(title.size()) + 24 * static_cast<int>(lines.size()) + 12;
   const int panel = head + grid.rows * (grid.tile_height + kCaption + kGap) + 4;
-  const int foot =
-      panel + kPanel + 20 * static_cast<int>(warnings.size()) + (warnings.empty() ? 0 : kMargin);
+  const int foot = panel + panel_height(preview) + 20 * static_cast<int>(warnings.size()) +
+                   (warnings.empty() ? 0 : kMargin);
   cv::Mat sheet(foot, kWidth, CV_8UC3, kBackground);
 
   int y = kMargin + 14;
@@ -589,7 +632,7 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
     draw_histogram(sheet, preview, kMargin, panel);
     draw_changes(sheet, preview, kMargin + 980, panel);
   }
-  y = panel + kPanel + 8;
+  y = panel + panel_height(preview) + 8;
   for (const std::string& line : warnings) {
     draw_text(sheet, line, kMargin, y, kSmall, kWarning);
     y += 20;

@@ -17,7 +17,8 @@ struct Picture {
   std::vector<std::uint8_t> rgb;  ///< row-major
 };
 
-/// What is written above the slices.
+/// What is written above the slices. Nothing in it, nor in the rest of a sheet, is from the input's
+/// names or texts: they may say whose scan it is.
 struct SheetText {
   std::string title;
   std::string options;  ///< those that the material depends on
@@ -45,6 +46,13 @@ std::array<std::uint8_t, 3> label_colour(const Preview& preview, int label);
 
 /// Sizes of the scan and of what is shown, for the sheet and the page.
 std::string size_text(const Preview& preview, const Crop& view);
+
+/// The preview's warnings without the names of files, each once. Sentences that hold names or texts
+/// of the input are left to the terminal.
+std::vector<Warning> shown_warnings(const Preview& preview);
+
+/// What the areas and outlines of Preview::changes are.
+std::string changes_text(const Preview& preview);
 
 /// A number with up to `digits` significant digits.
 std::string number_text(double value, int digits = 4);

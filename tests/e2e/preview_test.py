@@ -15,16 +15,18 @@ import jsonschema
 import nibabel
 import numpy
 import PIL.Image
+import pydicom
 
 from e2e import check, outcome, run
 
 SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:])
 MESH = PROGRAMS / "trocar-mesh"
 THRESHOLD = 226
-MOST_PX = 1.5  # from a pixel of the outline drawn to the outline, and back
-MOST_AREA = 0.005  # of the area: outlines have straight pieces between the pixels' edges, and the sum here has 4 x 4 samples a pixel
-MOST_MISSING = 0.03
-FINE = 4
+MOST_PX = 1  # from a pixel drawn to the contour, and from the contour to a pixel drawn
+BEHIND_PX = 4  # letters and the scale bar, with their dark border, lie over the contours
+MOST_BEHIND = 0.05  # of the contours
+SAMPLES_PX = 16
+EXACT = ("--tolerance", "0", "--min-angle", "0", "--max-area", "1e12")  # a run whose rings are the contours, nothing left out or added
 LETTERS = {"transverse": "RLAP", "coronal": "RLSI", "sagittal": "APSI"}  # left, right, top, bottom: as radiologists see them
 
 
@@ -64,56 +66,84 @@ def slices_of(file, axis):
     return at
 
 
-def interpolated(values, y, x):
-    """Bilinear, at all pairs of rows y and columns x."""
-    def weights(at, size):
-        low = numpy.floor(at).astype(int)
-        out = numpy.zeros((len(at), size))
-        for k, part in ((low, 1 - (at - low)), (low + 1, at - low)):
-            numpy.add.at(out, (numpy.arange(len(at)), k.clip(0, size - 1)), part)
-        return out
+def rings_of(scan, *options):
+    """By a slice's index: its rings in mm, as a run with the same options and `trocar-mesh export` write them."""
+    asset, folder = WORK / "run.glb", WORK / "run"
+    shutil.rmtree(folder, ignore_errors=True)
+    run(MESH, scan, "-o", asset, "--quiet", *EXACT, *options)
+    run(MESH, "export", asset, "-o", folder)
+    out = {}
+    for file in folder.glob("*.poly"):
+        lines = [line.split() for line in file.read_text().splitlines()[1:]]
+        count = int(lines[0][0])
+        points = numpy.array([line[1:3] for line in lines[1:count + 1]], float)
+        segments = numpy.array([line[1:3] for line in lines[count + 2:2 * count + 2]], int) - 1
+        ends = numpy.flatnonzero(segments[:, 1] <= segments[:, 0]) + 1  # a ring's last segment leads back to its first point
+        out[int(file.stem.removeprefix("slice_"))] = numpy.split(points, ends[:-1])
+    return out
 
-    return weights(y, values.shape[0]) @ values @ weights(x, values.shape[1]).T
+
+def area_of(rings):
+    return sum(numpy.cross(ring, numpy.roll(ring, -1, axis=0)).sum() / 2 for ring in rings)
 
 
 def within(mask, radius):
     """Pixels with one of the mask's at most so far away."""
-    reach = int(radius)
-    padded = numpy.pad(mask, reach)
+    padded = numpy.pad(mask, radius)
     out = numpy.zeros_like(mask)
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
+    for dy in range(-radius, radius + 1):
+        for dx in range(-radius, radius + 1):
             if dy**2 + dx**2 <= radius**2:
-                out |= padded[reach + dy:reach + dy + mask.shape[0], reach + dx:reach + dx + mask.shape[1]]
+                out |= padded[radius + dy:radius + dy + mask.shape[0], radius + dx:radius + dx + mask.shape[1]]
     return out
 
 
-def check_outline(what, picture, numbers, shown, at):
-    """The outline in the picture, found by its colour, against the line between the values below and from the threshold on."""
+def drawn_pixels(tile, labels):
+    """Those that are more than half a contour's, orange on grey or white on black and orange; those of letters, light blue."""
+    red, blue = tile[:, :, 0], tile[:, :, 2]
+    over = blue - red > 25
+    return (blue > 127) & ~over if labels else red - blue > 127, over
+
+
+def samples_of(rings, numbers, shown):
+    """Points along the rings, x and y in pixels of the tile, whose first one's centre is 0."""
     x0, x1, y0, y1 = numbers["pixels_shown"]
+    scale = numpy.array(shown["tile_px"][2:]) / (x1 - x0 + 1, y1 - y0 + 1)
+    out = []
+    for ring in rings:
+        points = (ring / shown["spacing_mm"] - (x0, y0) + 0.5) * scale - 0.5
+        for a, b in zip(points, numpy.roll(points, -1, axis=0)):
+            out.append(a + numpy.linspace(0, 1, max(2, int(numpy.ceil(SAMPLES_PX * numpy.hypot(*(b - a))))))[:, None] * (b - a))
+    return numpy.concatenate(out)
+
+
+def check_outline(what, picture, numbers, shown, rings, labels=False):
+    """The contours in the picture, found by their colour, against the run's, both ways."""
     left, top, width, height = shown["tile_px"]
-    tile = picture[top:top + height, left:left + width]
-    drawn = tile[:, :, 0] - tile[:, :, 2] > 60
-    values = at(shown["z_mm"])
-    x = (numpy.arange(width) + 0.5) / width * (x1 - x0 + 1) - 0.5 + x0
-    y = (numpy.arange(height) + 0.5) / height * (y1 - y0 + 1) - 0.5 + y0
-    material = interpolated(values, y, x) >= THRESHOLD
-    border = within(material, 1) & within(~material, 1)  # the outline is between them and a neighbour
-    # At the scan's edges the outline is closed.
-    inner = numpy.ones_like(material)
-    inner[(y < 1.5) | (y > values.shape[0] - 2.5), :] = False
-    inner[:, (x < 1.5) | (x > values.shape[1] - 2.5)] = False
-    check(drawn.sum() > 100 and border.sum() > 100, f"{what}: {drawn.sum()} pixels of an outline, {border.sum()} expected")
-    most = MOST_PX + 0.5  # the outline is half a pixel from the border's pixels
-    wrong = (drawn & inner & ~within(border, most)).sum()
-    check(wrong == 0, f"{what}: {wrong} of {drawn.sum()} pixels of the outline drawn are more than {most:.1f} from the scan's")
-    # Letters and the scale bar may lie over it.
-    missing = (border & inner & ~within(drawn, most)).sum() / border.sum()
-    check(missing < MOST_MISSING, f"{what}: {100 * missing:.1f} % of the outline is not drawn")
-    print(f"{what}: {wrong} of {drawn.sum()} pixels wrong, {100 * missing:.2f} % missing")
+    drawn, over = drawn_pixels(picture[top:top + height, left:left + width], labels)
+    samples = samples_of(rings, numbers, shown)
+    nearest = numpy.full((height, width), numpy.inf)  # of the rings to each pixel
+    is_met = numpy.zeros(len(samples), bool)
+    for dy in range(-2, 3):
+        for dx in range(-2, 3):
+            pixels = numpy.rint(samples).astype(int) + (dx, dy)
+            away = numpy.hypot(*(pixels - samples).T)
+            inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+            x, y = pixels[inside].T
+            numpy.minimum.at(nearest, (y, x), away[inside])
+            is_met[inside] |= drawn[y, x] & (away[inside] <= MOST_PX)
+    x, y = numpy.rint(samples).astype(int).T
+    behind = within(over, BEHIND_PX)[y.clip(0, height - 1), x.clip(0, width - 1)]
+    wrong = drawn & (nearest > MOST_PX)
+    missing = ~is_met & ~behind
+    check(not wrong.any(), f"{what}: {wrong.sum()} of {drawn.sum()} pixels drawn are more than {MOST_PX} from the run's contours")
+    check(not missing.any(), f"{what}: {missing.sum() / len(samples):.2%} of the run's contours are not drawn")
+    check(behind.mean() < MOST_BEHIND, f"{what}: {behind.mean():.2%} of the contours are behind letters")
+    farthest = nearest[drawn].max(initial=0)
+    print(f"{what}: {len(rings)} contours, {drawn.sum()} pixels, at most {farthest:.2f} px away; {behind.mean():.2%} behind letters")
 
 
-def check_numbers(name, numbers, at, area=True):
+def check_numbers(name, numbers, at):
     images = [at(s["z_mm"]) for s in numbers["slices"]]
     histogram = numbers["histogram"]
     counts = numpy.zeros(len(histogram["counts"]), int)
@@ -123,32 +153,103 @@ def check_numbers(name, numbers, at, area=True):
     check(counts.tolist() == histogram["counts"], f"{name}: other counts in the histogram")
     changes = numbers["changes"]
     check([c["threshold"] for c in changes] == [THRESHOLD + c for c in (-50, -20, 0, 20, 50)], f"{name}: other thresholds")
-    check(abs(changes[2]["area_mm2"] - sum(s["area_mm2"] for s in numbers["slices"])) < 1e-6, f"{name}: sum of areas")
-    if not area:
-        return
-    expected = [0] * len(changes)
-    for image, shown in zip(images, numbers["slices"]):
-        rows, columns = (numpy.arange(FINE * (n - 1)) / FINE + 0.5 / FINE for n in image.shape)
-        fine = interpolated(image, rows, columns)
-        for k, change in enumerate(changes):
-            expected[k] += (fine >= change["threshold"]).sum() / FINE**2 * numpy.prod(shown["spacing_mm"])
-    for change, area_mm2 in zip(changes, expected):
-        error = change["area_mm2"] / area_mm2 - 1
-        check(abs(error) < MOST_AREA, f"{name}: area at {change['threshold']}: {change['area_mm2']:.1f} and not {area_mm2:.1f} mm2")
 
 
-def check_scan(name, file, axis, count=3, phantom=False):
-    picture, numbers = sheet(f"{name}_{axis}", file, "--axis", axis, "--count", count, "--min-region", 0)
+def check_changes(name, scan, numbers, *options):
+    """Areas and outlines at each threshold, of a run with that threshold: areas are sums of lattice triangles, exact but for the sum."""
+    for change in numbers["changes"]:
+        rings = rings_of(scan, *options, "--threshold", change["threshold"])
+        areas = [area_of(rings.get(s["index"], [])) for s in numbers["slices"]]
+        outlines = [len(rings.get(s["index"], [])) for s in numbers["slices"]]
+        what = f"{name}, threshold {change['threshold']}"
+        check(abs(change["area_mm2"] / sum(areas) - 1) < 1e-9, f"{what}: {change['area_mm2']} mm2 and not {sum(areas)}")
+        check(change["outlines"] == sum(outlines), f"{what}: {change['outlines']} outlines and not {sum(outlines)}")
+        if change["change"] != 0:
+            continue
+        for shown, area, count in zip(numbers["slices"], areas, outlines):
+            said = f"{what}, slice {shown['index']}: {shown['area_mm2']} mm2, {shown['outlines']} outlines"
+            check(abs(shown["area_mm2"] - area) < 1e-6 * max(1, area) and shown["outlines"] == count, f"{said} and not {area}, {count}")
+
+
+def check_scan(name, file, axis, count=3):
+    options = ("--axis", axis)
+    picture, numbers = sheet(f"{name}_{axis}", file, *options, "--count", count)
     at = slices_of(file, axis)
     check(len(numbers["slices"]) == count, f"{name}, {axis}: {len(numbers['slices'])} slices")
-    check_numbers(f"{name}, {axis}", numbers, at, phantom and axis == "transverse")
+    check_numbers(f"{name}, {axis}", numbers, at)
     for shown in numbers["slices"]:
         letters = "".join(shown["letters"][edge] for edge in ("left", "right", "top", "bottom"))
         check(letters == LETTERS[axis], f"{name}, {axis}: {letters} and not {LETTERS[axis]}")
-    if not phantom:  # its single pixels of noise are islands smaller than the samples of check_outline()
-        return
-    middle = numbers["slices"][count // 2]
-    check_outline(f"{name}, {axis}, slice {middle['index']}", picture, numbers, middle, at)
+        rings = rings_of(file, *options, "--slices", f"{shown['index']}:{shown['index']}")
+        check_outline(f"{name}, {axis}, slice {shown['index']}", picture, numbers, shown, rings[shown["index"]])
+    if axis == "transverse" and name != "head":
+        check_changes(name, file, numbers, *options)
+
+
+def check_options(file):
+    """The options of a run have the same effect here."""
+    for name, options in (("vertebra", ("--preset", "vertebra")),
+                          ("solid", ("--threshold", "300", "--close", "2", "--fill", "all", "--largest", "1")),
+                          ("pixels", ("--contour", "pixel", "--min-region", "30", "--crop", "150:400,120:380", "--slices", "5:20"))):
+        picture, numbers = sheet(name, file, *options, "--count", "2")
+        rings = rings_of(file, *options)
+        for shown in numbers["slices"]:
+            index = shown["index"]
+            check_outline(f"{name}, slice {index}", picture, numbers, shown, rings[index])
+            check(abs(shown["area_mm2"] / area_of(rings[index]) - 1) < 1e-9, f"{name}, slice {index}: another area than the run's")
+
+
+def check_private(slices):
+    """Nothing in the sheet and its page is from the headers' texts or the files' names, also where warnings on the terminal say them."""
+    marks = []
+
+    def mark():
+        marks.append(f"MARK{len(marks):03}")
+        return marks[-1]
+
+    # One folder with two series, one of them short, and a file that is no DICOM.
+    study = WORK / mark() / mark()
+    study.mkdir(parents=True)
+    for series, number in (("full", 16), ("short", 2)):
+        uid, texts = pydicom.uid.generate_uid(entropy_srcs=[series]), {}
+        for k, source in enumerate(sorted(slices.glob("*"))[:number]):
+            image = pydicom.dcmread(source)
+            image.SeriesInstanceUID, image.SOPInstanceUID = uid, pydicom.uid.generate_uid(entropy_srcs=[series, str(k)])
+            image.file_meta.MediaStorageSOPInstanceUID = image.SOPInstanceUID
+            for name, kind in (("PatientName", "PN"), ("PatientID", "LO"), ("OtherPatientNames", "PN"), ("PatientComments", "LT"),
+                               ("SeriesDescription", "LO"), ("StudyDescription", "LO"), ("StudyID", "SH"), ("InstitutionName", "LO"),
+                               ("ReferringPhysicianName", "PN"), ("AccessionNumber", "SH"), ("ConvolutionKernel", "SH"),
+                               ("ProtocolName", "LO"), ("ImageComments", "LT"), ("StationName", "SH"), ("OperatorsName", "PN")):
+                texts[name] = texts.get(name) or mark()
+                image.add_new(name, kind, texts[name])
+            for name in ("StudyDate", "SeriesDate", "PatientBirthDate", "AcquisitionDate"):
+                setattr(image, name, "19370219")
+            image.save_as(study / f"{texts['PatientName']}_{series}_{k}")
+    (study / mark()).write_text("no image")
+    marks += ["1937", str(uid), pathlib.Path.cwd().name]
+    for scan in (study, str(study) + "/"):
+        page, png = WORK / "private.html", WORK / "private.png"
+        said = run(MESH, "preview", scan, "-o", page).stderr
+        check("MARK" in said and "other_series" in said and "not_dicom" in said, f"the terminal has no warnings to keep out: {said}")
+        run(MESH, "preview", scan, "-o", png, "--quiet")
+        text = re.sub(r'src="data:[^"]*"', "", page.read_text())
+        for word in (*marks, "MARK", str(WORK), "sample"):
+            check(word not in text, f"the page has {word!r}")
+            check(word.encode() not in png.read_bytes(), f"the picture's file has {word!r}")
+        check("other_series" in text and "not_dicom" in text, "the page has no warnings")
+    # The picture's letters: the same picture with other names and texts.
+    again = WORK / "again"
+    again.mkdir()
+    for file in study.iterdir():
+        if file.name == marks[-4]:  # the one that is no image
+            shutil.copy(file, again / "other.txt")
+            continue
+        image = pydicom.dcmread(file)
+        image.SeriesDescription = image.PatientName = "Other"
+        image.save_as(again / f"other{file.name[len(marks[-4]):]}")
+    run(MESH, "preview", again, "-o", WORK / "again.png", "--quiet")
+    check((WORK / "again.png").read_bytes() == png.read_bytes(), "other names and texts make another picture")
+    (WORK / "again.png").unlink()
 
 
 def check_same_bytes(file):
@@ -168,6 +269,11 @@ def check_labels(file):
     at = slices_of(labels, "transverse")
     expected = [{"label": k, "voxels": int(sum((at(s["z_mm"]) == k).sum() for s in numbers["slices"]))} for k in (1, 2)]
     check(numbers["label_voxels"] == expected, f"labels: {numbers['label_voxels']} and not {expected}")
+    nibabel.save(nibabel.Nifti1Image((map_of == 2).astype(numpy.uint8), image.affine), labels)
+    picture, numbers = sheet("label", labels, "--labels", "1", "--count", "3")
+    rings = rings_of(labels, "--labels", "1")
+    for shown in numbers["slices"]:
+        check_outline(f"label, slice {shown['index']}", picture, numbers, shown, rings[shown["index"]], labels=True)
 
 
 def check_refusals(file):
@@ -195,18 +301,21 @@ def main():
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
     phantom = SCAN / "sample.nii.gz"
-    check_scan("phantom", phantom, "transverse", phantom=True)
-    for axis in ("coronal", "sagittal"):
-        check_scan("phantom", phantom, axis, phantom=True)
+    for axis in LETTERS:
+        check_scan("phantom", phantom, axis)
+    check_options(phantom)
     check_same_bytes(phantom)
     check_labels(phantom)
+    check_private(SCAN / "dicom")
     check_refusals(phantom)
-    for variable, name in (("TROCAR_REAL_CT", "sub-ct_label-22_ct.nii.gz"), ("TROCAR_HEAD_CT", "")):
-        if not os.environ.get(variable):
-            print(f"{variable} is not set: its scan is left out")
+    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3" / "sub-ct_label-22_ct.nii.gz"
+    head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
+    for name, file in (("L3", l3), ("head", head)):
+        if not file.is_file():
+            print(f"{name}: not there, left out")
             continue
-        for axis in LETTERS:
-            check_scan(variable, pathlib.Path(os.environ[variable]) / name, axis)
+        for axis in LETTERS if name == "L3" else ("sagittal",):
+            check_scan(name, file, axis)
     return outcome()
 
 
