@@ -96,7 +96,7 @@ std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions
     out.push_back(voxel_volume_warning(
         *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
   }
-  if (auto doubt = label_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
+  if (auto doubt = value_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
     out.push_back(std::move(*doubt));
   return out;
 }

@@ -324,7 +324,7 @@ class Maker {
       out_.warnings.push_back({kVoxelVolume, input_name(stack_),
                                stack_.voxel_conflict->reason + "; the sform is used"});
     }
-    if (auto doubt = label_doubt(tally, out_.unit, out_.segmentation, input_name(stack_)))
+    if (auto doubt = value_doubt(tally, out_.unit, out_.segmentation, input_name(stack_)))
       out_.warnings.push_back(std::move(*doubt));
   }
 

@@ -487,12 +487,11 @@ std::string window_text(const Preview& preview, std::pair<double, double> window
 std::vector<Warning> shown_warnings(const Preview& preview) {
   // Their sentences are fixed but for numbers.
   static constexpr std::array kPlain = {
-      "copied_slice",   "gantry_tilt",       "localiser",
-      "looks_like_ct",  "looks_like_labels", "missing_slice",
-      "no_modality",    "no_orientation",    "no_pixel_spacing",
-      "no_rescale",     "no_series_uid",     "no_sop_uid",
-      "not_dicom",      "spacing_ignored",   "threshold_out_of_range",
-      "uneven_spacing", "voxel_volume"};
+      "copied_slice",      "gantry_tilt",      "localiser",       "looks_like_ct",
+      "looks_like_labels", "looks_offset",     "missing_slice",   "no_modality",
+      "no_orientation",    "no_pixel_spacing", "no_rescale",      "no_series_uid",
+      "no_sop_uid",        "not_dicom",        "spacing_ignored", "threshold_out_of_range",
+      "uneven_spacing",    "voxel_volume"};
   std::vector<Warning> out;
   for (const Warning& w : preview.warnings) {
     const bool is_plain = std::find(kPlain.begin(), kPlain.end(), w.code) != kPlain.end();

@@ -51,14 +51,14 @@ class SessionLoop {
               Device& device, const std::function<void(double)>& advance,
               const SessionOptions& options, Recorder* recorder, Responder* responder,
               BlackBox* black_box)
-      : remesher_(remesher),
+      : notices_(options.on_notice),
+        remesher_(remesher),
         responder_(responder),
         device_(device),
         advance_(advance),
         options_(options),
         recorder_(recorder),
         black_box_(black_box),
-        notices_(options.on_notice),
         ticks_(options.replay.empty() ? tick_count(options.duration_s, options.rate_Hz)
                                       : options.replay.size()) {
     model_.device = description;
@@ -350,6 +350,7 @@ class SessionLoop {
     }
   }
 
+  Notices notices_;  // first, as it is aligned to a cache line
   LoopModel model_;
   LoopState state_;
   TickResult result_;
@@ -360,7 +361,6 @@ class SessionLoop {
   const SessionOptions& options_;
   Recorder* recorder_;
   BlackBox* black_box_;
-  Notices notices_;
   RecoveryWatch watch_;
   Fault stopped_by_ = Fault::kNone;  ///< until `running` begins again
   bool save_pending_ = false;
