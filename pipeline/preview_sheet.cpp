@@ -304,12 +304,14 @@ void draw_value_axis(cv::Mat& sheet, const Plot& plot, double low, double high) 
   const double step = nice_below((high - low) / 7 * 1.999);
   const int base = plot.y + plot.height;
   cv::line(sheet, {plot.x, base}, {plot.x + plot.width, base}, kFaint, 1);
-  const auto last = static_cast<int>(std::floor(high / step));
-  for (auto k = static_cast<int>(std::ceil(low / step)); k <= last; ++k) {
-    const double tick = k * step;
+  const double first = std::ceil(low / step) * step;
+  constexpr int kMost = 20;
+  for (int k = 0; k < kMost && first + k * step <= high; ++k) {
+    const double tick = first + k * step;
     const int x = plot.x + static_cast<int>(std::lround((tick - low) / (high - low) * plot.width));
     cv::line(sheet, {x, base}, {x, base + 5}, kFaint, 1);
-    draw_text(sheet, number_text(tick), x, base + 20, 0.42, kFaint, Align::kCentre);
+    draw_text(sheet, number_text(std::abs(tick) < step / 1e6 ? 0 : tick), x, base + 20, 0.42,
+              kFaint, Align::kCentre);
   }
 }
 
