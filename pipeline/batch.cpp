@@ -166,6 +166,8 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   return out;
 }
 
+}  // namespace
+
 Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) {
   if (options.slices) {
     const auto [a, b] = *options.slices;
@@ -189,8 +191,6 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
   }
   return {};
 }
-
-}  // namespace
 
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& given,
                                const json& parameters) {

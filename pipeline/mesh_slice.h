@@ -64,6 +64,20 @@ struct MeshedSlice {
 /// The slice's values within the crop, if there is one. Errors: those of stack.read().
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop);
 
+/// Errors (refused): pixels too fine for the lattice, or the image too large for it.
+Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice);
+
+struct Segmented {
+  Field field;
+  std::optional<double> solid_mean;  ///< of SolidBone::apply()
+};
+
+/// The stages of mesh_slice() up to the contours. `image` is that of read_cropped().
+Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
+                        Image image);
+Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
+                 const Field& field);
+
 /// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
 /// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for
 /// the lattice or the image too large for it; (bug) one of these checks failed.

@@ -29,7 +29,7 @@ _trocar() {
             --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
             --asset) _filedir glb ;;
             --black-box) _filedir -d ;;
-            -o | --output) if [[ $subcommand == export ]]; then _filedir -d; else _filedir glb; fi ;;
+            -o | --output) if [[ $subcommand == export ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
         esac
@@ -45,6 +45,8 @@ _trocar() {
         trocar-mesh)
             if [[ $subcommand == list ]]; then
                 _filedir -d
+            elif [[ $subcommand == preview ]]; then
+                _filedir
             elif [[ -n $subcommand ]]; then
                 _filedir glb
             else
