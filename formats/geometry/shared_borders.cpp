@@ -79,8 +79,8 @@ Result<Pslg> rings_of(std::vector<Edge> edges) {
       std::size_t best = edges.size();
       for (auto k = static_cast<std::size_t>(low - edges.begin());
            k < edges.size() && edges[k].from == to; ++k) {
-        if (!is_used[k] && (best == edges.size() ||
-                            is_before_clockwise(to, from, edges[k].to, edges[best].to)))
+        if (!is_used[k] &&
+            (best == edges.size() || is_before_clockwise(to, from, edges[k].to, edges[best].to)))
           best = k;
       }
       if (best == edges.size()) return refused("the union's outline is open " + place(to));
@@ -140,8 +140,8 @@ Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const
   if (!outline) return outline;
   if (auto ok = check_pslg(*outline); !ok)
     return refused("the regions overlap: in the union's outline " + ok.error().message);
-  const auto excess = static_cast<std::int64_t>(
-      area - static_cast<std::uint64_t>(doubled_area(*outline)));
+  const auto excess =
+      static_cast<std::int64_t>(area - static_cast<std::uint64_t>(doubled_area(*outline)));
   if (excess != 0)
     return refused("the areas of the regions exceed that of their union by " +
                    std::to_string(excess) + " half squared steps");

@@ -13,12 +13,13 @@
 
 namespace trocar {
 
-/// `stored[k]` is `regions[k]` with more vertices on its edges: ring by ring in the same order, each
-/// from the same first vertex. Both are valid by check_pslg(). Proves the following, or names the
-/// first property that fails and where:
+/// `stored[k]` is `regions[k]` with more vertices on its edges: ring by ring in the same order,
+/// each from the same first vertex. Both are valid by check_pslg(). Proves the following, or names
+/// the first property that fails and where:
 ///  - every edge that two regions share is divided at the same points in both, so each of its parts
 ///    occurs once in each direction, and none elsewhere: there is no gap;
-///  - the other edges are the outline of the union, which is valid by check_pslg(): it winds at most
+///  - the other edges are the outline of the union, which is valid by check_pslg(): it winds at
+///  most
 ///    once around every point, and so do all regions together: none overlap;
 ///  - the areas of the regions sum to the area within that outline.
 /// Returns that outline, each ring from its smallest vertex, in ascending order.

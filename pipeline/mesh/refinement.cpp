@@ -433,9 +433,8 @@ class Refiner {
           if (is_found) break;
         } else {
           const auto flaws_at = [&](EdgeId e, const Candidate& seen, int limit) {
-            return flaws_of(*p, seen.cavity, limit, [&](const InsertionCavity::Rim& r) {
-              return encroachments(e, *p, r);
-            });
+            return flaws_of(*p, seen.cavity, limit,
+                            [&](const InsertionCavity::Rim& r) { return encroachments(e, *p, r); });
           };
           const int here = flaws_at(s, best_, fewest);
           const int flaws = here < fewest ? here + flaws_at(t, best_beyond_, fewest - here) : here;

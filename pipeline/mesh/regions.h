@@ -19,12 +19,11 @@ Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> reg
 
 /// refine() for all regions together: an edge that two of them share is split in both at the same
 /// lattice point, or in neither. That point lies less than three steps from the segment on either
-/// side, and both regions keep their area along each border but for about one rounding, also without
-/// options.keep_area. Each result is as that of refine(); `outcome`, the bounds reached and
-/// `bad_at_lattice_step` are those of all together, as is options.max_vertices, which may be exceeded
-/// by one. One region gives the same as refine().
-/// The regions' refined_rings() pass check_shared_borders() with their outlines. options
-/// .shared_borders does not matter.
+/// side, and both regions keep their area along each border but for about one rounding, also
+/// without options.keep_area. Each result is as that of refine(); `outcome`, the bounds reached and
+/// `bad_at_lattice_step` are those of all together, as is options.max_vertices, which may be
+/// exceeded by one. One region gives the same as refine(). The regions' refined_rings() pass
+/// check_shared_borders() with their outlines. options .shared_borders does not matter.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 
