@@ -120,7 +120,7 @@ void RefinementOutline::find_loops() {
     lost_.push_back(0);
     std::uint32_t s = first;
     loop_[s] = loop;
-    while (is_one_loop_with_previous(s)) {
+    while (twins_.empty() || is_one_loop_with_previous(s)) {
       s = static_cast<std::uint32_t>(segments_[s].previous);
       if (loop_[s] != kNone) break;
       loop_[s] = loop;

@@ -3,13 +3,26 @@
 // is found from the other side by the copy of its end.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "pipeline/mesh/refinement_mesh.h"
 #include "pipeline/mesh/refinement_outline.h"
 
 namespace trocar::pipeline {
+
+/// Where to split a shared edge ab, with the triangles abc and bad on its sides, at this fraction:
+/// the nearest lattice points on either side, first the one that better keeps the area beside the
+/// border, of which the side of c has lost `lost` (doubled) so far. None, one or two.
+std::array<std::optional<LatticePoint>, 2> shared_places(LatticePoint a, LatticePoint b,
+                                                         LatticePoint c, LatticePoint d,
+                                                         double fraction, std::int64_t lost);
+
+/// May the edge on the outline be split at p, on its inner side or beyond it? Beyond it, its
+/// triangle's circumcircle must contain p, so that the mesh stays Delaunay.
+bool may_split_either_way(const RefinementMesh& mesh, EdgeId edge, LatticePoint p);
 
 class SharedEdges {
  public:
