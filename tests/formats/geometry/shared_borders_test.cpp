@@ -81,6 +81,12 @@ TEST(SharedBorders, MayTouchInVertices) {
   outline = check_shared_borders(corners, corners);
   ASSERT_TRUE(outline) << outline.error().message;
   EXPECT_EQ(doubled_area(*outline), 2 * 3 * 10 * 10);
+  // Two that touch in two points, with void between: two rings, not one around the other.
+  const Regions lips = {{{{{0, 0}, {10, -10}, {20, 0}, {15, 1}}}},
+                        {{{{0, 0}, {10, 5}, {20, 0}, {5, 15}}}}};
+  outline = check_shared_borders(lips, lips);
+  ASSERT_TRUE(outline) << outline.error().message;
+  EXPECT_EQ(outline->rings, (std::vector<Ring>{lips[0].rings[0], lips[1].rings[0]}));
 }
 
 TEST(SharedBorders, RefuseGaps) {
