@@ -8,9 +8,7 @@
 #include "formats/geometry/edge_table.h"
 
 namespace trocar {
-namespace {
 
-// Appends the ring, split into simple ones where it returns to a point.
 void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
   Ring sorted = ring;
   std::sort(sorted.begin(), sorted.end());
@@ -33,8 +31,6 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
   }
   out.push_back(std::move(path));
 }
-
-}  // namespace
 
 // The sums are modulo 2^64: partial sums of a ring's area may leave the range of 64 bits although
 // the whole does not (a spiral over the whole lattice).

@@ -40,6 +40,8 @@ struct RefinementOptions {
   /// Round the points on boundary edges to either side, so that the area within each closed
   /// boundary stays, and not always to the material's.
   bool keep_area = false;
+  /// Split outline edges that coincide in opposite directions together (pipeline/mesh/regions.h).
+  bool shared_borders = false;
 };
 
 enum class RefinementOutcome {
