@@ -32,6 +32,10 @@ struct Place {
 // are made first, in this order.
 constexpr std::array kSweeps = {1.0 / 64, 1.0 / 32, 1.0 / 16};
 
+// Before, up to this many edges in a row become two, where that moves them by less than this share.
+constexpr std::size_t kRun = 4;
+constexpr double kRunShare = 1.0 / 2;
+
 constexpr double kNever = std::numeric_limits<double>::infinity(), kUnknown = -1;
 constexpr std::uint32_t kNone = 0xffffffff;
 
@@ -168,11 +172,22 @@ std::array<Ideal, 2> ideals(const Span& s, double area) {
   return {on_ab, on_dc};
 }
 
-// How often the closed path a, b, c, d, e winds around p, which lies on none of its edges.
-int winding(const std::array<LatticePoint, 5>& path, LatticePoint p) {
+// A part of a ring that a point e replaces, except for its ends; then e.
+struct Path {
+  std::array<std::uint32_t, kRun + 1> nodes;
+  std::array<LatticePoint, kRun + 2> points;
+  std::size_t size;  // without e
+
+  LatticePoint a() const { return points[0]; }
+  LatticePoint d() const { return points[size - 1]; }
+  LatticePoint e() const { return points[size]; }
+};
+
+// How often the closed path winds around p, which lies on none of its edges.
+int winding(const Path& path, LatticePoint p) {
   int out = 0;
-  for (std::size_t i = 0; i < path.size(); ++i) {
-    const LatticePoint from = path[i], to = path[(i + 1) % path.size()];
+  for (std::size_t i = 0; i <= path.size; ++i) {
+    const LatticePoint from = path.points[i], to = path.points[i < path.size ? i + 1 : 0];
     if ((from.y <= p.y) == (to.y <= p.y)) continue;
     const std::int64_t side = orient2d(from, to, p);
     if (from.y <= p.y && side > 0) ++out;
@@ -220,7 +235,10 @@ class Collapser {
   }
 
   Pslg run() {
-    sweep();
+    const std::vector<std::uint32_t> starts = starts_of_rings();
+    for (const std::uint32_t start : starts)
+      merge_runs(start);
+    sweep(starts);
     is_queueing_ = true;
     for (const RingState& ring : rings_) {
       std::uint32_t i = ring.first;
@@ -291,20 +309,90 @@ class Collapser {
     return {a, b, c, d, nodes_[a].p, nodes_[b].p, nodes_[c].p, nodes_[d].p};
   }
 
-  // Collapses that hardly move anything, most of all, in the rings' order: much faster than by the
-  // queue. Each ring starts at its least vertex, so that the order of the input does not matter.
-  void sweep() {
+  // Each ring's least vertex, so that the order of the input does not matter.
+  std::vector<std::uint32_t> starts_of_rings() const {
     std::vector<std::uint32_t> starts;
-    for (std::uint32_t r = 0; r < rings_.size(); ++r) {
-      const auto first = nodes_.begin() + rings_[r].first;
+    for (const RingState& ring : rings_) {
+      const auto first = nodes_.begin() + ring.first;
       starts.push_back(static_cast<std::uint32_t>(
-          std::min_element(first, first + rings_[r].size,
+          std::min_element(first, first + ring.size,
                            [](const Node& m, const Node& n) { return m.p < n.p; }) -
           nodes_.begin()));
     }
     std::sort(starts.begin(), starts.end(),
               [this](std::uint32_t i, std::uint32_t j) { return home(i) < home(j); });
-    for (std::uint32_t& start : starts) {
+    return starts;
+  }
+
+  // Runs of the contour that two edges hardly differ from.
+  void merge_runs(std::uint32_t start) {
+    RingState& ring = rings_[states_[start].ring];
+    std::uint32_t i = start;
+    for (std::size_t left = ring.size; left > 2 * kRun;) {
+      std::size_t edges = kRun;
+      while (edges > 2 && !merge(i, edges, ring))
+        edges /= 2;
+      if (edges > 2) {
+        i = nodes_[nodes_[i].next].next;
+        left -= edges;
+      } else {
+        for (std::size_t k = 0; k < kRun / 2; ++k)
+          i = nodes_[i].next;
+        left -= kRun / 2;
+      }
+    }
+  }
+
+  bool merge(std::uint32_t first, std::size_t edges, RingState& ring) {
+    Path path;
+    path.size = edges + 1;
+    std::uint32_t node = first;
+    for (std::size_t k = 0; k <= edges; ++k) {
+      path.nodes[k] = node;
+      path.points[k] = nodes_[node].p;
+      node = nodes_[node].next;
+    }
+    const LatticePoint a = path.a(), d = path.d();
+    const std::int64_t base2 = distance2(a, d);
+    if (base2 == 0) return false;
+    // The point is beside the vertex that is farthest from the line.
+    std::int64_t doubled = 0, farthest = 0;
+    LatticePoint beside = path.points[edges / 2];
+    for (std::size_t k = 1; k < edges; ++k) {
+      doubled += orient2d(a, path.points[k], path.points[k + 1]);
+      const std::int64_t off = std::abs(orient2d(a, path.points[k], d));
+      if (off > farthest) farthest = off, beside = path.points[k];
+    }
+    const double base = std::sqrt(static_cast<double>(base2)),
+                 area = static_cast<double>(doubled) +
+                        std::clamp(static_cast<double>(ring.owed), -base, base);
+    const double by = (static_cast<double>(orient2d(a, beside, d)) - area) / static_cast<double>(base2);
+    const Point at{beside.x - by * (d.y - a.y), beside.y + by * (d.x - a.x)};
+    const auto near = nearest(at);
+    if (!near) return false;
+    const auto e = rounded(a, d, *near, at, area);
+    if (!e || !is_on_lattice({e->x + origin_.x, e->y + origin_.y})) return false;
+    const std::int64_t side = orient2d(a, *e, d);
+    if (side == 0 && !strictly_between(a, d, *e)) return false;
+    path.points[path.size] = *e;
+    const auto place = place_within(path.nodes[0], path.nodes[edges], *e, kRunShare * kRunShare * tolerance2_);
+    if (!place || !is_clear(path, ring)) return false;
+    ring.owed -= side - doubled;
+    ring.size -= static_cast<std::uint32_t>(edges - 2);
+    ring.first = first;
+    const std::uint32_t kept = path.nodes[1], last = path.nodes[edges];
+    for (std::size_t k = 2; k < edges; ++k)
+      nodes_[path.nodes[k]] = {{}, kept, kNone};
+    nodes_[kept] = {*e, first, last};
+    states_[kept].place = *place;
+    nodes_[last].previous = kept;
+    return true;
+  }
+
+  // Collapses that hardly move anything, most of all, in the rings' order: much faster than by the
+  // queue.
+  void sweep(const std::vector<std::uint32_t>& starts) {
+    for (std::uint32_t start : starts) {
       const RingState& ring = rings_[states_[start].ring];
       for (const double share : kSweeps) {
         std::uint32_t i = start;
@@ -378,32 +466,43 @@ class Collapser {
         static_cast<double>(s.doubled()) + std::clamp(static_cast<double>(ring.owed), -most, most);
     for (const Ideal& ideal : ideals(s, area)) {
       if (ideal.displacement == kNever) break;
-      const std::optional<LatticePoint> e = rounded(s, ideal.at, area);
+      const std::optional<LatticePoint> near = nearest(ideal.at);
+      if (!near) continue;
+      // A vertex on a line is left out, and nothing moved.
+      const bool is_exact =
+          (*near == s.b || *near == s.c) && orient2d(s.a, *near, s.d) == s.doubled();
+      const std::optional<LatticePoint> e =
+          is_exact ? near : rounded(s.a, s.d, *near, ideal.at, area);
       if (!e || !is_on_lattice({e->x + origin_.x, e->y + origin_.y})) continue;
       if (is_too_far(path, point(*e))) continue;
-      const std::optional<Place> place = place_within_tolerance(s, *e);
-      if (place && is_clear(s, *e, ring)) return Replacement{*e, *place};
+      const std::int64_t side = orient2d(s.a, *e, s.d);
+      if (side == 0 && !strictly_between(s.a, s.d, *e)) continue;
+      if (ring.size == 4 && (side > 0) != (s.doubled() > 0)) continue;
+      const std::optional<Place> place = place_within(s.ia, s.id, *e, tolerance2_);
+      const Path replaced{{s.ia, s.ib, s.ic, s.id}, {s.a, s.b, s.c, s.d, *e}, 4};
+      if (place && is_clear(replaced, ring)) return Replacement{*e, *place};
     }
     return std::nullopt;
   }
 
-  // Of the lattice points around, the one that keeps the area best.
-  static std::optional<LatticePoint> rounded(const Span& s, Point ideal, double area) {
+  static std::optional<LatticePoint> nearest(Point p) {
     constexpr double kFar = 1 << 30;
-    if (!(std::abs(ideal.x) < kFar && std::abs(ideal.y) < kFar)) return std::nullopt;
-    const LatticePoint near{static_cast<std::int32_t>(std::lrint(ideal.x)),
-                            static_cast<std::int32_t>(std::lrint(ideal.y))};
-    if (near == s.b || near == s.c) {  // a vertex on a line is left out, and nothing moved
-      if (orient2d(s.a, near, s.d) == s.doubled()) return near;
-    }
-    const std::int64_t per_x = std::int64_t{s.d.y} - s.a.y, per_y = std::int64_t{s.a.x} - s.d.x,
-                       middle = orient2d(s.a, near, s.d);
+    if (!(std::abs(p.x) < kFar && std::abs(p.y) < kFar)) return std::nullopt;
+    return LatticePoint{static_cast<std::int32_t>(std::lrint(p.x)),
+                        static_cast<std::int32_t>(std::lrint(p.y))};
+  }
+
+  // Of the lattice points around `near`, the one that keeps the area best.
+  static std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
+                                             Point ideal, double area) {
+    const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
+                       middle = orient2d(a, near, d);
     std::optional<LatticePoint> best;
     double least_off = 0, least2 = 0;
     for (std::int32_t dx = -1; dx <= 1; ++dx) {
       for (std::int32_t dy = -1; dy <= 1; ++dy) {
         const LatticePoint e{near.x + dx, near.y + dy};
-        if (e == s.a || e == s.d) continue;
+        if (e == a || e == d) continue;
         const double off = std::abs(static_cast<double>(middle + dx * per_x + dy * per_y) - area);
         if (best && off > least_off) continue;
         const double x = e.x - ideal.x, y = e.y - ideal.y, away2 = x * x + y * y;
@@ -425,11 +524,12 @@ class Collapser {
   // tolerance of the contour up to it and from it on, both ways. It suffices that e is near the
   // place and the contour's vertices near the edge: then the contour's nearest points run along the
   // whole edge, except for its ends, which are near their places.
-  std::optional<Place> place_within_tolerance(const Span& s, LatticePoint e) const {
-    const RingState& ring = rings_[states_[s.ib].ring];
+  std::optional<Place> place_within(std::uint32_t a, std::uint32_t d, LatticePoint e,
+                                    double tolerance2) const {
+    const RingState& ring = rings_[states_[a].ring];
     const std::uint32_t n = ring.contour_size;
     const Point* const contour = points_.data() + ring.contour_first;
-    const Place from = states_[s.ia].place, to = states_[s.id].place;
+    const Place from = states_[a].place, to = states_[d].place;
     std::uint32_t inner = to.k >= from.k ? to.k - from.k : to.k + n - from.k;
     if (inner == 0 && to.t < from.t) inner = n;  // all round
     const Point at = point(e);
@@ -445,16 +545,17 @@ class Collapser {
       if (d2 < least) least = d2, nearest = {k, t}, nearest_piece = j;
       k = k + 1 < n ? k + 1 : 0;
     }
-    if (least > tolerance2_) return std::nullopt;
+    if (least > tolerance2) return std::nullopt;
     const auto are_near = [&](Point end, std::uint32_t first, std::uint32_t last) {
       std::uint32_t k = from.k + first < n ? from.k + first : from.k + first - n;
       for (std::uint32_t j = first; j <= last; ++j) {
-        if (segment_distance2(end, at, contour[k]) > tolerance2_) return false;
+        if (segment_distance2(end, at, contour[k]) > tolerance2) return false;
         k = k + 1 < n ? k + 1 : 0;
       }
       return true;
     };
-    if (!are_near(point(s.a), 1, nearest_piece) || !are_near(point(s.d), nearest_piece + 1, inner))
+    if (!are_near(point(nodes_[a].p), 1, nearest_piece) ||
+        !are_near(point(nodes_[d].p), nearest_piece + 1, inner))
       return std::nullopt;
     if (nearest.t >= 1) nearest = {nearest.k + 1 < n ? nearest.k + 1 : 0, 0};
     return nearest;
@@ -500,28 +601,29 @@ class Collapser {
   }
 
   // Do the new edges cross nothing, and is no vertex between them and the old ones?
-  bool is_clear(const Span& s, LatticePoint e, const RingState& ring) {
-    const std::int64_t side = orient2d(s.a, e, s.d);
-    if (side == 0 && !strictly_between(s.a, s.d, e)) return false;
-    if (ring.size == 4 && (side > 0) != (s.doubled() > 0)) return false;
-    LatticeBox box = box_around(s.a, s.b);
-    for (const LatticePoint p : {s.c, s.d, e})
-      widen(box, p);
+  bool is_clear(const Path& path, const RingState& ring) {
+    const LatticePoint a = path.a(), d = path.d(), e = path.e();
+    LatticeBox box = box_around(a, e);
+    for (std::size_t i = 1; i < path.size; ++i)
+      widen(box, path.points[i]);
     const LatticeBox around{{box.low.x - reach_, box.low.y - reach_},
                             {box.high.x + reach_, box.high.y + reach_}};
-    const std::array<LatticePoint, 5> path{s.a, s.b, s.c, s.d, e};
-    const std::uint32_t closing = ring.size == 4 ? s.id : s.ic;
+    // Of a ring that becomes a triangle, the third edge meets both new ones.
+    const std::uint32_t closing = ring.size == path.size ? path.nodes[path.size - 1] : kNone;
     const auto is_in_the_way = [&](std::uint32_t i) {
       const LatticePoint p = nodes_[i].p, q = nodes_[nodes_[i].next].p;
-      if (apart(box_around(p, q), box) || i == s.ia || i == s.ib || i == s.ic || i == closing)
-        return false;
-      const bool at_end = p == s.a || p == s.d;
+      if (apart(box_around(p, q), box) || i == closing) return false;
+      for (std::size_t k = 0; k + 1 < path.size; ++k)
+        if (i == path.nodes[k]) return false;
+      const bool at_end = p == a || p == d;
       // An edge from a to d, of a ring that touches this one, may be passed without a crossing.
-      if (at_end && (q == s.a || q == s.d)) return true;
-      if (!at_end && !apart({p, p}, box) &&
-          (p == s.b || p == s.c || p == e || winding(path, p) != 0))
-        return true;
-      return crosses(s.a, e, p, q) || crosses(e, s.d, p, q);
+      if (at_end && (q == a || q == d)) return true;
+      if (!at_end && !apart({p, p}, box)) {
+        for (std::size_t k = 1; k <= path.size; ++k)
+          if (p == path.points[k]) return true;
+        if (winding(path, p) != 0) return true;
+      }
+      return crosses(a, e, p, q) || crosses(e, d, p, q);
     };
     runs_.clear();
     grid_.any_near(around, [&](const ContourGrid::Run& run) {
