@@ -33,8 +33,9 @@ struct Place {
 constexpr std::array kSweeps = {1.0 / 64, 1.0 / 32, 1.0 / 16};
 
 // Before, up to this many edges in a row become two, where that moves them by less than this share.
-constexpr std::size_t kRun = 4;
-constexpr double kRunShare = 1.0 / 2;
+constexpr std::size_t kRun = 8;
+constexpr std::size_t kSkip = 4;
+constexpr double kRunShare = 2.0 / 3;
 
 constexpr double kNever = std::numeric_limits<double>::infinity(), kUnknown = -1;
 constexpr std::uint32_t kNone = 0xffffffff;
@@ -275,9 +276,9 @@ class Collapser {
 
  private:
   struct RingState {
-    std::uint32_t first, size;                      // a node, and how many there are
-    std::uint32_t contour_first, contour_size;      // in points_
-    std::int64_t owed;  // twice the contour's area less the ring's
+    std::uint32_t first, size;                  // a node, and how many there are
+    std::uint32_t contour_first, contour_size;  // in points_
+    std::int64_t owed;                          // twice the contour's area less the ring's
   };
   struct Ticket {
     double displacement;
@@ -328,17 +329,19 @@ class Collapser {
   void merge_runs(std::uint32_t start) {
     RingState& ring = rings_[states_[start].ring];
     std::uint32_t i = start;
+    std::size_t most = kRun;  // more is tried only next to where nearly as much was merged
     for (std::size_t left = ring.size; left > 2 * kRun;) {
-      std::size_t edges = kRun;
+      std::size_t edges = most;
       while (edges > 2 && !merge(i, edges, ring))
         edges /= 2;
+      most = std::clamp<std::size_t>(2 * edges, 4, kRun);
       if (edges > 2) {
         i = nodes_[nodes_[i].next].next;
         left -= edges;
       } else {
-        for (std::size_t k = 0; k < kRun / 2; ++k)
+        for (std::size_t k = 0; k < kSkip; ++k)
           i = nodes_[i].next;
-        left -= kRun / 2;
+        left -= kSkip;
       }
     }
   }
@@ -366,7 +369,8 @@ class Collapser {
     const double base = std::sqrt(static_cast<double>(base2)),
                  area = static_cast<double>(doubled) +
                         std::clamp(static_cast<double>(ring.owed), -base, base);
-    const double by = (static_cast<double>(orient2d(a, beside, d)) - area) / static_cast<double>(base2);
+    const double by =
+        (static_cast<double>(orient2d(a, beside, d)) - area) / static_cast<double>(base2);
     const Point at{beside.x - by * (d.y - a.y), beside.y + by * (d.x - a.x)};
     const auto near = nearest(at);
     if (!near) return false;
@@ -375,7 +379,8 @@ class Collapser {
     const std::int64_t side = orient2d(a, *e, d);
     if (side == 0 && !strictly_between(a, d, *e)) return false;
     path.points[path.size] = *e;
-    const auto place = place_within(path.nodes[0], path.nodes[edges], *e, kRunShare * kRunShare * tolerance2_);
+    const auto place =
+        place_within(path.nodes[0], path.nodes[edges], *e, kRunShare * kRunShare * tolerance2_);
     if (!place || !is_clear(path, ring)) return false;
     ring.owed -= side - doubled;
     ring.size -= static_cast<std::uint32_t>(edges - 2);
@@ -422,7 +427,14 @@ class Collapser {
     NodeState& node = states_[b];
     if (node.displacement == kUnknown) {
       const Span s = span_of(b);
-      node.displacement = ideals(s, static_cast<double>(s.doubled()))[0].displacement;
+      node.displacement = kNever;
+      const std::array path{point(s.a), point(s.b), point(s.c), point(s.d)};
+      const auto both = ideals(s, static_cast<double>(s.doubled()));
+      for (const Ideal& ideal : both) {
+        if (ideal.displacement == kNever || is_too_far(path, ideal.at)) continue;
+        node.displacement = both[0].displacement;
+        break;
+      }
     }
     return node.displacement;
   }
@@ -575,8 +587,8 @@ class Collapser {
     return to_k < to_end || (to_k == to_end && to.t > 0);
   }
 
-  // The first node whose edge does, or begins and ends there; found from where it was the last time.
-  // None has been seen to be missing: kNone.
+  // The first node whose edge does, or begins and ends there; found from where it was the last
+  // time. None has been seen to be missing: kNone.
   std::uint32_t node_at(std::uint32_t vertex) {
     std::uint32_t i = hints_[vertex];
     while (nodes_[i].next == kNone)
@@ -657,10 +669,10 @@ class Collapser {
   std::int32_t reach_;  // no less than the tolerance
   ContourGrid grid_;
   std::vector<Node> nodes_;
-  std::vector<NodeState> states_;  // by node
+  std::vector<NodeState> states_;       // by node
   std::vector<ContourGrid::Run> runs_;  // of is_clear()
-  std::vector<Point> points_;         // of the contours, each ring's first one again at its end
-  std::vector<std::uint32_t> hints_;  // by vertex of the contours: where node_at() begins
+  std::vector<Point> points_;           // of the contours, each ring's first one again at its end
+  std::vector<std::uint32_t> hints_;    // by vertex of the contours: where node_at() begins
   std::vector<RingState> rings_;
   bool is_queueing_ = false;
   Later later_{*this};
