@@ -18,9 +18,10 @@ namespace trocar::pipeline {
 namespace {
 
 // Of the tolerance. Collapses use it up more evenly than Douglas-Peucker does: held to less, they
-// leave the outline nearer on average, still with fewer vertices. It also covers the rounding of
-// distances, and of the points that refinement adds.
-constexpr double kUsed = 0.9;
+// leave the outline nearer on average, still with fewer vertices.
+constexpr double kLeft = 0.1;
+constexpr double kLeast = 0.5;      // steps
+constexpr double kRounding = 1e-9;  // of a distance
 
 // A point of a contour: on the edge from vertex k to the next, at the fraction t (0 <= t < 1).
 struct Place {
@@ -204,13 +205,17 @@ bool crosses(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   return segments_cross(a, b, c, d);
 }
 
+double used(double tolerance) {
+  return (1 - kRounding) * (tolerance - left_for_refinement(tolerance));
+}
+
 class Collapser {
  public:
   // The contours are in the canonical orientation; their box's lower left corner is the origin.
   Collapser(const Pslg& contours, const LatticeBox& box, LatticePoint origin, std::size_t vertices,
             double tolerance)
       : origin_(origin),
-        tolerance2_(tolerance * kUsed * tolerance * kUsed),
+        tolerance2_(used(tolerance) * used(tolerance)),
         reach_(static_cast<std::int32_t>(std::min(tolerance, 1.0 * kMaxCoordinate)) + 1),
         grid_(box, vertices) {
     nodes_.reserve(vertices);
@@ -680,6 +685,10 @@ class Collapser {
 };
 
 }  // namespace
+
+double left_for_refinement(double tolerance) {
+  return std::max(kLeft * tolerance, std::min(kLeast, 0.5 * tolerance));
+}
 
 Pslg collapse_segments(const Pslg& contours, double tolerance) {
   CentroidOffset offset;

@@ -13,6 +13,10 @@ namespace trocar::pipeline {
 /// step is made only if the new edges cross nothing, no vertex lies in what they sweep, and they
 /// are within `tolerance` (lattice steps) of the part of the contour that they stand for, both
 /// ways. O(n log n) typically.
+/// Of `tolerance` it leaves left_for_refinement() to points that are put beside the edges later.
 Pslg collapse_segments(const Pslg& contours, double tolerance);
+
+/// Lattice steps: a tenth of the tolerance, but no less than half a step or half of the tolerance.
+double left_for_refinement(double tolerance);
 
 }  // namespace trocar::pipeline

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <tuple>
 
@@ -240,6 +241,12 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance) {
 }
 
 }  // namespace
+
+double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options) {
+  return options.method == SimplificationMethod::kArea && options.tolerance_mm > 0
+             ? left_for_refinement(options.tolerance_mm / lattice.step_mm())
+             : std::numeric_limits<double>::infinity();
+}
 
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
   const double tolerance = options.tolerance_mm / lattice.step_mm();

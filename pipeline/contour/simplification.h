@@ -26,6 +26,10 @@ struct SimplificationOptions {
 /// O(n log n) typically.
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options);
 
+/// How far, in lattice steps, points may be put beside the edges later without leaving the
+/// tolerance; infinite where the method does not count them, and without a tolerance.
+double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options);
+
 /// Largest distance between each contour and the ring of the same index, either way, in mm, with
 /// any vertices. Accurate to 1e-10 of itself. O(n sqrt(n)) typically.
 double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice);
