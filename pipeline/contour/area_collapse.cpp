@@ -212,8 +212,9 @@ double used(double tolerance) {
 class Collapser {
  public:
   // The contours are in the canonical orientation; their box's lower left corner is the origin.
-  Collapser(const Pslg& contours, const LatticeBox& box, LatticePoint origin, std::size_t vertices,
-            double tolerance)
+  // An open one has no edge from its last vertex to its first.
+  Collapser(const Pslg& contours, const std::vector<bool>& is_open, const LatticeBox& box,
+            LatticePoint origin, std::size_t vertices, double tolerance)
       : origin_(origin),
         tolerance2_(used(tolerance) * used(tolerance)),
         reach_(static_cast<std::int32_t>(std::min(tolerance, 1.0 * kMaxCoordinate)) + 1),
@@ -227,13 +228,15 @@ class Collapser {
       const auto first = static_cast<std::uint32_t>(nodes_.size()),
                  n = static_cast<std::uint32_t>(ring.size());
       const std::uint32_t on_contour = first + r;
-      rings_.push_back({first, n, on_contour, n, 0});
+      const bool open = !is_open.empty() && is_open[r];
+      rings_.push_back({first, n, on_contour, n, open ? first + n - 1 : kNone, 0});
       for (std::uint32_t k = 0; k < n; ++k) {
         nodes_.push_back({ring[k], first + (k > 0 ? k : n) - 1, first + (k + 1 < n ? k + 1 : 0)});
         states_.push_back({r, {k, 0}});
         hints_.push_back(first + k);
         points_.push_back(point(ring[k]));
-        grid_.add(on_contour + k, ring[k], ring[k + 1 < n ? k + 1 : 0], on_contour);
+        const LatticePoint next = k + 1 < n ? ring[k + 1] : ring[open ? k : 0];
+        grid_.add(on_contour + k, ring[k], next, on_contour);
       }
       points_.push_back(point(ring[0]));
       hints_.push_back(first);
@@ -283,6 +286,7 @@ class Collapser {
   struct RingState {
     std::uint32_t first, size;                  // a node, and how many there are
     std::uint32_t contour_first, contour_size;  // in points_
+    std::uint32_t end;                          // the node without an edge, if it is open
     std::int64_t owed;                          // twice the contour's area less the ring's
   };
   struct Ticket {
@@ -356,6 +360,7 @@ class Collapser {
     path.size = edges + 1;
     std::uint32_t node = first;
     for (std::size_t k = 0; k <= edges; ++k) {
+      if (node == ring.end && k < edges) return false;
       path.nodes[k] = node;
       path.points[k] = nodes_[node].p;
       node = nodes_[node].next;
@@ -389,7 +394,7 @@ class Collapser {
     if (!place || !is_clear(path, ring)) return false;
     ring.owed -= side - doubled;
     ring.size -= static_cast<std::uint32_t>(edges - 2);
-    ring.first = first;
+    if (ring.end == kNone) ring.first = first;
     const std::uint32_t kept = path.nodes[1], last = path.nodes[edges];
     for (std::size_t k = 2; k < edges; ++k)
       nodes_[path.nodes[k]] = {{}, kept, kNone};
@@ -433,6 +438,8 @@ class Collapser {
     if (node.displacement == kUnknown) {
       const Span s = span_of(b);
       node.displacement = kNever;
+      const std::uint32_t end = rings_[node.ring].end;
+      if (end != kNone && (s.ia == end || s.ib == end || s.ic == end)) return kNever;
       const std::array path{point(s.a), point(s.b), point(s.c), point(s.d)};
       const auto both = ideals(s, static_cast<double>(s.doubled()));
       for (const Ideal& ideal : both) {
@@ -628,11 +635,13 @@ class Collapser {
     // Of a ring that becomes a triangle, the third edge meets both new ones.
     const std::uint32_t closing = ring.size == path.size ? path.nodes[path.size - 1] : kNone;
     const auto is_in_the_way = [&](std::uint32_t i) {
-      const LatticePoint p = nodes_[i].p, q = nodes_[nodes_[i].next].p;
+      const bool is_end = i == rings_[states_[i].ring].end;
+      const LatticePoint p = nodes_[i].p, q = is_end ? p : nodes_[nodes_[i].next].p;
       if (apart(box_around(p, q), box) || i == closing) return false;
       for (std::size_t k = 0; k + 1 < path.size; ++k)
         if (i == path.nodes[k]) return false;
       const bool at_end = p == a || p == d;
+      if (at_end && is_end) return false;
       // An edge from a to d, of a ring that touches this one, may be passed without a crossing.
       if (at_end && (q == a || q == d)) return true;
       if (!at_end && !apart({p, p}, box)) {
@@ -690,7 +699,7 @@ double left_for_refinement(double tolerance) {
   return std::max(kLeft * tolerance, std::min(kLeast, 0.5 * tolerance));
 }
 
-Pslg collapse_segments(const Pslg& contours, double tolerance) {
+Pslg collapse_segments(const Pslg& contours, double tolerance, const std::vector<bool>& is_open) {
   CentroidOffset offset;
   std::size_t vertices = 0;
   for (const Ring& ring : contours.rings) {
@@ -713,7 +722,7 @@ Pslg collapse_segments(const Pslg& contours, double tolerance) {
     }
   }
   const LatticeBox at_origin{{0, 0}, {box.high.x - low.x, box.high.y - low.y}};
-  Pslg out = Collapser(moved, at_origin, low, vertices, tolerance).run();
+  Pslg out = Collapser(moved, is_open, at_origin, low, vertices, tolerance).run();
   for (Ring& ring : out.rings) {
     for (LatticePoint& p : ring)
       p = rotate.back({p.x + low.x, p.y + low.y});
