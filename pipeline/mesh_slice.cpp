@@ -7,6 +7,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
+#include "pipeline/contour/label_network.h"
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/triangulation.h"
 
@@ -52,6 +53,16 @@ Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane,
         " mm has more lattice steps than an asset holds; use a coarser lattice (--lattice-bits)");
   }
   return {};
+}
+
+// Of labels, as one material.
+Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2) {
+  MaterialImage image{field.image.width, field.image.height, {}, {field.labels}};
+  image.values.reserve(field.image.values.size());
+  for (const float value : field.image.values)
+    image.values.push_back(value >= field.iso ? 1 : kNoMaterial);
+  merge_small_pieces(image, min_region_mm2 / (grid.spacing_u_mm * grid.spacing_v_mm));
+  return std::move(material_outlines(label_network(image, grid)).front());
 }
 
 // From `out.contours` to `out.refined`.
@@ -128,8 +139,10 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
                                  [iso = field.iso](float value) { return value >= iso; });
   out.times.segment_ms = watch.lap_ms();
 
-  out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,
-                                  options.lattice);
+  out.contours = field.is_mask && options.contour == ContourKind::kSubpixel
+                     ? smooth_outline(field, grid, options.min_region_mm2)
+                     : drop_small_rings(contours(field, grid, options.contour),
+                                        options.min_region_mm2, options.lattice);
   out.times.contour_ms = watch.lap_ms();
 
   RefinementOptions refinement = options.refinement;

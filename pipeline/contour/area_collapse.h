@@ -16,9 +16,9 @@ namespace trocar::pipeline {
 /// are within `tolerance` (lattice steps) of the part of the contour that they stand for, both
 /// ways. O(n log n) typically.
 /// Of `tolerance` it leaves left_for_refinement() to points that are put beside the edges later.
-/// Where `is_open` is given, a contour for which it holds is a line: its first and last vertex stay,
-/// may be those of other lines, and are not joined; the line keeps the area between itself and any
-/// path that joins its ends.
+/// Where `is_open` is given, a contour for which it holds is a line: its first and last vertex
+/// stay, may be those of other lines, and are not joined; the line keeps the area between itself
+/// and any path that joins its ends.
 Pslg collapse_segments(const Pslg& contours, double tolerance,
                        const std::vector<bool>& is_open = {});
 
