@@ -18,6 +18,8 @@ constexpr std::size_t kFewest = 6;  // fewer would hardly move: sigma is below 0
 // takes account of it.
 constexpr int kPasses = 6;
 constexpr double kFar = 1e9;
+// Of restoring the area, after the last pass; one is enough before.
+constexpr int kRounds = 8;
 constexpr std::size_t kWindow = 4;  // crossings on either side where the curve may meet a grid line
 
 // The kernel from its middle outwards, for borders of n crossings.
@@ -84,7 +86,7 @@ class Run {
         curve[i] = sum;
       }
       put_back(extended(curve, kWindow));
-      restore(area, points);
+      restore(area, points, pass + 1 < kPasses ? 1 : kRounds);
     }
   }
 
@@ -161,13 +163,12 @@ class Run {
 
   // Moves the crossings, in proportion to what that gains, until the area is the wanted one. The
   // rounds are few: only the products of neighbours' moves, and those at their bounds, are left.
-  void restore(double area, std::vector<Point>& points) {
-    constexpr int kRounds = 8;
+  void restore(double area, std::vector<Point>& points, int rounds) {
     constexpr double kNegligible = 1e-7;  // pixels^2
     for (int round = 0;; ++round) {
       locate(points);
       const double missing = area - doubled_area(points);
-      if (round == kRounds || std::abs(missing) < kNegligible) return;
+      if (round == rounds || std::abs(missing) < kNegligible) return;
       double squares = 0;
       for (std::size_t i = 0; i < n_; ++i) {
         const double g = free_gain(points, i, missing);

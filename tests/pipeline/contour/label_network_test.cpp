@@ -6,8 +6,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <ctime>
 #include <map>
 #include <numbers>
 #include <random>
@@ -15,6 +15,8 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/area_collapse.h"
+#include "pipeline/mesh/refinement.h"
+#include "pipeline/mesh/triangulation.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/synthetic_fields.h"
 
@@ -442,6 +444,65 @@ TEST(MergeSmallPieces, LeavesNoSmallPieceAndATiling) {
         EXPECT_GE(std::abs(area_px({{ring}})), 3) << map.name;  // 5 pixels less their corners
     }
   }
+}
+
+// Processor time of this thread; others may be busy.
+double now_ms() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
+}
+
+struct Cost {
+  std::vector<double> borders_ms, slice_ms;  // one for each round
+
+  void measure(const Image& image, const std::vector<Labels>& materials) {
+    const PixelGrid grid{0.5, 0.5, 0, 0, kLattice};
+    const double start = now_ms();
+    MaterialImage pixels = material_image(image, materials);
+    merge_small_pieces(pixels, 4);
+    const LabelNetwork full = label_network(pixels, grid);
+    const LabelNetwork simple = simplify(full, kLattice, {0.25, SimplificationMethod::kArea});
+    EXPECT_TRUE(check_network(simple));
+    EXPECT_LE(hausdorff_mm(full, simple, kLattice), 0.25);
+    borders_ms.push_back(now_ms() - start);
+    for (const Pslg& outline : material_outlines(simple)) {
+      const Refined refined = refine(*triangulate(outline), kLattice, {});
+      EXPECT_TRUE(check_mesh(refined.mesh));
+      EXPECT_TRUE(is_constrained_delaunay(refined.mesh));
+    }
+    slice_ms.push_back(now_ms() - start);
+  }
+};
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  return values[values.size() / 2];
+}
+
+// Ten labels that fill their union have more than twice its border. Each is meshed on its own.
+TEST(LabelNetwork, TenLabelsCostAtMostTwiceTheirUnion) {
+#ifdef TROCAR_SANITIZED
+  GTEST_SKIP() << "times mean nothing here";
+#endif
+  constexpr int kRounds = 15;
+  const std::vector<Labels> all{{{}, true}};
+  double ratios = 0;
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    const Image image = salted(organs(512, seed), 0.001, seed);
+    Cost ten, one;
+    for (int round = 0; round < kRounds; ++round) {
+      ten.measure(image, each_label());
+      one.measure(image, all);
+    }
+    const double ratio = median(ten.slice_ms) / median(one.slice_ms);
+    std::printf("  ten labels %.2f ms (borders %.2f), their union %.2f (%.2f): %.2f times\n",
+                median(ten.slice_ms), median(ten.borders_ms), median(one.slice_ms),
+                median(one.borders_ms), ratio);
+    ratios += ratio / 3;
+  }
+  EXPECT_LE(ratios, 2);
 }
 
 }  // namespace
