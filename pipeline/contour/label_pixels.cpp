@@ -2,6 +2,7 @@
 #include "pipeline/contour/label_pixels.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -15,44 +16,72 @@
 namespace trocar::pipeline {
 namespace {
 
-// Pieces as sets of runs: a run is a row's consecutive pixels of one material.
+// Of a cell between four pixels, counter-clockwise, the eighths that belong to each pixel's side of
+// the half-way outline.
+std::array<int, 4> shares_of(const std::array<MaterialNumber, 4>& corner) {
+  std::array<int, 4> out{2, 2, 2, 2};
+  for (std::size_t k = 0; k < 4; ++k) {
+    const MaterialNumber other = corner[(k + 1) % 4];
+    if (corner[k] == other || corner[(k + 3) % 4] != other) continue;
+    if (corner[(k + 2) % 4] == other) return out[k] = 1, out[(k + 2) % 4] = 3, out;
+  }
+  if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[3] ||
+      corner[3] == corner[0])
+    return out;
+  switch (connected_diagonal(corner[0], corner[1], corner[2], corner[3])) {
+    case Diagonal::kAC:
+      return {3, 1, 3, 1};
+    case Diagonal::kBD:
+      return {1, 3, 1, 3};
+    case Diagonal::kNone:
+      break;
+  }
+  return out;
+}
+
+// Pieces as sets of runs: a run is a row's consecutive pixels of one material. The image is padded
+// by one pixel of none.
 class Pieces {
  public:
   explicit Pieces(MaterialImage& image) : image_(image) {
-    runs_.push_back({0, 0, 0, kNoMaterial});  // all beyond the image
     std::vector<std::size_t> row_starts;
-    for (int y = 0; y < image.height; ++y) {
+    for (int y = -1; y <= image.height; ++y) {
       row_starts.push_back(runs_.size());
-      for (int x = 0; x < image.width;) {
+      const auto at = [&](int x) {
+        return y < 0 || y == image.height || x < 0 || x == image.width ? kNoMaterial
+                                                                       : image.at(x, y);
+      };
+      for (int x = -1; x <= image.width;) {
         const int first = x;
-        const MaterialNumber material = image.at(x, y);
-        while (x < image.width && image.at(x, y) == material)
+        const MaterialNumber material = at(x);
+        while (x <= image.width && at(x) == material)
           ++x;
-        runs_.push_back({y, first, x, material});
+        runs_.push_back({y, first, x, 0, material});
       }
     }
     row_starts.push_back(runs_.size());
     parent_.resize(runs_.size());
     std::iota(parent_.begin(), parent_.end(), 0U);
-    for (int y = 0; y < image.height; ++y)
-      connect_row(row_starts[y], row_starts[y + 1]);
-    for (int y = 0; y + 1 < image.height; ++y)
-      connect_rows(row_starts[y], row_starts[y + 1], row_starts[y + 2]);
-    pixels_.assign(runs_.size(), 0);
-    for (std::uint32_t r = 1; r < runs_.size(); ++r)
-      pixels_[root(r)] += runs_[r].end - runs_[r].first;
+    for (std::size_t row = 0; row + 2 < row_starts.size(); ++row) {
+      const std::size_t upper = row_starts[row + 1];
+      for (std::size_t r = row_starts[row]; r + 1 < upper; ++r)
+        touch(static_cast<std::uint32_t>(r), static_cast<std::uint32_t>(r + 1), 1);
+      connect_rows(row_starts[row], upper, row_starts[row + 2]);
+    }
+    eighths_.assign(runs_.size(), 0);
+    for (std::uint32_t r = 0; r < runs_.size(); ++r)
+      eighths_[root(r)] += runs_[r].eighths;
   }
 
   void merge_below(double min_pixels) {
-    const std::uint32_t beyond = root(0);
     const auto is_small = [&](std::uint32_t r) {
-      return r != root(beyond) && static_cast<double>(pixels_[r]) < min_pixels;
+      return r != root(0) && static_cast<double>(eighths_[r]) < 8 * min_pixels;
     };
     // The smallest first; of equal ones the first in the image.
     using Entry = std::pair<std::int64_t, std::uint32_t>;
     std::vector<Entry> small;
     for (std::uint32_t r = 0; r < runs_.size(); ++r) {
-      if (root(r) == r && is_small(r)) small.emplace_back(pixels_[r], r);
+      if (root(r) == r && is_small(r)) small.emplace_back(eighths_[r], r);
     }
     if (small.empty()) return;
     borders_.resize(runs_.size());
@@ -64,11 +93,11 @@ class Pieces {
     }
     std::priority_queue queue(std::greater<>{}, std::move(small));
     while (!queue.empty()) {
-      const auto [pixels, piece] = queue.top();
+      const auto [eighths, piece] = queue.top();
       queue.pop();
-      if (root(piece) != piece || pixels_[piece] != pixels) continue;
+      if (root(piece) != piece || eighths_[piece] != eighths) continue;
       const std::optional<MaterialNumber> to = longest_border(piece);
-      if (!to) continue;  // it is the whole image
+      if (!to) continue;
       std::vector<std::uint32_t> neighbours;
       for (const auto& [neighbour, length] : borders_[piece]) {
         if (runs_[neighbour].material == *to) neighbours.push_back(neighbour);
@@ -77,18 +106,21 @@ class Pieces {
       std::uint32_t merged = piece;
       for (const std::uint32_t neighbour : neighbours)
         merged = merge(merged, neighbour);
-      if (is_small(merged)) queue.emplace(pixels_[merged], merged);
+      if (is_small(merged)) queue.emplace(eighths_[merged], merged);
     }
-    for (std::uint32_t r = 1; r < runs_.size(); ++r) {
-      const auto row =
-          image_.values.begin() + static_cast<std::ptrdiff_t>(runs_[r].y) * image_.width;
-      std::fill(row + runs_[r].first, row + runs_[r].end, runs_[root(r)].material);
+    for (std::uint32_t r = 0; r < runs_.size(); ++r) {
+      const Run& run = runs_[r];
+      if (run.y < 0 || run.y == image_.height) continue;
+      const auto row = image_.values.begin() + static_cast<std::ptrdiff_t>(run.y) * image_.width;
+      std::fill(row + std::max(0, run.first), row + std::min(run.end, image_.width),
+                runs_[root(r)].material);
     }
   }
 
  private:
   struct Run {
     int y, first, end;
+    int eighths;              // of pixels: its area
     MaterialNumber material;  // of the piece, at its root
   };
   struct Contact {
@@ -113,40 +145,31 @@ class Pieces {
     parent_[std::max(r, q)] = std::min(r, q);
   }
 
-  void connect_row(std::size_t first, std::size_t end) {
-    const int y = runs_[first].y;
-    for (std::size_t r = first; r < end; ++r) {
-      const auto id = static_cast<std::uint32_t>(r);
-      if (r + 1 < end) touch(id, id + 1, 1);
-      const int sides = (runs_[r].first == 0 ? 1 : 0) + (runs_[r].end == image_.width ? 1 : 0);
-      const int rows = (y == 0 ? 1 : 0) + (y + 1 == image_.height ? 1 : 0);
-      const int length = sides + rows * (runs_[r].end - runs_[r].first);
-      if (length > 0) touch(0, id, length);
-    }
-  }
-
   void connect_rows(std::size_t lower, std::size_t upper, std::size_t end) {
     for (std::size_t r = lower, q = upper; r < upper && q < end;) {
-      const Run &below = runs_[r], &above = runs_[q];
-      const auto id = static_cast<std::uint32_t>(r), other = static_cast<std::uint32_t>(q);
-      touch(id, other, std::min(below.end, above.end) - std::max(below.first, above.first));
-      if (below.end == above.end) {
-        if (below.end < image_.width) connect_diagonal(id, other);
-        ++r, ++q;
-      } else {
-        ++(below.end < above.end ? r : q);
-      }
+      const auto a = static_cast<std::uint32_t>(r), d = static_cast<std::uint32_t>(q);
+      const int until = std::min(runs_[r].end, runs_[q].end);
+      const int length = until - std::max(runs_[r].first, runs_[q].first);
+      touch(a, d, length);
+      runs_[a].eighths += 4 * (length - 1);
+      runs_[d].eighths += 4 * (length - 1);
+      if (runs_[r].end == until) ++r;
+      if (runs_[q].end == until) ++q;
+      if (r < upper && q < end)
+        connect_cell({a, static_cast<std::uint32_t>(r), static_cast<std::uint32_t>(q), d});
     }
   }
 
-  // Two runs of either row end at the same place: d | c above a | b.
-  void connect_diagonal(std::uint32_t a, std::uint32_t d) {
-    const std::uint32_t b = a + 1, c = d + 1;
-    if (runs_[a].material == runs_[d].material || runs_[b].material == runs_[c].material) return;
-    const Diagonal diagonal = connected_diagonal(runs_[a].material, runs_[b].material,
-                                                 runs_[c].material, runs_[d].material);
-    if (diagonal == Diagonal::kAC) unite(a, c);
-    if (diagonal == Diagonal::kBD) unite(b, d);
+  // The cell where a run of either row, or of both, ends.
+  void connect_cell(const std::array<std::uint32_t, 4>& run) {
+    std::array<MaterialNumber, 4> corner{};
+    for (std::size_t k = 0; k < 4; ++k)
+      corner[k] = runs_[run[k]].material;
+    const std::array<int, 4> shares = shares_of(corner);
+    for (std::size_t k = 0; k < 4; ++k)
+      runs_[run[k]].eighths += shares[k];
+    if (corner[0] == corner[2] && shares[0] == 3) unite(run[0], run[2]);
+    if (corner[1] == corner[3] && shares[1] == 3) unite(run[1], run[3]);
   }
 
   std::optional<MaterialNumber> longest_border(std::uint32_t piece) const {
@@ -164,7 +187,7 @@ class Pieces {
   std::uint32_t merge(std::uint32_t a, std::uint32_t b) {
     if (borders_[a].size() < borders_[b].size()) std::swap(a, b);
     parent_[b] = a;
-    pixels_[a] += pixels_[b];
+    eighths_[a] += eighths_[b];
     for (const auto& [neighbour, length] : borders_[b]) {
       borders_[neighbour].erase(b);
       if (neighbour == a) continue;
@@ -179,7 +202,7 @@ class Pieces {
   std::vector<Run> runs_;
   std::vector<std::uint32_t> parent_;
   std::vector<Contact> contacts_;
-  std::vector<std::int64_t> pixels_;                                      // by root
+  std::vector<std::int64_t> eighths_;                                     // by root
   std::vector<std::unordered_map<std::uint32_t, std::int64_t>> borders_;  // by root
 };
 
@@ -215,7 +238,7 @@ MaterialImage material_image(const Image& labels, std::span<const Labels> materi
 }
 
 void merge_small_pieces(MaterialImage& image, double min_pixels) {
-  if (min_pixels > 1 && !image.values.empty()) Pieces(image).merge_below(min_pixels);
+  if (min_pixels > 0 && !image.values.empty()) Pieces(image).merge_below(min_pixels);
 }
 
 }  // namespace trocar::pipeline

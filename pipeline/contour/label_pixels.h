@@ -46,11 +46,13 @@ inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialN
   return bd ? Diagonal::kBD : Diagonal::kNone;
 }
 
-/// Gives each piece (connected pixels of one material) of fewer than `min_pixels`, the smallest
-/// first, to what it has the longest border with: another material, or none. A hole (connected
-/// pixels of no material that do not reach the image's border) counts as a piece, so that it is
-/// filled. Every pixel belongs to one piece before and after: no gap or overlap arises. Of equal
-/// borders the material named first wins, and none is last. O(pixels + n log n) for n pieces.
+/// Gives each piece (connected pixels of one material) of less than `min_pixels` in area, the
+/// smallest first, to what it has the longest border with: another material, or none. A hole
+/// (connected pixels of no material that do not reach the image's border) counts as a piece, so
+/// that it is filled. Every pixel belongs to one piece before and after: no gap or overlap arises.
+/// Of equal borders the material named first wins, and none is last. The area is that within the
+/// half-way outline (half a pixel for a single one), without holes; that of merged pieces is the
+/// sum of theirs. O(pixels + n log n) for n pieces.
 void merge_small_pieces(MaterialImage& image, double min_pixels);
 
 }  // namespace trocar::pipeline
