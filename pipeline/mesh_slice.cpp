@@ -57,7 +57,8 @@ Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane,
 
 // Of labels, as one material.
 Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2) {
-  MaterialImage image{field.image.width, field.image.height, {}, {field.labels}};
+  MaterialImage image{field.image.width, field.image.height, {}, {}};
+  image.labels.resize(1);
   image.values.reserve(field.image.values.size());
   for (const float value : field.image.values)
     image.values.push_back(value >= field.iso ? 1 : kNoMaterial);
