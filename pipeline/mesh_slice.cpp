@@ -7,6 +7,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
+#include "pipeline/contour/label_network.h"
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/triangulation.h"
 
@@ -70,50 +71,46 @@ Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& la
 
 namespace {
 
-// From `out.contours` to `out.refined`, with the outline simplified to the given tolerance.
-Result<void> mesh_contours_to(const Lattice& lattice, const SimplificationOptions& simplification,
-                              const RefinementOptions& refinement, Stopwatch& watch,
-                              MeshedSlice& out) {
+// Of labels, as one material.
+Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2) {
+  MaterialImage image{field.image.width, field.image.height, {}, {}};
+  image.labels.resize(1);
+  image.values.reserve(field.image.values.size());
+  for (const float value : field.image.values)
+    image.values.push_back(value >= field.iso ? 1 : kNoMaterial);
+  merge_small_pieces(image, min_region_mm2 / (grid.spacing_u_mm * grid.spacing_v_mm));
+  return std::move(material_outlines(label_network(image, grid)).front());
+}
+
+// From `out.contours` to `out.refined`.
+Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& simplification,
+                           const RefinementOptions& refinement, Stopwatch& watch,
+                           MeshedSlice& out) {
   out.pslg = simplify(out.contours, lattice, simplification);
-  out.times.simplify_ms += watch.lap_ms();
+  out.times.simplify_ms = watch.lap_ms();
   if (auto ok = check_pslg(out.pslg); !ok)
     return bug("after simplification: " + ok.error().message);
   out.times.check_ms += watch.lap_ms();
 
   auto cdt = triangulate(out.pslg);
   if (!cdt) return cdt.error();
-  out.times.triangulate_ms += watch.lap_ms();
+  out.times.triangulate_ms = watch.lap_ms();
   out.refined = refine(*cdt, lattice, refinement);
   out.cdt = std::move(cdt->mesh);
   // As in refined meshes, the corner opposite edge 0 comes first.
   for (Triangle& t : out.cdt.triangles)
     t = {t[2], t[0], t[1]};
-  out.times.refine_ms += watch.lap_ms();
+  out.times.refine_ms = watch.lap_ms();
 
   // Where areas are kept, the points of refinement move the outline on purpose: they count.
   const bool keeps_area = simplification.method == SimplificationMethod::kArea;
   const Pslg compared = keeps_area ? refined_rings(out.refined, out.pslg) : out.pslg;
   out.simplification_error_mm = hausdorff_mm(out.contours, compared, lattice);
+  if (keeps_area && simplification.tolerance_mm > 0 &&
+      out.simplification_error_mm > simplification.tolerance_mm)
+    return bug("after refinement: the outline is beyond the tolerance");
   out.times.check_ms += watch.lap_ms();
   return {};
-}
-
-// The same. Where areas are kept, the tolerance applies to the stored outline: if refinement's
-// points, rounded to the lattice, exceed it, then the same with as much less as they may add.
-Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& wanted,
-                           const RefinementOptions& refinement, Stopwatch& watch,
-                           MeshedSlice& out) {
-  const double most_mm = kFarthestFromOutline_steps * lattice.step_mm();
-  const bool has_margin =
-      wanted.method == SimplificationMethod::kArea && wanted.tolerance_mm > 2 * most_mm;
-  if (!has_margin) return mesh_contours_to(lattice, wanted, refinement, watch, out);
-  for (const double margin_mm : {0.0, most_mm}) {
-    SimplificationOptions closer = wanted;
-    closer.tolerance_mm -= margin_mm;
-    auto ok = mesh_contours_to(lattice, closer, refinement, watch, out);
-    if (!ok || out.simplification_error_mm <= wanted.tolerance_mm) return ok;
-  }
-  return bug("after refinement: the outline is beyond the tolerance");
 }
 
 }  // namespace
@@ -136,8 +133,11 @@ Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& o
 
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field) {
-  return drop_small_rings(contours(field, grid_of(stack.plane(slice), options), options.contour),
-                          options.min_region_mm2, options.lattice);
+  const PixelGrid grid = grid_of(stack.plane(slice), options);
+  if (field.is_mask && options.contour == ContourKind::kSubpixel)
+    return smooth_outline(field, grid, options.min_region_mm2);
+  return drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,
+                          options.lattice);
 }
 
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
@@ -174,6 +174,9 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (options.max_area_px2)
     refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
   refinement.keep_area = options.simplification.method == SimplificationMethod::kArea;
+  refinement.farthest_steps =
+      std::min(kFarthestFromOutline_steps,
+               left_for_refinement_steps(options.lattice, options.simplification));
   out.max_area_bound_mm2 = refinement.max_area_mm2;
   if (auto ok = mesh_contours(options.lattice, options.simplification, refinement, watch, out); !ok)
     return fail(ok.error());

@@ -87,6 +87,7 @@ class Refiner {
         max_vertices_(options.max_vertices),
         keep_area_(options.keep_area),
         has_shared_(options.shared_borders),
+        farthest2_(options.farthest_steps * options.farthest_steps),
         circle_(options.min_angle_deg * std::numbers::pi / 180) {
     for (std::size_t k = 0; k < aside_.size(); ++k) {
       const double angle = kAside_deg[k] * std::numbers::pi / 180;
@@ -293,8 +294,7 @@ class Refiner {
     const Refined::Segment& input = outline_.segments()[segment];
     const LatticePoint a = at(input.from), b = at(input.to);
     const auto area = static_cast<double>(orient2d(a, b, p));
-    return area * area >= kFarthestFromOutline_steps * kFarthestFromOutline_steps *
-                              static_cast<double>(distance2(a, b));
+    return area * area >= farthest2_ * static_cast<double>(distance2(a, b));
   }
 
   // Where to split the edge ab of the triangle abc (t) of the mesh at this fraction.
@@ -305,6 +305,8 @@ class Refiner {
       return inside;
     const std::optional<LatticePoint> outside = split_outside(t, segment, a, b, fraction);
     if (!inside || !outside) return inside ? inside : outside;
+    if (is_far_from_segment(*inside, segment)) return outside;
+    if (is_far_from_segment(*outside, segment)) return inside;
     const std::int64_t lost = outline_.lost_of_loop(segment);
     return std::abs(lost + orient2d(a, b, *outside)) < std::abs(lost + orient2d(a, b, *inside))
                ? outside
@@ -601,6 +603,7 @@ class Refiner {
   double min_angle_deg_, max_area_mm2_;
   std::uint32_t max_vertices_;
   bool keep_area_, has_shared_;
+  double farthest2_;
   AngleCircle circle_;  // for the wanted angle
   std::array<Place, kAside_deg.size()> aside_{};
   ShapeLimits limits_{};
@@ -633,7 +636,7 @@ Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{angle_deg, options.max_area_mm2,
                                     std::min(max_vertices, kMostVertices), options.keep_area,
-                                    options.shared_borders};
+                                    options.shared_borders, options.farthest_steps};
     return Refiner(from, lattice, attempt, memory).run();
   };
   const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);

@@ -259,7 +259,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       truth.material.push_back(picture.is_mask ? v == 100 : v >= 50);
     EXPECT_EQ(test::wrong_pixel(truth, contours), "");
     if (const auto area = test::exact_doubled_area(truth)) {
-      EXPECT_EQ(doubled_area(contours), *area);
+      // Of a mask the borders are smoothed: each keeps its area but for rounding to the lattice.
+      const auto off = static_cast<double>(doubled_area(contours) - *area);
+      EXPECT_LE(std::abs(off), picture.is_mask ? 1e-3 * static_cast<double>(*area) : 0);
     }
   }
 
