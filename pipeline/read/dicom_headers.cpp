@@ -117,6 +117,10 @@ std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame
   h.high_bit = dicom_integer(&data, DCM_HighBit, h.bits_stored - 1);
   h.is_signed = dicom_integer(&data, DCM_PixelRepresentation, 0) == 1;
   const bool is_bit = is_binary && h.bits_allocated == 1;
+  if (is_bit) {  // some writers say that the high bit is 1
+    h.bits_stored = 1;
+    h.high_bit = 0;
+  }
   if ((!is_bit && h.bits_allocated != 8 && h.bits_allocated != 16) || h.bits_stored < 1 ||
       h.high_bit < h.bits_stored - 1 || h.high_bit >= h.bits_allocated) {
     return std::to_string(h.bits_stored) + " bits up to bit " + std::to_string(h.high_bit) +
@@ -145,6 +149,12 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   if (have < want) {
     return "truncated: " + std::to_string(static_cast<long>(have)) +
            " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
+  }
+  // Faulty writers pad each frame, so that only the first would be where it is read.
+  if (h.bits_allocated == 1 && have > want + 1) {
+    return std::to_string(static_cast<long>(have)) + " bytes of pixels, more than the " +
+           std::to_string(static_cast<long>(want)) +
+           " of its frames; they must follow each other without padding";
   }
   return {};
 }

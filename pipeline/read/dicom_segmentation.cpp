@@ -63,8 +63,7 @@ class SegmentationStack final : public SliceStack {
   Result<void> add(const DicomFrame& frame, int slice, DcmFileFormat& format, Image& out) const {
     const auto inside = pixels(frame, format);
     if (!inside) return inside.error();
-    for (std::size_t i = 0; i < out.values.size(); ++i) {
-      if (!(*inside)[i]) continue;
+    for (const std::size_t i : *inside) {
       const int before = static_cast<int>(out.values[i]);
       if (before != 0 && is_wanted(before) && is_wanted(frame.segment)) {
         const auto width = static_cast<std::size_t>(out.width);
@@ -78,10 +77,10 @@ class SegmentationStack final : public SliceStack {
     return {};
   }
 
-  // Whether each pixel is in the segment: its bit, or at least half of the fraction.
-  Result<std::vector<bool>> pixels(const DicomFrame& frame, DcmFileFormat& format) const {
+  // The pixels in the segment: those whose bit is set, or with at least half of the fraction.
+  Result<std::vector<std::size_t>> pixels(const DicomFrame& frame, DcmFileFormat& format) const {
     const std::size_t count = static_cast<std::size_t>(frame.rows) * frame.columns;
-    std::vector<bool> out(count);
+    std::vector<std::size_t> out;
     if (file_.segments.max_fraction > 0) {
       const auto image = read_dicom_frame(frame, format);
       if (!image) return image.error();
@@ -92,13 +91,13 @@ class SegmentationStack final : public SliceStack {
           return refused(frame.name() + ": a value above its MaximumFractionalValue of " +
                          std::to_string(file_.segments.max_fraction));
         }
-        out[i] = 2 * value >= most;
+        if (2 * value >= most) out.push_back(i);
       }
       return out;
     }
-    // Bits of all frames follow each other, the lowest of a byte first.
-    const std::size_t first = static_cast<std::size_t>(frame.frame) * count;
-    const std::size_t from = first / 8, to = (first + count + 7) / 8;
+    // The bits of all frames follow each other, the lowest of a byte first.
+    const std::size_t first = static_cast<std::size_t>(frame.frame) * count, end = first + count;
+    const std::size_t from = first / 8, to = (end + 7) / 8;
     std::vector<std::uint8_t> bytes(to - from);
     DcmPixelData* data = dicom_pixel_data(format);
     if (data == nullptr || to > std::numeric_limits<Uint32>::max() ||
@@ -107,9 +106,12 @@ class SegmentationStack final : public SliceStack {
             .bad()) {
       return refused(frame.name() + ": its pixels cannot be read");
     }
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t bit = first + i;
-      out[i] = (bytes[bit / 8 - from] >> (bit % 8) & 1) != 0;
+    for (std::size_t k = 0; k < bytes.size(); ++k) {
+      if (bytes[k] == 0) continue;  // as most are
+      for (std::size_t j = 0; j < 8; ++j) {
+        const std::size_t bit = (from + k) * 8 + j;
+        if ((bytes[k] >> j & 1) != 0 && bit >= first && bit < end) out.push_back(bit - first);
+      }
     }
     return out;
   }

@@ -12,6 +12,7 @@ import numpy as np
 
 from dicom_variants_test import generate_uid, item, make_slice, meta, FileDataset, Sequence  # exits with 77 without pydicom
 import nibabel
+import pydicom
 
 SEG = "1.2.840.10008.5.1.4.1.1.66.4"
 WIDTH, HEIGHT, SLICES = 37, 29, 11  # 1073 pixels: frames of one bit do not begin at a byte
@@ -199,6 +200,15 @@ def codes(report):
     return sorted(w["code"] for w in report["warnings"])
 
 
+def as_pydicom_reads(t):
+    """The packing of this file's writer is that of pydicom's reader."""
+    labels = label_map()
+    for kind in ("BINARY", "FRACTIONAL"):
+        ds = pydicom.dcmread(t.save(make_seg(labels, kind=kind, keep_empty=True)))
+        want = [labels[k] == n for n in NAMES for k in range(SLICES)]
+        check((ds.pixel_array.astype(bool) == want).all(), f"{kind}: pydicom reads other frames")
+
+
 def same_as_nifti(t):
     """Frames in any order, empty ones left out or not, BINARY and FRACTIONAL, in several transfer syntaxes."""
     labels = label_map()
@@ -214,7 +224,7 @@ def same_as_nifti(t):
         "fractional": (make_seg(labels, kind="FRACTIONAL"), None, shown),
         "fractional, of 1": (make_seg(labels, kind="FRACTIONAL", largest=1), None, shown),
         "real fractions": (make_seg(labels, kind="FRACTIONAL", masks=fractions), None, whole),
-        "implicit": (make_seg(labels), ("dcmconv", "+ti"), shown), "big endian": (make_seg(labels), ("dcmconv", "+tb"), shown),
+        "high bit 1": (damaged(lambda ds: setattr(ds, "HighBit", 1)), None, shown), "implicit": (make_seg(labels), ("dcmconv", "+ti"), shown), "big endian": (make_seg(labels), ("dcmconv", "+tb"), shown),
         "deflated": (make_seg(labels), ("dcmconv", "+td"), shown),
         "undefined lengths": (make_seg(labels), ("dcmconv", "+te", "-e"), shown),
         "fractional, RLE": (make_seg(labels, kind="FRACTIONAL", keep_empty=True), ("dcmcrle",), whole),
@@ -354,6 +364,7 @@ def damages(t):
         "turned": (lambda ds: put(groups(ds), "PlaneOrientationSequence", Sequence([item(ImageOrientationPatient=[0, 1, 0, 1, 0, 0])])), "orientation differs"),
         "finer": (lambda ds: put(groups(ds), "PixelMeasuresSequence", Sequence([item(PixelSpacing=[0.1, 0.1])])), "spacing differs"),
         "short": (lambda ds: put(ds, "PixelData", ds.PixelData[:-2]), "truncated"),
+        "padded frames": (lambda ds: put(ds, "PixelData", ds.PixelData + bytes(ds.NumberOfFrames)), "without padding"),
         "empty": (lambda ds: put(ds, "PixelData", b""), "truncated"),
         "no pixels": (lambda ds: delattr(ds, "PixelData"), "not a DICOM image"),
         "wide": (lambda ds: put(ds, "Columns", 65535), "65535 x 29 pixels"),
@@ -379,6 +390,7 @@ def damages(t):
 
 def main():
     t = Trial(*map(pathlib.Path, sys.argv[1:]))
+    as_pydicom_reads(t)
     same_as_nifti(t)
     overlaps(t)
     without_labels(t)

@@ -87,7 +87,7 @@ def segmentation(folder):
     ds.HighBit = 0
     ds.SegmentSequence = [item(SegmentNumber=1)]
     ds.SharedFunctionalGroupsSequence[0].SegmentIdentificationSequence = [item(ReferencedSegmentNumber=1)]
-    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8 + 2)
+    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8)
     ds.save_as(folder / "seg.dcm", write_like_original=False)
     return folder
 
