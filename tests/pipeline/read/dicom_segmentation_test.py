@@ -11,6 +11,7 @@ import sys
 import numpy as np
 
 from dicom_variants_test import generate_uid, item, make_slice, meta, FileDataset, Sequence  # exits with 77 without pydicom
+import jsonschema
 import nibabel
 import pydicom
 
@@ -26,6 +27,15 @@ def check(ok, what):
     if not ok:
         failures.append(what)
         print("FAILED", what)
+
+
+def conforms(document, schema):
+    """To a schema of formats/session."""
+    file = pathlib.Path(__file__).resolve().parents[3] / "formats" / "session" / f"{schema}.schema.json"
+    tree = json.loads(file.read_text(encoding="utf-8"))
+    del tree["$id"]  # python3-jsonschema 4.10 joins a relative one to itself
+    errors = list(jsonschema.Draft202012Validator(tree).iter_errors(document))
+    check(not errors, f"{schema}: {[error.message for error in errors]}")
 
 
 def label_map():
@@ -304,6 +314,7 @@ def listed(t):
     folder = t.ct()
     make_seg(label_map()).save_as(folder / "seg.dcm", write_like_original=False)
     done = subprocess.run([t.mesh, "list", "--json", folder], stdout=subprocess.PIPE, check=True, timeout=60)
+    conforms(json.loads(done.stdout), "list")
     scans = json.loads(done.stdout)["scans"]
     check([s["modality"] for s in scans] == ["CT", "SEG"] and [s["taken"] for s in scans] == [True, False], f"{scans}")
     seg = scans[-1]

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 
-from dicom_segmentation_test import (HEIGHT, NAMES, ORIGIN, SLICES, SPACING_U, SPACING_V, STEP, Trial, WIDTH, check, codes, failures,
+from dicom_segmentation_test import (HEIGHT, NAMES, ORIGIN, SLICES, SPACING_U, SPACING_V, STEP, Trial, WIDTH, check, codes, conforms, failures,
                                hounsfield, label_map, make_seg)
 
 
@@ -46,6 +46,7 @@ def mean_hu(t):
                 if code != 0:
                     check(False, f"{scan.name} {ct.name} {words}: exit {code} {lines}")
                     continue
+                conforms(report, "report")
                 got = [s.get("mean_hu") for s in report["slices"]]
                 check(same(got, expected), f"{scan.name} {ct.name} {words}: {got}, not {expected}")
                 check(same(asset_means(asset), expected), f"{scan.name} {words}: {asset_means(asset)} in the asset")
