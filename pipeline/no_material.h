@@ -13,7 +13,7 @@ namespace trocar::pipeline {
 /// (refused) that names the values found, the labels found where they look like a label map or
 /// labels were wanted, and what to try. Reads these slices again; if that fails, its error.
 Error no_material(const SliceStack& stack, int first, int last, const MeshOptions& options,
-                  const LabelNames& names);
+                  const LabelNames& names = {});
 
 /// The input in messages: its file, or the folder of its files; empty if there are none.
 std::string input_name(const SliceStack& stack);
