@@ -134,6 +134,14 @@ void add_stage_options(CLI::App& app, Arguments& a) {
       ->check(CLI::Range(0.0, 1e12));
 }
 
+// Options of label maps.
+void add_label_options(CLI::App& app, Arguments& a) {
+  app.add_option("--names", a.names,
+                 "of labels: a JSON file {\"20\": \"L1\"}, or verse or totalsegmentator");
+  app.add_option("--hu", a.hu,
+                 "the CT that the labels were made on, on the same grid: gives them a mean HU");
+}
+
 // Options of solid_bone.h.
 void add_solid_options(CLI::App& app, Arguments& a) {
   app.add_option("--close", a.close_mm, "with --fill: gaps of up to twice this count as closed, mm")
@@ -206,6 +214,7 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
   app.add_option("INPUT", a.inputs, "the scan");
   app.add_option("-o,--output", a.output, output);
   add_stage_options(app, a);
+  add_label_options(app, a);
   add_solid_options(app, a);
   add_scan_options(app, a);
   std::vector<std::string> names;
@@ -254,6 +263,18 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   BatchOptions out;
   auto how = segmentation(a);
   if (!how) return how.error();
+  if (a.labels_given->count() == 0) {
+    if (!a.names.empty()) return usage("--names is for label maps: give --labels L, or all");
+    if (!a.hu.empty())
+      return usage(
+          "--hu is the CT beside a label map: give --labels L, or all; other scans in HU "
+          "need no CT beside them");
+  }
+  if (!a.names.empty()) {
+    auto names = LabelNames::named(a.names);
+    if (!names) return names.error();
+    out.names = std::move(*names);
+  }
   out.mesh.segmentation = std::move(*how);
   out.mesh.contour = a.contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.mesh.simplification.tolerance_mm = a.tolerance_mm;
@@ -297,6 +318,9 @@ Result<OpenOptions> open_options(const Arguments& a) {
   }
   out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
+  auto wanted = labels(a.labels);
+  if (!wanted) return wanted.error();
+  if (!wanted->all) out.labels = std::move(wanted->labels);
   if (!a.spacing.empty()) {
     const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing", "X,Y,Z in mm");
     if (!n) return n.error();

@@ -16,7 +16,6 @@
 #include "formats/base/json_text.h"
 #include "pipeline/for_each_piece.h"
 #include "pipeline/no_material.h"
-#include "pipeline/number_ranges.h"
 #include "pipeline/report.h"
 
 namespace trocar::pipeline {
@@ -196,6 +195,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
                                const json& parameters) {
   if (auto ok = check_ranges(stack, given); !ok) return ok.error();
   BatchOptions options = given;
+  options.names.add_defaults(stack.label_names);
   const int first = options.slices ? options.slices->first : 0;
   const int last = options.slices ? options.slices->second : stack.size() - 1;
   const int threads =
@@ -213,8 +213,11 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
   // The digests of the input's files are computed in parallel with the slices.
-  const int files = static_cast<int>(stack.files.size());
-  std::vector<Result<std::string>> digests(stack.files.size(), std::string());
+  std::vector<std::filesystem::path> input_files = stack.files;
+  if (const SliceStack* hu = options.mesh.hu)
+    input_files.insert(input_files.end(), hu->files.begin(), hu->files.end());
+  const int files = static_cast<int>(input_files.size());
+  std::vector<Result<std::string>> digests(input_files.size(), std::string());
   std::vector<std::optional<Result<FinishedSlice>>> done(
       static_cast<std::size_t>(last - first + 1));
   std::mutex mutex;
@@ -222,7 +225,8 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   const auto one_piece = [&](int piece) {
     if (options.stop != nullptr && options.stop->load()) return;
     if (piece < files) {
-      digests[static_cast<std::size_t>(piece)] = digest_file(stack.files[piece]);
+      digests[static_cast<std::size_t>(piece)] =
+          digest_file(input_files[static_cast<std::size_t>(piece)]);
       return;
     }
     const int k = piece - files;
@@ -271,7 +275,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   if (stack.voxel_conflict) add_volumes(*stack.voxel_conflict, total.area_mm2, warnings);
   if (!absent.empty()) {
     warnings.push_back({{"code", "label_absent"},
-                        {"where", named_ranges("label", absent)},
+                        {"where", options.names.list(absent)},
                         {"sentence", "not in the slices that were meshed"},
                         {"labels", absent}});
   }
@@ -287,7 +291,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
 
   if (std::all_of(encoded.begin(), encoded.end(),
                   [](const EncodedSlice& slice) { return slice.triangles == 0; }))
-    return no_material(stack, first, last, options.mesh);
+    return no_material(stack, first, last, options.mesh, options.names);
 
   const auto assemble_start = std::chrono::steady_clock::now();
   AssetSizes sizes;
@@ -321,6 +325,11 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};
+  if (labels != nullptr) {
+    json& named = out.report["labels"] = json::array();
+    for (const int label : found)
+      named.push_back({{"label", label}, {"name", options.names.name_of(label)}});
+  }
   if (solid)
     out.report["solid"] = {{"filled_mm3", solid->filled_mm3()},
                            {"dropped_mm3", solid->dropped_mm3()}};

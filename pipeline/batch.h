@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "formats/asset/asset.h"
+#include "pipeline/label_names.h"
 #include "pipeline/mesh_slice.h"
 
 namespace trocar::pipeline {
@@ -17,6 +18,7 @@ namespace trocar::pipeline {
 struct BatchOptions {
   MeshOptions mesh;
   SolidOptions solid;
+  LabelNames names;  ///< of a label map; the scan's own are added to them
   std::optional<SliceAxis> axis;                      ///< that the stack was opened along
   std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
   int threads = 0;                                    ///< 0: all cores

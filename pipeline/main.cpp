@@ -26,6 +26,7 @@
 #include "pipeline/preview.h"
 #include "pipeline/preview_file.h"
 #include "pipeline/preview_sheet.h"
+#include "pipeline/read/labels_with_ct.h"
 #include "pipeline/scan_list.h"
 #include "pipeline/second_opinion.h"
 
@@ -216,6 +217,7 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchRe
                             {"slices", stack.size()},
                             {"width_px", stack.width()},
                             {"height_px", stack.height()}};
+  if (!a.hu.empty()) result.report["input"]["hu"] = without_folder(a.hu);
   if (stack.series) {
     const SeriesInfo& s = *stack.series;
     result.report["input"]["series"] = {{"uid", s.uid},
@@ -231,7 +233,9 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, BatchRes
   if (auto ok = write_file_atomically(a.output, result.glb); !ok) return ok;
   if (auto ok = describe_files(a, stack, result); !ok) return ok;
   if (!a.report.empty()) {
-    const json report = without_folders(result.report, a.inputs);
+    std::vector<fs::path> given = a.inputs;
+    if (!a.hu.empty()) given.push_back(a.hu);
+    const json report = without_folders(result.report, given);
     if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
   }
   if (!a.dump_stages.empty())
@@ -248,6 +252,22 @@ void print_outcome(const Arguments& a, const json& report) {
   std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
               report["slices"].size(), report["asset"]["triangles"].get<std::size_t>(),
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
+}
+
+// The scan, and with --hu the CT beside it.
+Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options) {
+  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, options);
+  auto stack = open_stack(a.inputs, options);
+  if (!stack) return stack.error();
+  return LabelsWithCt{std::move(*stack), nullptr};
+}
+
+// All that is read: nothing of it may be written over.
+std::vector<fs::path> files_read(const Arguments& a, const LabelsWithCt& scan) {
+  std::vector<fs::path> out = scan.labels->files;
+  if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
+  if (!a.names.empty()) out.emplace_back(a.names);
+  return out;
 }
 
 int explain(const std::string& preset) {
@@ -267,22 +287,24 @@ int mesh(const Arguments& a) {
   auto open = open_options(a);
   if (!open) return fail(open.error());
   stop_on_signals();
-  const auto stack = open_stack(a.inputs, *open);
-  if (!stack) return fail(stack.error());
-  if (auto ok = check_outputs(a, (*stack)->files); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
+  const auto scan = open_scan(a, *open);
+  if (!scan) return fail(scan.error());
+  const std::unique_ptr<SliceStack>& stack = scan->labels;
+  options->mesh.hu = scan->ct.get();
+  if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
+  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
   options->stop = &stop_requested;
   // The asset does not depend on how the series was named; a volume that is no DICOM is transverse
   // without --axis, too.
-  if (!open->series.empty()) open->series = (*stack)->series->uid;
-  if (!(*stack)->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
+  if (!open->series.empty()) open->series = stack->series->uid;
+  if (!stack->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
   options->axis = open->axis;
-  auto result = mesh_stack(**stack, *options, parameters_json(*options, *open));
+  auto result = mesh_stack(*stack, *options, parameters_json(*options, *open));
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
-  if (auto ok = write_outputs(a, **stack, *result); !ok) return fail(ok.error());
+  if (auto ok = write_outputs(a, *stack, *result); !ok) return fail(ok.error());
   if (!a.quiet) print_outcome(a, result->report);
   return 0;
 }

@@ -30,6 +30,7 @@ struct MeshOptions {
   double min_region_mm2 = 1;
   Lattice lattice;
   std::optional<Crop> crop;
+  const SliceStack* hu = nullptr;    ///< the CT beside a label map (read/labels_with_ct.h), if any
   const SolidBone* solid = nullptr;  ///< which voxels are material, if not the segmentation alone
 };
 
@@ -47,8 +48,8 @@ struct MeshedSlice {
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
-  /// Of the pixels at or above the threshold, before small regions are dropped; only for input in
-  /// HU that is segmented by a threshold.
+  /// Of the pixels that are material, before small regions are dropped; only for input in HU that is
+  /// segmented by a threshold, and for a label map with its CT beside it.
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
   ValueTally values;     ///< of input in HU, or whose material is chosen by labels
@@ -77,6 +78,11 @@ Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& o
                         Image image);
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field);
+
+/// The HU of the same pixels: those of MeshOptions::hu; without it the slice's own values, if they
+/// are HU and no labels. None: there are no HU. Errors: those of read().
+Result<std::optional<Image>> read_hu(const SliceStack& stack, int slice,
+                                     const MeshOptions& options);
 
 /// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
 /// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for

@@ -231,7 +231,7 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
       series.info.uid = uid;
       series.content = file.content;
     }
-    if (file.kind == DicomFile::Kind::kUnusable) {
+    if (file.kind == DicomFile::Kind::kUnusable || file.kind == DicomFile::Kind::kSegmentation) {
       if (series.unusable++ == 0) series.problem = file.problem;
       const bool is_other = file.content.kind == ImageContent::Kind::kOther;
       if (!file.is_capture && !is_other) ++series.broken;

@@ -6,8 +6,10 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -75,6 +77,8 @@ class SliceStack {
   std::string modality;                         ///< "MR", for example, of kUncalibrated; else empty
   /// All that the slices come from, in order: see digest_input().
   std::vector<std::filesystem::path> files;
+  /// What the input itself calls its labels: of a DICOM segmentation, in UTF-8 as it is stored.
+  std::map<int, std::string> label_names;
 };
 
 /// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
@@ -85,8 +89,12 @@ enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
   std::string series;             ///< UID, number or description, as of named_series()
+  std::set<int> labels;           ///< of as_labels: those wanted, which must not overlap; empty: all
+  /// The CT that a DICOM segmentation was made on, as it is stored: its slices are the
+  /// segmentation's, most of which may have no frame.
+  const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< none: as stored; of a NIfTI volume transverse
-  bool as_labels = false;         ///< image levels are labels: as stored, not 0..255
+  bool as_labels = false;         ///< image levels are labels: as stored, not 0..255; takes SEG
   bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
 };
 
@@ -114,6 +122,12 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
 Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);
+/// A DICOM segmentation (SEG) as a label map: the labels are its segments' numbers. `file` is of
+/// read_dicom_headers(). Slices without a frame are empty. Errors (refused): frames that do not fit
+/// each other or options.segmented_ct; on reading, wanted segments that overlap. Warnings:
+/// frames_left_out, uneven_spacing.
+Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
+                                                      const OpenOptions& options);
 /// The volume of a stack, sliced along an axis as a NIfTI volume is. Its voxels are written to a
 /// temporary file. Errors (refused): its slices are tilted, not evenly spaced, or a single one.
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,

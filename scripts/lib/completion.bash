@@ -28,6 +28,8 @@ _trocar() {
             --compensate) COMPREPLY=($(compgen -W "none friction weight both" -- "$cur")) ;;
             --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
             --asset) _filedir glb ;;
+            --names) COMPREPLY=($(compgen -W "verse totalsegmentator" -- "$cur")) && _filedir json ;;
+            --hu) _filedir ;;
             --black-box) _filedir -d ;;
             -o | --output) if [[ $subcommand == export ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \

@@ -11,7 +11,7 @@ import sys
 import nibabel
 import numpy as np
 
-from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, make_enhanced, make_slice  # exits with 77 without pydicom
+from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, item, make_enhanced, make_slice  # exits with 77 without pydicom
 
 MR, PT, SEG = "1.2.840.10008.5.1.4.1.1.4", "1.2.840.10008.5.1.4.1.1.128", "1.2.840.10008.5.1.4.1.1.66.4"
 ENHANCED_MR, CAPTURE = "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.7"
@@ -85,7 +85,9 @@ def segmentation(folder):
     ds.file_meta.MediaStorageSOPClassUID = SEG
     ds.BitsAllocated = ds.BitsStored = 1
     ds.HighBit = 0
-    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8 + 2)
+    ds.SegmentSequence = [item(SegmentNumber=1)]
+    ds.SharedFunctionalGroupsSequence[0].SegmentIdentificationSequence = [item(ReferencedSegmentNumber=1)]
+    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8)
     ds.save_as(folder / "seg.dcm", write_like_original=False)
     return folder
 
@@ -136,8 +138,8 @@ def other_modalities(t):
 def segmentations(t):
     """What they need is said: they are label maps."""
     folder = segmentation(t.folder())
-    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "NIfTI", "--labels")
-    t.refused(folder, "1 bits", words=("--any-modality",))
+    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "--labels")
+    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "--labels", words=("--any-modality",))
 
 
 def ct_is_ct(t):
