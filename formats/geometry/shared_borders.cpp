@@ -44,7 +44,9 @@ Result<void> add_borders(std::size_t region, const Ring& ring, const Ring& store
 
 struct Edge {
   LatticePoint from, to;
-  friend auto operator<=>(const Edge&, const Edge&) = default;
+  friend bool operator<(const Edge& e, const Edge& f) {
+    return std::pair{e.from, e.to} < std::pair{f.from, f.to};
+  }
 };
 
 // Seen from p, does the direction of a come before that of b when turning clockwise from that of
