@@ -209,11 +209,10 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   return out;
 }
 
-}  // namespace
-
-void add_mesh_options(CLI::App& app, Arguments& a) {
+// What a run and its preview have in common.
+void add_common_options(CLI::App& app, Arguments& a, const char* output) {
   app.add_option("INPUT", a.inputs, "the scan");
-  app.add_option("-o,--output", a.output, "the asset to write (.glb)");
+  app.add_option("-o,--output", a.output, output);
   add_stage_options(app, a);
   add_label_options(app, a);
   add_solid_options(app, a);
@@ -230,10 +229,24 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   app.add_option("--jobs", a.jobs, "threads; 0 is all cores")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024));
+}
+
+}  // namespace
+
+void add_mesh_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the asset to write (.glb)");
   app.add_option("--report", a.report, "what was done, as JSON");
   app.add_option("--dump-stages", a.dump_stages, "stages of --dump-slice, as JSON for pictures");
   a.dump_slice_given = app.add_option("--dump-slice", a.dump_slice, "the slice of --dump-stages")
                            ->check(CLI::NonNegativeNumber);
+  app.add_flag("--quiet", a.quiet, "print errors only");
+}
+
+void add_preview_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the sheet to write (.png, or .html with the numbers as text)");
+  app.add_option("--count", a.count, "slices shown, evenly spread over those with material")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 100));
   app.add_flag("--quiet", a.quiet, "print errors only");
 }
 
@@ -288,9 +301,10 @@ Result<BatchOptions> batch_options(const Arguments& a) {
     if (!n) return n.error();
     out.mesh.crop = Crop{(*n)[0], (*n)[1], (*n)[2], (*n)[3]};
   }
-  if ((a.dump_slice_given->count() > 0) == a.dump_stages.empty())
+  const bool has_dump_slice = a.dump_slice_given != nullptr && a.dump_slice_given->count() > 0;
+  if (has_dump_slice == a.dump_stages.empty())
     return usage("--dump-slice and --dump-stages go together: which slice, and the file for it");
-  if (a.dump_slice_given->count() > 0) out.dump_slice = a.dump_slice;
+  if (has_dump_slice) out.dump_slice = a.dump_slice;
   return out;
 }
 

@@ -23,7 +23,7 @@ struct Arguments {
   std::string fill, mask, names;
   std::string contour = "subpixel", simplify = "dp", axis = "transverse", preset, series, spacing,
               slices, crop;
-  int lattice_bits = 8, jobs = 0, dump_slice = -1, largest = 0;
+  int lattice_bits = 8, jobs = 0, dump_slice = -1, largest = 0, count = 12;
   bool any_modality = false, quiet = false, explain = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
               *contour_given = nullptr, *area_given = nullptr, *area_px_given = nullptr,
@@ -32,6 +32,8 @@ struct Arguments {
 
 /// Declares the options; `a` must outlive the app.
 void add_mesh_options(CLI::App& app, Arguments& a);
+/// The same options for the preview of a run, without those of its other outputs.
+void add_preview_options(CLI::App& app, Arguments& a);
 
 /// Errors (usage) name the option.
 Result<BatchOptions> batch_options(const Arguments& a);

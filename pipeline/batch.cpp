@@ -95,7 +95,7 @@ std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions
     out.push_back(voxel_volume_warning(
         *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
   }
-  if (auto doubt = label_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
+  if (auto doubt = value_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
     out.push_back(std::move(*doubt));
   return out;
 }
@@ -165,6 +165,8 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   return out;
 }
 
+}  // namespace
+
 Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) {
   if (options.slices) {
     const auto [a, b] = *options.slices;
@@ -188,8 +190,6 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
   }
   return {};
 }
-
-}  // namespace
 
 Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& given,
                                const json& parameters) {

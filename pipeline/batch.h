@@ -36,6 +36,9 @@ struct BatchResult {
   nlohmann::json stages;  ///< of dump_slice, or null
 };
 
+/// Errors (usage): slices or crop outside the stack.
+Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options);
+
 /// The same stack and options give the same glb, with any number of threads. Errors: those of
 /// mesh_slice(), the lowest slice's first; (refused) no slice has any material; (usage) slices or
 /// crop outside the stack; (unwritable) stopped.

@@ -14,7 +14,7 @@ bool is_whole(float value) {
 }
 
 bool may_be_labels(const ValueTally& t) {
-  return t.low >= 0 && !t.has_fractions && t.values.size() <= kMostLabels;
+  return !t.has_negative && !t.has_fractions && t.values.size() <= kMostLabels;
 }
 
 // Everything but the pairs; false if it has stopped early.
@@ -22,6 +22,7 @@ bool tally_pixels(const Image& image, bool as_labels, ValueTally& out) {
   float before = NAN;
   for (const float value : image.values) {
     ++out.pixels;
+    if (value >= 964 && value <= 1124) ++out.offset_soft_tissue;
     if (value == before) continue;
     before = value;
     out.low = std::min(out.low, static_cast<double>(value));
@@ -31,7 +32,8 @@ bool tally_pixels(const Image& image, bool as_labels, ValueTally& out) {
     } else if (out.values.size() <= kMostLabels) {
       out.values.insert(static_cast<int>(value));
     }
-    if (!as_labels && !may_be_labels(out)) return false;
+    out.has_negative |= value < 0;
+    if (!as_labels && out.has_negative) return false;
   }
   return true;
 }
@@ -79,6 +81,11 @@ bool looks_like_labels(const ValueTally& t, double level) {
   return t.values.size() <= kFew || jumps >= kLeastJumps * (steps + jumps);
 }
 
+bool looks_offset(const ValueTally& t) {
+  return !t.has_negative && t.values.size() > kMostLabels &&
+         100 * t.offset_soft_tissue >= 15 * t.pixels;
+}
+
 bool changes_everywhere(const ValueTally& t) {
   constexpr std::int64_t kLeastPairs = 32;
   const std::int64_t unequal = t.steps + t.jumps;
@@ -99,22 +106,32 @@ void ValueTally::add(const ValueTally& other) {
   equal += other.equal;
   steps += other.steps;
   jumps += other.jumps;
+  has_negative |= other.has_negative;
+  offset_soft_tissue += other.offset_soft_tissue;
 }
 
 ValueTally tally_values(const Image& image, bool as_labels) {
   ValueTally out;
   if (image.values.empty()) return out;
   out.low = out.high = image.values[0];
-  if (tally_pixels(image, as_labels, out)) tally_pairs(image, out);
+  const bool is_whole_image = tally_pixels(image, as_labels, out);
+  if (is_whole_image && (as_labels || may_be_labels(out))) tally_pairs(image, out);
   return out;
 }
 
-std::optional<Warning> label_doubt(const ValueTally& t, PixelUnit unit, const Segmentation& how,
+std::optional<Warning> value_doubt(const ValueTally& t, PixelUnit unit, const Segmentation& how,
                                    const std::string& where) {
   if (!std::holds_alternative<Labels>(how)) {
     const auto* threshold = std::get_if<Threshold>(&how);
     const double level = threshold != nullptr ? threshold->value : 0;
-    if (unit != PixelUnit::kHounsfield || !looks_like_labels(t, level)) return {};
+    if (unit != PixelUnit::kHounsfield) return {};
+    if (threshold != nullptr && looks_offset(t)) {
+      return Warning{"looks_offset", where,
+                     "the values look like HU with 1024 added: none is negative, and soft tissue "
+                     "seems to be near 1064; correct the scan (its intercept is missing), or add "
+                     "1024 to --threshold, but then mean HU and tissues are wrong"};
+    }
+    if (!looks_like_labels(t, level)) return {};
     const std::set<int> labels = labels_of(t);
     return Warning{"looks_like_labels", where,
                    "the values look like labels and not like HU: whole numbers in even regions, "

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// trocar-mesh: makes an asset from a scan; its subcommands verify, describe and export assets.
+// trocar-mesh: makes an asset from a scan; its subcommands list scans, preview a run,
+// and verify, describe and export assets.
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/version.h>
 #include <unistd.h>
 
@@ -20,6 +23,9 @@
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 #include "pipeline/presets.h"
+#include "pipeline/preview.h"
+#include "pipeline/preview_file.h"
+#include "pipeline/preview_sheet.h"
 #include "pipeline/read/labels_with_ct.h"
 #include "pipeline/scan_list.h"
 #include "pipeline/second_opinion.h"
@@ -40,6 +46,13 @@ int fail(const Error& error) {
   return report_error(kName, error);
 }
 
+std::string ending_of(const fs::path& file) {
+  std::string ending = file.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return ending;
+}
+
 // Refuses to overwrite an input or any file that may be a scan: in `-o *.png` the shell makes a
 // slice the output.
 Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
@@ -50,13 +63,30 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
       return usage(output.option + " " + output.file.string() + ": would write over a scan");
   }
   if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
-  std::string ending = a.output.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (ending != ".glb") {
+  if (ending_of(a.output) != ".glb") {
     return usage("-o " + a.output.string() +
                  ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg");
   }
+  return {};
+}
+
+// A sheet replaces no picture but another sheet (in `-o *.png` the shell makes a slice the output),
+// and does not become one of the scan's images.
+Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) {
+  const std::string given = "-o " + a.output.string() + ": ";
+  const std::string ending = ending_of(a.output);
+  if (ending != ".png" && ending != ".html")
+    return usage(given + "a preview is a .png or .html; an asset is made without preview");
+  const OutputFile outputs[] = {{"-o", a.output}};
+  if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
+  std::error_code ignored;
+  if (ending == ".png" && fs::exists(a.output, ignored) && !is_sheet(a.output))
+    return usage(given + "would write over a picture that is no preview");
+  if (ending != ".png" || read.empty() || ending_of(read[0]) != ".png") return {};
+  const fs::path folder = a.output.has_parent_path() ? a.output.parent_path() : ".";
+  const fs::path scan = read[0].has_parent_path() ? read[0].parent_path() : ".";
+  if (fs::equivalent(folder, scan, ignored))
+    return usage(given + "would become one of the scan's images; give another folder");
   return {};
 }
 
@@ -279,6 +309,47 @@ int mesh(const Arguments& a) {
   return 0;
 }
 
+int preview(const Arguments& a) {
+  if (a.explain) return explain(a.preset);
+  if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh preview --help"));
+  if (a.output.empty()) return fail(usage("no output given: -o SHEET.png or -o SHEET.html"));
+  if (auto ok = check_sheet(a, a.inputs); !ok) return fail(ok.error());
+  auto options = batch_options(a);
+  if (!options) return fail(options.error());
+  const auto open = open_options(a);
+  if (!open) return fail(open.error());
+  stop_on_signals();
+  options->stop = &stop_requested;
+  options->axis = open->axis;
+  const int threads = a.jobs > 0 ? a.jobs : oneapi::tbb::info::default_concurrency();
+  const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
+                                          static_cast<std::size_t>(threads));
+  const auto scan = open_scan(a, *open);
+  if (!scan) return fail(scan.error());
+  const std::unique_ptr<SliceStack>& stack = scan->labels;
+  if (auto ok = check_sheet(a, files_read(a, *scan)); !ok) return fail(ok.error());
+  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  const auto made = make_preview(*stack, *options, a.count);
+  if (!made) return fail(made.error());
+  const SheetText text{sheet_title(*stack, *made),
+                       options_text(*options, *open, stack->pixel_unit())};
+  const Sheet sheet = draw_sheet(*made, text);
+  const auto png = png_of(sheet.picture);
+  if (!png) return fail(png.error());
+  const auto ok =
+      ending_of(a.output) == ".png"
+          ? write_file_atomically(a.output, *png)
+          : write_file_atomically(a.output, page_of(*made, sheet, text, input_kind(*stack), *png));
+  if (!ok) return fail(ok.error());
+  if (a.quiet) return 0;
+  for (const Warning& w : made->warnings)
+    std::cerr << "trocar-mesh: warning (" << w.code << "): " << w.where << ": " << w.sentence
+              << '\n';
+  std::printf("%s: %zu of %d slices, %d x %d pixels\n", a.output.c_str(), made->shown.size(),
+              made->slices, sheet.picture.width, sheet.picture.height);
+  return 0;
+}
+
 int list(const fs::path& folder, bool as_json) {
   std::vector<Warning> warnings;
   const auto scans = list_scans(folder, warnings);
@@ -390,6 +461,11 @@ int run(int argc, char** argv) {
   bool as_json = false;
   CLI::App* list_command = app.add_subcommand("list", "show the scans in a folder");
   list_command->add_option("FOLDER", study, "of a study, with its sub-folders")->required();
+  CLI::App* preview_command =
+      app.add_subcommand("preview", "show what a run with the same options would mesh");
+  preview_command->get_formatter()->column_width(46);
+  Arguments previewed;
+  add_preview_options(*preview_command, previewed);
   CLI::App* verify_command = app.add_subcommand("verify", "check an asset's invariants");
   CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
@@ -418,6 +494,7 @@ int run(int argc, char** argv) {
     return mesh(a);
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
+  if (*preview_command) return preview(previewed);
   if (*list_command) return list(study, as_json);
   if (*verify_command) return verify_all(assets, independent, as_json);
   if (*info_command) return info(asset, as_json);

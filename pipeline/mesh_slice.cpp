@@ -36,8 +36,22 @@ Image cropped(Image image, const Crop& c) {
   return out;
 }
 
-Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane,
-                           const Lattice& lattice) {
+PixelGrid grid_of(const SlicePlane& plane, const MeshOptions& options) {
+  PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
+  if (options.crop) {
+    grid.offset_x = options.crop->x0;
+    grid.offset_y = options.crop->y0;
+  }
+  return grid;
+}
+
+}  // namespace
+
+Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice) {
+  const SlicePlane& plane = stack.plane(slice);
+  const auto refused = [&](const std::string& reason) {
+    return trocar::refused(stack.name(slice) + ": " + reason);
+  };
   const double smallest = std::min(plane.spacing_u_mm, plane.spacing_v_mm);
   if (smallest < kMinStepsPerPixel * lattice.step_mm()) {
     return refused("pixels of " + std::to_string(smallest) + " mm are narrower than " +
@@ -53,6 +67,8 @@ Result<void> check_lattice(const SliceStack& stack, const SlicePlane& plane,
   }
   return {};
 }
+
+namespace {
 
 // From `out.contours` to `out.refined`, with the outline simplified to the given tolerance.
 Result<void> mesh_contours_to(const Lattice& lattice, const SimplificationOptions& simplification,
@@ -132,12 +148,28 @@ Result<std::optional<Image>> read_hu(const SliceStack& stack, int slice,
   return std::optional<Image>(std::move(*image));
 }
 
+Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
+                        Image image) {
+  Segmented out{segment(std::move(image), stack.pixel_unit(), options.segmentation), {}};
+  if (options.solid != nullptr) {
+    const PixelGrid grid = grid_of(stack.plane(slice), options);
+    out.solid_mean = options.solid->apply(slice, grid.offset_x, grid.offset_y, out.field);
+  }
+  return out;
+}
+
+Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
+                 const Field& field) {
+  return drop_small_rings(contours(field, grid_of(stack.plane(slice), options), options.contour),
+                          options.min_region_mm2, options.lattice);
+}
+
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
   const SlicePlane& plane = stack.plane(slice);
   const auto fail = [&](const Error& e) {
     return Error{e.code, stack.name(slice) + ": " + e.message};
   };
-  if (auto ok = check_lattice(stack, plane, options.lattice); !ok) return fail(ok.error());
+  if (auto ok = check_lattice(stack, slice, options.lattice); !ok) return ok.error();
 
   MeshedSlice out;
   Stopwatch watch;
@@ -155,16 +187,8 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (as_labels || stack.pixel_unit() == PixelUnit::kHounsfield)
     out.values = tally_values(*image, as_labels);
 
-  PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
-  if (options.crop) {
-    grid.offset_x = options.crop->x0;
-    grid.offset_y = options.crop->y0;
-  }
-  Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
+  auto [field, solid_mean] = segment_slice(stack, slice, options, std::move(*image));
   out.labels = std::move(field.labels);
-  std::optional<double> solid_mean;
-  if (options.solid != nullptr)
-    solid_mean = options.solid->apply(slice, grid.offset_x, grid.offset_y, field);
   if (stack.pixel_unit() == PixelUnit::kHounsfield &&
       std::holds_alternative<Threshold>(options.segmentation)) {
     out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
@@ -174,8 +198,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
                                  [iso = field.iso](float value) { return value >= iso; });
   out.times.segment_ms = watch.lap_ms();
 
-  out.contours = drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,
-                                  options.lattice);
+  out.contours = contours_of(stack, slice, options, field);
   out.times.contour_ms = watch.lap_ms();
 
   RefinementOptions refinement = options.refinement;

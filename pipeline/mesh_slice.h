@@ -48,8 +48,8 @@ struct MeshedSlice {
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
-  /// Of the pixels that are material, before small regions are dropped; only for input in HU that is
-  /// segmented by a threshold, and for a label map with its CT beside it.
+  /// Of the pixels that are material, before small regions are dropped; only for input in HU that
+  /// is segmented by a threshold, and for a label map with its CT beside it.
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
   ValueTally values;     ///< of input in HU, or whose material is chosen by labels
@@ -69,6 +69,20 @@ Result<Image> read_cropped(const SliceStack& stack, int slice, const std::option
 /// are HU and no labels. None: there are no HU. Errors: those of read().
 Result<std::optional<Image>> read_hu(const SliceStack& stack, int slice,
                                      const MeshOptions& options);
+
+/// Errors (refused): pixels too fine for the lattice, or the image too large for it.
+Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice);
+
+struct Segmented {
+  Field field;
+  std::optional<double> solid_mean;  ///< of SolidBone::apply()
+};
+
+/// The stages of mesh_slice() up to the contours. `image` is that of read_cropped().
+Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
+                        Image image);
+Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
+                 const Field& field);
 
 /// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
 /// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for

@@ -186,7 +186,7 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
     tally.add(tally_values(*image, true));
   }
   const Labels labels{options.mask_labels};
-  if (const auto doubt = label_doubt(tally, (*mask)->pixel_unit(), labels, options.mask_file))
+  if (const auto doubt = value_doubt(tally, (*mask)->pixel_unit(), labels, options.mask_file))
     return refused(doubt->where + ": " + doubt->sentence.substr(0, doubt->sentence.find(';')) +
                    "; --mask needs a label map");
   const auto flags = segmented(**mask, labels, grid);

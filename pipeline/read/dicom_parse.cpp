@@ -61,6 +61,7 @@ class GuardedStream final : public DcmInputFileStream {
   mutable const char* over_ = nullptr;
 };
 
+// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
 OFCondition load_until(const std::filesystem::path& file, DcmFileFormat& format,
                        const DcmTagKey& last) {
   GuardedStream stream(OFFilename(file.c_str()));
@@ -69,7 +70,8 @@ OFCondition load_until(const std::filesystem::path& file, DcmFileFormat& format,
   OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, last);
   format.transferEnd();
   return stream.was_over() ? stream.status() : done;
-}  // NOLINT(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+}
+// NOLINTEND(clang-analyzer-unix.Malloc)
 
 }  // namespace
 
@@ -83,6 +85,7 @@ void set_up_dcmtk() {
   });
 }
 
+// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format) {
   return load_until(file, format, DCM_UndefinedTagKey);
 }
@@ -90,6 +93,7 @@ OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format)
 OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format) {
   return load_until(file, format, DCM_PixelData);
 }
+// NOLINTEND(clang-analyzer-unix.Malloc)
 
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
   OFString value;

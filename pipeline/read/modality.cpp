@@ -84,6 +84,15 @@ std::string image_type_with(DcmItem& data, const std::array<std::string_view, N>
   return {};
 }
 
+// What the values of a CT are after the rescale, if that is not HU: optical density, electron
+// density, effective atomic number and others. US is "unspecified".
+std::string other_rescale(DcmItem& data) {
+  OFString type;
+  if (data.findAndGetOFString(DCM_RescaleType, type, 0, true).bad()) return {};
+  const std::string known = code_string(type.c_str());
+  return known.starts_with("HU") || known == "US" ? std::string() : known;
+}
+
 }  // namespace
 
 ImageContent image_content(DcmItem& data) {
@@ -106,6 +115,8 @@ ImageContent image_content(DcmItem& data) {
   if (!image_type_with(data, kScreens).empty() ||
       (is_capture && !data.tagExists(DCM_RescaleIntercept)))
     return is(Kind::kOther, "SECONDARY CAPTURE");
+  if (const std::string type = other_rescale(data); out.name == "CT" && !type.empty())
+    return is(Kind::kOther, type);
   if (!out.name.empty()) out.kind = out.name == "CT" ? Kind::kCt : Kind::kOther;
   return out;
 }
@@ -123,6 +134,10 @@ std::string why_not_ct(const ImageContent& content) {
   }
   if (content.name.find("CAPTURE") != std::string::npos)
     return "a picture of a screen (" + content.name + "), not HU; give the CT series" + kAsItIs;
+  if (content.name.starts_with("CT ")) {
+    return "a CT whose values are not HU after the rescale (RescaleType " + content.name.substr(3) +
+           "); give the series in HU" + kAsItIs;
+  }
   const std::string_view words = look_up(kWords, content.name);
   const std::string named = what + (words.empty() ? "" : " (" + std::string(words) + ")");
   if (content.is_segmentation())

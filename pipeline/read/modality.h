@@ -19,7 +19,8 @@ struct Warning;
 /// What a file's images are:
 /// 1. kLocaliser: a value of ImageType contains LOCALIZER, SURVIEW (as REF_SURVIEW does) or SCOUT.
 /// 2. kOther: the modality is not CT, or a value of ImageType is MOSAIC or SCREEN SAVE, or the file
-///    is a Secondary Capture without a rescale.
+///    is a Secondary Capture without a rescale, or a CT with a RescaleType other than HU, HU_MOD
+///    and US (unspecified).
 /// 3. kCt: the modality is CT.
 /// 4. kUnknown: there is no modality.
 /// The modality is that of the attribute Modality; where this is missing or empty, that of the SOP

@@ -105,6 +105,7 @@ def other_modalities(t):
             ("CT MOSAIC", {"ImageType": ["DERIVED", "SECONDARY", "MOSAIC"]}, "MOSAIC"),
             ("CT SECONDARY CAPTURE", {"SOPClassUID": "1.2.840.10008.5.1.4.1.1.7", "RescaleIntercept": None}, "a picture of a screen"),
             ("CT SECONDARY CAPTURE", {"ImageType": ["DERIVED", "SECONDARY", "SCREEN SAVE"]}, "a picture of a screen"),
+            ("CT ED", {"RescaleType": "ED"}, "RescaleType ED"),
             ("CT LOCALIZER", {"ImageType": ["ORIGINAL", "PRIMARY", "LOCALIZER"]}, "LOCALIZER"),
             ("CT REF_SURVIEW", {"ImageType": ["DERIVED", "SECONDARY", "REF_SURVIEW"]}, "REF_SURVIEW"),
             ("MR LOCALIZER", {"Modality": "MR", "ImageType": ["ORIGINAL", "PRIMARY", "LOCALIZER"]}, "LOCALIZER")):
