@@ -18,11 +18,11 @@ namespace trocar::pipeline {
 struct BatchOptions {
   MeshOptions mesh;
   SolidOptions solid;
-  LabelNames names;  ///< of a label map; the scan's own are added to them
-  std::optional<SliceAxis> axis;                      ///< that the stack was opened along
-  std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
-  int threads = 0;                                    ///< 0: all cores
-  std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures
+  LabelNames names;                           ///< of a label map; the scan's own are added to them
+  std::optional<SliceAxis> axis;              ///< that the stack was opened along
+  std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
+  int threads = 0;                            ///< 0: all cores
+  std::optional<int> dump_slice;              ///< keep this slice's stages for pictures
   std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
   const std::atomic<bool>* stop = nullptr;            ///< set from a signal handler: stop early
   /// Start of the report's total_ms, which includes opening the scan.

@@ -324,21 +324,22 @@ int preview(const Arguments& a) {
   const int threads = a.jobs > 0 ? a.jobs : oneapi::tbb::info::default_concurrency();
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
-  const auto stack = open_stack(a.inputs, *open);
-  if (!stack) return fail(stack.error());
-  if (auto ok = check_sheet(a, (*stack)->files); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
-  const auto made = make_preview(**stack, *options, a.count);
+  const auto scan = open_scan(a, *open);
+  if (!scan) return fail(scan.error());
+  const std::unique_ptr<SliceStack>& stack = scan->labels;
+  if (auto ok = check_sheet(a, files_read(a, *scan)); !ok) return fail(ok.error());
+  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  const auto made = make_preview(*stack, *options, a.count);
   if (!made) return fail(made.error());
-  const SheetText text{sheet_title(**stack, *made),
-                       options_text(*options, *open, (*stack)->pixel_unit())};
+  const SheetText text{sheet_title(*stack, *made),
+                       options_text(*options, *open, stack->pixel_unit())};
   const Sheet sheet = draw_sheet(*made, text);
   const auto png = png_of(sheet.picture);
   if (!png) return fail(png.error());
   const auto ok =
       ending_of(a.output) == ".png"
           ? write_file_atomically(a.output, *png)
-          : write_file_atomically(a.output, page_of(*made, sheet, text, input_kind(**stack), *png));
+          : write_file_atomically(a.output, page_of(*made, sheet, text, input_kind(*stack), *png));
   if (!ok) return fail(ok.error());
   if (a.quiet) return 0;
   for (const Warning& w : made->warnings)

@@ -181,7 +181,7 @@ SeriesInfo read_series(DcmDataset& data) {
 
 // The segment's own label, else what it is.
 std::string segment_name(DcmDataset& data, DcmItem& segment) {
-  const std::string label = dicom_utf8(data, DCM_SegmentLabel, &segment);
+  std::string label = dicom_utf8(data, DCM_SegmentLabel, &segment);
   if (!label.empty()) return label;
   DcmItem* type = nullptr;
   segment.findAndGetSequenceItem(DCM_SegmentedPropertyTypeCodeSequence, type);

@@ -15,7 +15,8 @@
 namespace trocar::pipeline {
 
 /// Parsed multi-frame files that no thread is using, so that a file is not parsed again for each of
-/// its frames. take() hands a file to the calling thread: there are never more of them than threads.
+/// its frames. take() hands a file to the calling thread: there are never more of them than
+/// threads.
 class ParsedFiles {
  public:
   Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {

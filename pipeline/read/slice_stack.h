@@ -88,8 +88,8 @@ enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
-  std::string series;             ///< UID, number or description, as of named_series()
-  std::set<int> labels;           ///< of as_labels: those wanted, which must not overlap; empty: all
+  std::string series;    ///< UID, number or description, as of named_series()
+  std::set<int> labels;  ///< of as_labels: those wanted, which must not overlap; empty: all
   /// The CT that a DICOM segmentation was made on, as it is stored: its slices are the
   /// segmentation's, most of which may have no frame.
   const SliceStack* segmented_ct = nullptr;
