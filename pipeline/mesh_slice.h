@@ -48,8 +48,8 @@ struct MeshedSlice {
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
-  /// Of the pixels that are material, before small regions are dropped; only for input in HU that is
-  /// segmented by a threshold, and for a label map with its CT beside it.
+  /// Of the pixels that are material, before small regions are dropped; only for input in HU that
+  /// is segmented by a threshold, and for a label map with its CT beside it.
   std::optional<double> mean_hu;
   std::set<int> labels;  ///< the wanted labels that occur in the slice
   ValueTally values;     ///< of input in HU, or whose material is chosen by labels
