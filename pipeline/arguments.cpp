@@ -114,9 +114,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));
-  app.add_option("--simplify", a.simplify, "Douglas-Peucker, or collapse that keeps areas")
+  app.add_option("--simplify", a.simplify, "collapse that keeps areas, or Douglas-Peucker")
       ->capture_default_str()
-      ->check(CLI::IsMember({"dp", "area"}));
+      ->check(CLI::IsMember({"area", "dp"}));
   app.add_option("--tolerance", a.tolerance_mm, "largest distance from the contour, mm")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e4));
@@ -278,7 +278,8 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.segmentation = std::move(*how);
   out.mesh.contour = a.contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.mesh.simplification.tolerance_mm = a.tolerance_mm;
-  if (a.simplify == "area") out.mesh.simplification.method = SimplificationMethod::kArea;
+  out.mesh.simplification.method =
+      a.simplify == "area" ? SimplificationMethod::kArea : SimplificationMethod::kDouglasPeucker;
   out.mesh.refinement.min_angle_deg = a.min_angle_deg;
   out.mesh.refinement.max_area_mm2 = a.max_area_mm2;
   if (a.area_px_given->count() > 0) {

@@ -16,12 +16,12 @@ namespace trocar::pipeline {
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu;
-  double threshold = 226, equalize = 230, tolerance_mm = 0.25, min_angle_deg = 30,
+  double threshold = 226, equalize = 230, tolerance_mm = 0.2, min_angle_deg = 30,
          max_area_mm2 = 50, max_area_px2 = 200, min_region_mm2 = 1, close_mm = 0,
          min_volume_mm3 = 0;
   std::vector<std::string> labels, seeds;
   std::string fill, mask, names;
-  std::string contour = "subpixel", simplify = "dp", axis = "transverse", preset, series, spacing,
+  std::string contour = "subpixel", simplify = "area", axis = "transverse", preset, series, spacing,
               slices, crop;
   int lattice_bits = 8, jobs = 0, dump_slice = -1, largest = 0, count = 12;
   bool any_modality = false, quiet = false, explain = false;

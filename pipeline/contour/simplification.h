@@ -16,8 +16,8 @@ enum class SimplificationMethod : std::uint8_t {
 };
 
 struct SimplificationOptions {
-  double tolerance_mm = 0.25;  ///< two-sided Hausdorff bound between each ring and its contour
-  SimplificationMethod method = SimplificationMethod::kDouglasPeucker;
+  double tolerance_mm = 0.2;  ///< two-sided Hausdorff bound between each ring and its contour
+  SimplificationMethod method = SimplificationMethod::kArea;
 };
 
 /// One ring for each ring of `contours` (valid by check_pslg), in the same order. No ring crosses

@@ -34,6 +34,9 @@ Result<MeshOptions> mesh_options(const json& point, double min_region_mm2) {
   out.contour = contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.segmentation = Threshold{kIso_HU};
   out.simplification.tolerance_mm = point.at("tolerance_mm");
+  const auto simplify = point.value("simplify", std::string("area"));
+  if (simplify != "area" && simplify != "dp") return usage("simplify: area or dp, not " + simplify);
+  if (simplify == "dp") out.simplification.method = SimplificationMethod::kDouglasPeucker;
   out.refinement.min_angle_deg = point.at("min_angle_deg");
   out.refinement.max_area_mm2 = point.at("max_area_mm2");
   out.lattice.bits = point.at("lattice_bits");

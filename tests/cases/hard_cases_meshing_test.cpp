@@ -239,6 +239,9 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     if (case_.picture->is_mask) options.segmentation = Labels{{100}};
     options.contour = case_.picture->as_chains ? ContourKind::kPixel : ContourKind::kSubpixel;
     options.simplification.tolerance_mm = case_.tolerance_mm;
+    // Without a tolerance none holds for the points that refinement puts on the outline.
+    if (case_.tolerance_mm == 0)
+      options.simplification.method = SimplificationMethod::kDouglasPeucker;
     options.refinement = refinement();
     options.min_region_mm2 = case_.min_region_mm2;
     options.lattice = case_.lattice;

@@ -214,7 +214,6 @@ class Scans : public testing::Test {
 
 TEST_F(Scans, KeepTheirAreasAndTheToleranceAsStored) {
   MeshOptions options;
-  options.simplification = area_to(0.25);
   double worst_slice = 0, worst_ring = 0, worst_mm = 0;
   std::size_t rings = 0;
   for_slices(1000, options, [&](const std::string& what, const MeshedSlice& slice) {
