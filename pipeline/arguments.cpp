@@ -209,6 +209,7 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   add_stage_options(app, a);
   add_solid_options(app, a);
   add_scan_options(app, a);
+  app.add_flag("--no-hu", a.no_hu, "leave HU out of the asset");
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
@@ -256,6 +257,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.solid = std::move(*solid);
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
+  out.mesh.hu_field = !a.no_hu;
   out.threads = a.jobs;
   if (!a.slices.empty()) {
     const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
@@ -319,6 +321,7 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
               {"min_region_mm2", o.mesh.min_region_mm2},
               {"lattice_bits", o.mesh.lattice.bits}};
   if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
+  if (!o.mesh.hu_field) out["hu"] = false;
   if (o.mesh.max_area_px2) {
     out["max_area_px2"] = *o.mesh.max_area_px2;
   } else {

@@ -125,6 +125,10 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (as_labels || stack.pixel_unit() == PixelUnit::kHounsfield)
     out.values = tally_values(*image, as_labels);
 
+  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield && !as_labels;
+  std::optional<Image> hu;  // segmentation changes the image
+  if (options.hu_field && is_hu) hu = *image;
+
   PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
   if (options.crop) {
     grid.offset_x = options.crop->x0;
@@ -167,6 +171,8 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
                                              [](const Ring& r) { return doubled_area(r) < 0; }));
   out.times.check_ms += watch.lap_ms();
+  if (hu) out.hu = fit_hu_field(out.refined.mesh, *hu, grid);
+  out.times.hu_ms = watch.lap_ms();
   return out;
 }
 

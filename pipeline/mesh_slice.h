@@ -9,6 +9,7 @@
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/segmentation.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/hu_field.h"
 #include "pipeline/label_guess.h"
 #include "pipeline/mesh/mesh_quality.h"
 #include "pipeline/mesh/refinement.h"
@@ -31,11 +32,12 @@ struct MeshOptions {
   Lattice lattice;
   std::optional<Crop> crop;
   const SolidBone* solid = nullptr;  ///< which voxels are material, if not the segmentation alone
+  bool hu_field = true;              ///< of input in HU
 };
 
 struct StageTimes {
   double read_ms = 0, segment_ms = 0, contour_ms = 0, simplify_ms = 0, triangulate_ms = 0,
-         refine_ms = 0, check_ms = 0;
+         refine_ms = 0, check_ms = 0, hu_ms = 0;
 };
 
 /// What the asset, the report and the pictures need of one slice.
@@ -50,8 +52,9 @@ struct MeshedSlice {
   /// Of the pixels at or above the threshold, before small regions are dropped; only for input in
   /// HU that is segmented by a threshold.
   std::optional<double> mean_hu;
-  std::set<int> labels;  ///< the wanted labels that occur in the slice
-  ValueTally values;     ///< of input in HU, or whose material is chosen by labels
+  std::optional<HuField> hu;  ///< over refined.mesh; only for input in HU that is no label map
+  std::set<int> labels;       ///< the wanted labels that occur in the slice
+  ValueTally values;          ///< of input in HU, or whose material is chosen by labels
   /// Two-sided Hausdorff distance, ring by ring, between `contours` and `pslg`; where areas are
   /// kept (SimplificationMethod::kArea) and `outline`, with the points of refinement.
   double simplification_error_mm = 0;
