@@ -129,6 +129,10 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.area_px_given = app.add_option("--max-area-px", a.max_area_px2,
                                    "largest triangle in pixels of the slice, instead of mm^2")
                         ->check(CLI::Range(1e-6, 1e12));
+  app.add_option("--grade", a.grade_hu,
+                 "smaller triangles where HU change by more than this along an edge; 0: not")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
   app.add_option("--min-region", a.min_region_mm2, "drop smaller islands, fill smaller holes, mm^2")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e12));
@@ -236,7 +240,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
         std::pair{"--tolerance", a.tolerance_mm}, std::pair{"--min-angle", a.min_angle_deg},
         std::pair{"--max-area", a.max_area_mm2}, std::pair{"--max-area-px", a.max_area_px2},
         std::pair{"--min-region", a.min_region_mm2}, std::pair{"--close", a.close_mm},
-        std::pair{"--min-volume", a.min_volume_mm3}}) {
+        std::pair{"--min-volume", a.min_volume_mm3}, std::pair{"--grade", a.grade_hu}}) {
     if (!std::isfinite(value)) return usage(std::string(name) + ": not a finite number");
   }
   BatchOptions out;
@@ -258,6 +262,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
   out.mesh.hu_field = !a.no_hu;
+  out.mesh.grade_hu = a.grade_hu;
   out.threads = a.jobs;
   if (!a.slices.empty()) {
     const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
@@ -322,6 +327,7 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
               {"lattice_bits", o.mesh.lattice.bits}};
   if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
   if (!o.mesh.hu_field) out["hu"] = false;
+  if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
   if (o.mesh.max_area_px2) {
     out["max_area_px2"] = *o.mesh.max_area_px2;
   } else {

@@ -18,7 +18,7 @@ struct Arguments {
   std::filesystem::path output, report, dump_stages;
   double threshold = 226, equalize = 230, tolerance_mm = 0.25, min_angle_deg = 30,
          max_area_mm2 = 50, max_area_px2 = 200, min_region_mm2 = 1, close_mm = 0,
-         min_volume_mm3 = 0;
+         min_volume_mm3 = 0, grade_hu = 0;
   std::vector<std::string> labels, seeds;
   std::string fill, mask;
   std::string contour = "subpixel", simplify = "dp", axis = "transverse", preset, series, spacing,

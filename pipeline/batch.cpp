@@ -175,6 +175,9 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
                    std::to_string(stack.size() - 1));
     }
   }
+  if (options.mesh.grade_hu > 0 && (stack.pixel_unit() != PixelUnit::kHounsfield ||
+                                    std::holds_alternative<Labels>(options.mesh.segmentation)))
+    return usage("--grade needs a scan in HU: images, label maps and other modalities have none");
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
     if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||

@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <chrono>
+#include <memory>
 #include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
+#include "pipeline/graded_area.h"
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/triangulation.h"
 
@@ -127,7 +129,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
 
   const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield && !as_labels;
   std::optional<Image> hu;  // segmentation changes the image
-  if (options.hu_field && is_hu) hu = *image;
+  if (is_hu && (options.hu_field || options.grade_hu > 0)) hu = *image;
 
   PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, options.lattice};
   if (options.crop) {
@@ -156,6 +158,11 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     refinement.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
   refinement.keep_area = options.simplification.method == SimplificationMethod::kArea;
   out.max_area_bound_mm2 = refinement.max_area_mm2;
+  if (hu && options.grade_hu > 0) {
+    const auto graded = std::make_shared<GradedArea>(*hu, grid, options.grade_hu);
+    refinement.area_mm2_at = [graded](LatticePoint p) { return graded->mm2_at(p); };
+    refinement.least_area_mm2 = graded->least_mm2();
+  }
   if (auto ok = mesh_contours(options.lattice, options.simplification, refinement, watch, out); !ok)
     return fail(ok.error());
 
@@ -171,7 +178,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
                                              [](const Ring& r) { return doubled_area(r) < 0; }));
   out.times.check_ms += watch.lap_ms();
-  if (hu) out.hu = fit_hu_field(out.refined.mesh, *hu, grid);
+  if (hu && options.hu_field) out.hu = fit_hu_field(out.refined.mesh, *hu, grid);
   out.times.hu_ms = watch.lap_ms();
   return out;
 }

@@ -33,6 +33,7 @@ struct MeshOptions {
   std::optional<Crop> crop;
   const SolidBone* solid = nullptr;  ///< which voxels are material, if not the segmentation alone
   bool hu_field = true;              ///< of input in HU
+  double grade_hu = 0;  ///< graded_area.h's HU along an edge, for input in HU; 0: not graded
 };
 
 struct StageTimes {

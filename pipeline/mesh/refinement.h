@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
@@ -40,6 +41,10 @@ struct RefinementOptions {
   /// Round the points on boundary edges to either side, so that the area within each closed
   /// boundary stays, and not always to the material's.
   bool keep_area = false;
+  /// Largest area of a triangle by the place of its centroid, mm^2, besides max_area_mm2. Where it
+  /// is below least_area_mm2 > 0, that counts: refinement then ends as with that area everywhere.
+  std::function<double(LatticePoint)> area_mm2_at = {};
+  double least_area_mm2 = 0;
 };
 
 enum class RefinementOutcome {

@@ -59,6 +59,13 @@ def main():
             check(all(abs(a.get(key, 0) - b.get(key, 1)) < 1e-6 for key in FIELDS), f"cropped: {a} {b}")
     check(any(a["area_mm2"] == b["area_mm2"] for a, b in zip(whole, crop)), "no slice is the same when cropped")
 
+    # Graded: more triangles, a smaller error.
+    graded = report_of(sample, "--slices", "15:17", "--grade", "200")["slices"]
+    for a, b in zip(whole, graded):
+        check(b["hu_rms"] < 0.8 * a["hu_rms"] and b["triangles"] > 1.5 * a["triangles"], f"graded: {a} {b}")
+    for scan, options in ((SCAN / "png", ("--spacing", "1,1,1", "--threshold", "150")), (sample, ("--labels", "all"))):
+        run(PROGRAMS / "trocar-mesh", scan, "-o", WORK / "no.glb", "--quiet", "--grade", "100", *options, expect=2)
+
     one, two = (report_of(sample, "--jobs", jobs)["slices"] for jobs in ("1", "3"))
     check(one == two, "the field depends on the number of threads")
 
