@@ -29,6 +29,9 @@ double ms_since(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
+// Skin and muscle have 20 to 80 HU.
+constexpr double kSkinHu = 100;
+
 struct FinishedSlice {
   EncodedSlice slice;
   std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the JSON tree's size
@@ -96,6 +99,12 @@ std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions
     out.push_back(voxel_volume_warning(
         *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
   }
+  const auto* threshold = std::get_if<Threshold>(&options.segmentation);
+  if (threshold != nullptr && stack.pixel_unit() == PixelUnit::kHounsfield &&
+      threshold->value < kSkinHu) {
+    out.push_back({"face", "--threshold",
+                   "below 100 HU the skin is material: a face can be recognised in the asset"});
+  }
   if (auto doubt = label_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
     out.push_back(std::move(*doubt));
   return out;
@@ -155,10 +164,13 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   out.values = std::move(meshed->values);
   out.area_mm2 = meshed->area_mm2;
 
+  std::vector<float> hu;
+  if (meshed->hu) hu = std::move(meshed->hu->values);
   const auto start = std::chrono::steady_clock::now();
-  auto encoded = encode_slice({index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-                               std::move(meshed->refined.mesh), json_text(slice_measures(*meshed))},
-                              *grid);
+  auto encoded = encode_slice(
+      {index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
+       std::move(meshed->refined.mesh), json_text(slice_measures(*meshed)), 0, std::move(hu)},
+      *grid);
   if (!encoded) return encoded.error();
   out.slice = std::move(*encoded);
   report["ms"]["encode"] = ms_since(start);
@@ -215,9 +227,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
-  // The digests of the input's files are computed in parallel with the slices.
-  const int files = static_cast<int>(stack.files.size());
-  std::vector<Result<std::string>> digests(stack.files.size(), std::string());
+  // The digests of the input's files are computed in parallel with the slices. Without a key none
+  // is stored: it would identify the scan.
+  const int files = options.input_key.empty() ? 0 : static_cast<int>(stack.files.size());
+  std::vector<Result<std::string>> digests(static_cast<std::size_t>(files), std::string());
   std::vector<std::optional<Result<FinishedSlice>>> done(
       static_cast<std::size_t>(last - first + 1));
   std::mutex mutex;
@@ -280,13 +293,15 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   const auto* labels = std::get_if<Labels>(&options.mesh.segmentation);
   if (labels != nullptr && labels->all) used["labels"] = found;
-  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used), {}};
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used)};
+  asset.lines = options.lines;
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();
     file_digests.push_back(*digest);
   }
-  out.input_digest = asset.input_digest = digest_input(file_digests);
+  if (!options.input_key.empty())
+    out.input_key_digest = asset.input_key_digest = digest_input(file_digests, options.input_key);
 
   if (std::all_of(encoded.begin(), encoded.end(),
                   [](const EncodedSlice& slice) { return slice.triangles == 0; }))

@@ -84,7 +84,7 @@ class PixelShares {
 };
 
 double bounded(float hu) {
-  return std::clamp(hu, -kMostHu, kMostHu);
+  return std::clamp<double>(hu, kHuLow, kHuHigh);
 }
 
 // The connected parts of a mesh: a vertex of its part, by vertex.
@@ -192,7 +192,7 @@ std::vector<float> rounded(const Eigen::VectorXd& fit, const Eigen::VectorXd& we
   double total = 0;
   for (std::size_t v = 0; v < n; ++v) {
     const auto at = static_cast<Eigen::Index>(v);
-    const double value = std::clamp<double>(fit[at], -kMostVertexHu, kMostVertexHu);
+    const double value = std::clamp<double>(fit[at], kHuLow, kHuHigh);
     out[v] = static_cast<float>(step == 0 ? value : step * std::rint(value / step));
     up[v] = out[v] - value;
     total += weights[at] * up[v];

@@ -13,17 +13,15 @@
 #include <cstdint>
 #include <vector>
 
+#include "formats/asset/draco_mesh.h"
 #include "formats/geometry/slice_mesh.h"
 #include "pipeline/contour/contour.h"
 
 namespace trocar::pipeline {
 
-/// Values of an asset are multiples of this.
-inline constexpr int kHuStep = 8;
-/// Pixels beyond +-kMostHu count as that. Vertices lie within +-kMostVertexHu: the fit overshoots
-/// where pixels differ much.
-inline constexpr float kMostHu = 32768;
-inline constexpr float kMostVertexHu = kHuStep * 32767.0F;
+/// What an asset stores lies within kHuLow and this (draco_mesh.h): pixels beyond count as the
+/// nearer bound, and vertices are bounded. The fit goes beyond its pixels where they differ much.
+inline constexpr int kHuHigh = kHuLow + ((1 << kHuBits) - 1) * kHuStep;
 
 struct HuFieldOptions {
   /// Of the formula above. 0.01 adds less than 4 % to the error of 0.001 (of L3, whose pixels are
