@@ -68,10 +68,12 @@ def main():
 
     one, two = (report_of(sample, "--jobs", jobs)["slices"] for jobs in ("1", "3"))
     check(one == two, "the field depends on the number of threads")
+    check(b"_HU" in (WORK / "out.glb").read_bytes(), "the asset has no HU")
 
     for what, scan, options in (("--no-hu", sample, ("--no-hu",)), ("images", SCAN / "png", ("--spacing", "0.3125,0.3125,1", "--threshold", "150"))):
         report = report_of(scan, "--slices", "15:16", *options)
         check(not any(field(entry) for entry in report["slices"]), f"{what}: has {FIELDS}")
+        check(b"_HU" not in (WORK / "out.glb").read_bytes(), f"{what}: the asset has HU")
         check(("hu" in report["parameters"]) == (what == "--no-hu"), f"{what}: {report['parameters']}")
     labels = scans["L3"].with_name("sub-ct_seg-vert_label-22_msk.nii.gz")
     if labels.exists():
