@@ -9,6 +9,7 @@
 #include <sstream>
 #include <utility>
 
+#include "formats/base/file_io.h"
 #include "pipeline/presets.h"
 
 namespace trocar::pipeline {
@@ -129,6 +130,10 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.area_px_given = app.add_option("--max-area-px", a.max_area_px2,
                                    "largest triangle in pixels of the slice, instead of mm^2")
                         ->check(CLI::Range(1e-6, 1e12));
+  app.add_option("--grade", a.grade_hu,
+                 "smaller triangles where HU change by more than this along an edge; 0: not")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
   app.add_option("--min-region", a.min_region_mm2, "drop smaller islands, fill smaller holes, mm^2")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e12));
@@ -217,6 +222,7 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
   add_label_options(app, a);
   add_solid_options(app, a);
   add_scan_options(app, a);
+  app.add_flag("--no-hu", a.no_hu, "leave HU out of the asset");
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
@@ -235,6 +241,9 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
 
 void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb)");
+  app.add_flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  app.add_option("--input-key", a.input_key,
+                 "a file of 16 to 64 bytes: store the input's digest with this key");
   app.add_option("--report", a.report, "what was done, as JSON");
   app.add_option("--dump-stages", a.dump_stages, "stages of --dump-slice, as JSON for pictures");
   a.dump_slice_given = app.add_option("--dump-slice", a.dump_slice, "the slice of --dump-stages")
@@ -257,7 +266,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
         std::pair{"--tolerance", a.tolerance_mm}, std::pair{"--min-angle", a.min_angle_deg},
         std::pair{"--max-area", a.max_area_mm2}, std::pair{"--max-area-px", a.max_area_px2},
         std::pair{"--min-region", a.min_region_mm2}, std::pair{"--close", a.close_mm},
-        std::pair{"--min-volume", a.min_volume_mm3}}) {
+        std::pair{"--min-volume", a.min_volume_mm3}, std::pair{"--grade", a.grade_hu}}) {
     if (!std::isfinite(value)) return usage(std::string(name) + ": not a finite number");
   }
   BatchOptions out;
@@ -291,7 +300,18 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.solid = std::move(*solid);
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
+  out.mesh.hu_field = !a.no_hu;
+  out.mesh.grade_hu = a.grade_hu;
   out.threads = a.jobs;
+  out.lines = a.lines;
+  if (!a.input_key.empty()) {
+    auto key = read_file(a.input_key, kMostKeyBytes);
+    if (!key) return key.error();
+    if (key->size() < kLeastKeyBytes)
+      return usage("--input-key " + a.input_key.string() + ": has " + std::to_string(key->size()) +
+                   " bytes; a key has 16 to 64");
+    out.input_key = std::move(*key);
+  }
   if (!a.slices.empty()) {
     const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
     if (!n) return n.error();
@@ -358,6 +378,8 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
               {"min_region_mm2", o.mesh.min_region_mm2},
               {"lattice_bits", o.mesh.lattice.bits}};
   if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
+  if (!o.mesh.hu_field) out["hu"] = false;
+  if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
   if (o.mesh.max_area_px2) {
     out["max_area_px2"] = *o.mesh.max_area_px2;
   } else {
@@ -371,7 +393,6 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
   add_solid_parameters(o.solid, out);
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
-  if (!input.series.empty()) out["series"] = input.series;
   if (input.axis) {
     out["axis"] = *input.axis == SliceAxis::kCoronal    ? "coronal"
                   : *input.axis == SliceAxis::kSagittal ? "sagittal"

@@ -249,6 +249,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
       outline += ring.size();
     triangles += s.mesh.triangles.size();
     slices.push_back({{"index", s.index},
+                      {"material", s.material},
                       {"z_mm", s.z_mm},
                       {"vertices", s.mesh.vertices.size()},
                       {"triangles", s.mesh.triangles.size()},
@@ -257,15 +258,23 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
                       {"area_mm2", 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2},
                       {"measures", json::parse(s.measures_json)}});
   }
-  return {{"generator", asset.generator},
-          {"schema", kAssetSchema},
-          {"lattice_bits", asset.lattice.bits},
-          {"lattice_step_mm", asset.lattice.step_mm()},
-          {"input_digest", asset.input_digest},
-          {"parameters", json::parse(asset.parameters_json)},
-          {"bytes", bytes},
-          {"triangles", triangles},
-          {"slices", std::move(slices)}};
+  json materials = json::array();
+  for (const AssetMaterial& material : asset.materials)
+    materials.push_back(
+        {{"name", material.name}, {"label", material.label ? json(*material.label) : json()}});
+  json out = {{"generator", asset.generator},
+              {"schema", asset.schema},
+              {"lattice_bits", asset.lattice.bits},
+              {"lattice_step_mm", asset.lattice.step_mm()},
+              {"materials", std::move(materials)},
+              {"parameters", json::parse(asset.parameters_json)},
+              {"bytes", bytes},
+              {"triangles", triangles},
+              {"slices", std::move(slices)}};
+  // Of schema 1, and of schema 2 with --input-key.
+  if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;
+  if (!asset.input_key_digest.empty()) out["input_key_digest"] = asset.input_key_digest;
+  return out;
 }
 
 Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path& folder,

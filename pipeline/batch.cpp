@@ -28,6 +28,9 @@ double ms_since(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
+// Skin and muscle have 20 to 80 HU.
+constexpr double kSkinHu = 100;
+
 struct FinishedSlice {
   EncodedSlice slice;
   std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the JSON tree's size
@@ -95,6 +98,12 @@ std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions
     out.push_back(voxel_volume_warning(
         *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
   }
+  const auto* threshold = std::get_if<Threshold>(&options.segmentation);
+  if (threshold != nullptr && stack.pixel_unit() == PixelUnit::kHounsfield &&
+      threshold->value < kSkinHu) {
+    out.push_back({"face", "--threshold",
+                   "below 100 HU the skin is material: a face can be recognised in the asset"});
+  }
   if (auto doubt = value_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
     out.push_back(std::move(*doubt));
   return out;
@@ -154,10 +163,13 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   out.values = std::move(meshed->values);
   out.area_mm2 = meshed->area_mm2;
 
+  std::vector<float> hu;
+  if (meshed->hu) hu = std::move(meshed->hu->values);
   const auto start = std::chrono::steady_clock::now();
-  auto encoded = encode_slice({index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-                               std::move(meshed->refined.mesh), json_text(slice_measures(*meshed))},
-                              *grid);
+  auto encoded = encode_slice(
+      {index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
+       std::move(meshed->refined.mesh), json_text(slice_measures(*meshed)), 0, std::move(hu)},
+      *grid);
   if (!encoded) return encoded.error();
   out.slice = std::move(*encoded);
   report["ms"]["encode"] = ms_since(start);
@@ -176,6 +188,9 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
                    std::to_string(stack.size() - 1));
     }
   }
+  if (options.mesh.grade_hu > 0 && (stack.pixel_unit() != PixelUnit::kHounsfield ||
+                                    std::holds_alternative<Labels>(options.mesh.segmentation)))
+    return usage("--grade needs a scan in HU: images, label maps and other modalities have none");
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
     if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||
@@ -212,9 +227,11 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
-  // The digests of the input's files are computed in parallel with the slices.
-  std::vector<std::filesystem::path> input_files = stack.files;
-  if (const SliceStack* hu = options.mesh.hu)
+  // The digests of the input's files are computed in parallel with the slices. Without a key none
+  // is stored: it would identify the scan.
+  std::vector<std::filesystem::path> input_files;
+  if (!options.input_key.empty()) input_files = stack.files;
+  if (const SliceStack* hu = options.mesh.hu; hu != nullptr && !options.input_key.empty())
     input_files.insert(input_files.end(), hu->files.begin(), hu->files.end());
   const int files = static_cast<int>(input_files.size());
   std::vector<Result<std::string>> digests(input_files.size(), std::string());
@@ -281,13 +298,15 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   const auto* labels = std::get_if<Labels>(&options.mesh.segmentation);
   if (labels != nullptr && labels->all) used["labels"] = found;
-  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used), {}};
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used)};
+  asset.lines = options.lines;
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();
     file_digests.push_back(*digest);
   }
-  out.input_digest = asset.input_digest = digest_input(file_digests);
+  if (!options.input_key.empty())
+    out.input_key_digest = asset.input_key_digest = digest_input(file_digests, options.input_key);
 
   if (std::all_of(encoded.begin(), encoded.end(),
                   [](const EncodedSlice& slice) { return slice.triangles == 0; }))

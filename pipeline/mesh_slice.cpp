@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <memory>
 #include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/label_network.h"
+#include "pipeline/graded_area.h"
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/triangulation.h"
 
@@ -187,6 +189,15 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (as_labels || stack.pixel_unit() == PixelUnit::kHounsfield)
     out.values = tally_values(*image, as_labels);
 
+  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield && !as_labels;
+  std::optional<Image> hu;  // segmentation changes the image
+  if (ct) {
+    hu = *ct;
+  } else if (is_hu && (options.hu_field || options.grade_hu > 0)) {
+    hu = *image;
+  }
+
+  const PixelGrid grid = grid_of(plane, options);
   auto [field, solid_mean] = segment_slice(stack, slice, options, std::move(*image));
   out.labels = std::move(field.labels);
   if (stack.pixel_unit() == PixelUnit::kHounsfield &&
@@ -209,6 +220,11 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
       std::min(kFarthestFromOutline_steps,
                left_for_refinement_steps(options.lattice, options.simplification));
   out.max_area_bound_mm2 = refinement.max_area_mm2;
+  if (hu && options.grade_hu > 0) {
+    const auto graded = std::make_shared<GradedArea>(*hu, grid, options.grade_hu);
+    refinement.area_mm2_at = [graded](LatticePoint p) { return graded->mm2_at(p); };
+    refinement.least_area_mm2 = graded->least_mm2();
+  }
   if (auto ok = mesh_contours(options.lattice, options.simplification, refinement, watch, out); !ok)
     return fail(ok.error());
 
@@ -224,6 +240,8 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
                                              [](const Ring& r) { return doubled_area(r) < 0; }));
   out.times.check_ms += watch.lap_ms();
+  if (hu && options.hu_field) out.hu = fit_hu_field(out.refined.mesh, *hu, grid);
+  out.times.hu_ms = watch.lap_ms();
   return out;
 }
 

@@ -9,6 +9,7 @@
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/segmentation.h"
 #include "pipeline/contour/simplification.h"
+#include "pipeline/hu_field.h"
 #include "pipeline/label_guess.h"
 #include "pipeline/mesh/mesh_quality.h"
 #include "pipeline/mesh/refinement.h"
@@ -32,11 +33,13 @@ struct MeshOptions {
   std::optional<Crop> crop;
   const SliceStack* hu = nullptr;    ///< the CT beside a label map (read/labels_with_ct.h), if any
   const SolidBone* solid = nullptr;  ///< which voxels are material, if not the segmentation alone
+  bool hu_field = true;              ///< of input in HU
+  double grade_hu = 0;  ///< graded_area.h's HU along an edge, for input in HU; 0: not graded
 };
 
 struct StageTimes {
   double read_ms = 0, segment_ms = 0, contour_ms = 0, simplify_ms = 0, triangulate_ms = 0,
-         refine_ms = 0, check_ms = 0;
+         refine_ms = 0, check_ms = 0, hu_ms = 0;
 };
 
 /// What the asset, the report and the pictures need of one slice.
@@ -51,8 +54,9 @@ struct MeshedSlice {
   /// Of the pixels that are material, before small regions are dropped; only for input in HU that
   /// is segmented by a threshold, and for a label map with its CT beside it.
   std::optional<double> mean_hu;
-  std::set<int> labels;  ///< the wanted labels that occur in the slice
-  ValueTally values;     ///< of input in HU, or whose material is chosen by labels
+  std::optional<HuField> hu;  ///< over refined.mesh; only for input in HU that is no label map
+  std::set<int> labels;       ///< the wanted labels that occur in the slice
+  ValueTally values;          ///< of input in HU, or whose material is chosen by labels
   /// Two-sided Hausdorff distance, ring by ring, between `contours` and `pslg`; where areas are
   /// kept (SimplificationMethod::kArea) and `outline`, with the points of refinement.
   double simplification_error_mm = 0;

@@ -133,11 +133,20 @@ json slice_report(int index, double z_mm, const MeshedSlice& slice) {
   out["vertices"] = slice.refined.mesh.vertices.size();
   out["triangles"] = slice.refined.mesh.triangles.size();
   out["max_area_bound_mm2"] = slice.max_area_bound_mm2;
+  if (slice.hu) {
+    out["hu_pixels"] = slice.hu->pixels;
+    out["hu_bias"] = slice.hu->bias_hu;
+    out["hu_rms"] = slice.hu->rms_hu;
+  }
   const StageTimes& t = slice.times;
-  out["ms"] = {
-      {"read", t.read_ms},         {"segment", t.segment_ms},         {"contour", t.contour_ms},
-      {"simplify", t.simplify_ms}, {"triangulate", t.triangulate_ms}, {"refine", t.refine_ms},
-      {"check", t.check_ms}};
+  out["ms"] = {{"read", t.read_ms},
+               {"segment", t.segment_ms},
+               {"contour", t.contour_ms},
+               {"simplify", t.simplify_ms},
+               {"triangulate", t.triangulate_ms},
+               {"refine", t.refine_ms},
+               {"check", t.check_ms},
+               {"hu", t.hu_ms}};
   return out;
 }
 

@@ -88,6 +88,7 @@ class Refiner {
         keep_area_(options.keep_area),
         has_shared_(options.shared_borders),
         farthest2_(options.farthest_steps * options.farthest_steps),
+        area_mm2_at_(options.area_mm2_at),
         circle_(options.min_angle_deg * std::numbers::pi / 180) {
     for (std::size_t k = 0; k < aside_.size(); ++k) {
       const double angle = kAside_deg[k] * std::numbers::pi / 180;
@@ -96,7 +97,8 @@ class Refiner {
     const double sine = std::sin(options.min_angle_deg * std::numbers::pi / 180);
     const double step2 = lattice.step_mm() * lattice.step_mm();
     limits_ = {sine * sine, 2 * options.max_area_mm2 / step2};
-    even_edge_ = kEvenEdge * std::sqrt(2 / std::numbers::sqrt3 * limits_.doubled_area);
+    doubled_per_mm2_ = 2 / step2;
+    least_doubled_area_ = options.least_area_mm2 * doubled_per_mm2_;
     outline_.clear(from.mesh.vertices.size());
     mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
     outline_.close(mesh_.points);
@@ -117,7 +119,7 @@ class Refiner {
     for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
       note_encroached_edges(t);
       const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
-      const TriangleShape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
+      const TriangleShape shape = measured(at(v[0]), at(v[1]), at(v[2]));
       queue(t, shape.is_bad(), shape.shortest2);
     }
     while (true) {
@@ -139,6 +141,22 @@ class Refiner {
  private:
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
   double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
+
+  // By the place, if there is a bound by place.
+  double largest_doubled_area(LatticePoint a, LatticePoint b, LatticePoint c) const {
+    if (!area_mm2_at_) return limits_.doubled_area;
+    const auto third = [](std::int64_t sum) { return static_cast<std::int32_t>(sum / 3); };
+    const LatticePoint centroid{third(std::int64_t{a.x} + b.x + c.x),
+                                third(std::int64_t{a.y} + b.y + c.y)};
+    return std::min(limits_.doubled_area,
+                    std::max(least_doubled_area_, area_mm2_at_(centroid) * doubled_per_mm2_));
+  }
+  TriangleShape measured(LatticePoint a, LatticePoint b, LatticePoint c) const {
+    TriangleShape shape = shape_of(a, b, c, limits_);
+    if (area_mm2_at_ && static_cast<double>(shape.doubled_area) > least_doubled_area_)
+      shape.is_large = static_cast<double>(shape.doubled_area) > largest_doubled_area(a, b, c);
+    return shape;
+  }
 
   // ---- bad triangles and encroached edges ----
 
@@ -175,7 +193,7 @@ class Refiner {
 
   // The shape of the triangle that would replace the edge of the rim.
   TriangleShape look_ahead(InsertionCavity::Rim& r, LatticePoint p) const {
-    const TriangleShape shape = shape_of(at(r.a), at(r.b), p, limits_);
+    const TriangleShape shape = measured(at(r.a), at(r.b), p);
     r.shortest2 = shape.shortest2;
     r.is_bad = shape.is_bad();
     return shape;
@@ -208,7 +226,7 @@ class Refiner {
   int flaws_of(LatticePoint p, const InsertionCavity& cavity, int limit, More more) const {
     int flaws = 0;
     for (const InsertionCavity::Rim& r : cavity.rim) {
-      const TriangleShape shape = shape_of(at(r.a), at(r.b), p, limits_);
+      const TriangleShape shape = measured(at(r.a), at(r.b), p);
       flaws += (shape.is_bad() ? 1 : 0) + more(r);
       if (shape.doubled_area <= 0 || flaws >= limit) return limit;
     }
@@ -460,7 +478,7 @@ class Refiner {
 
   void improve(std::uint32_t t) {
     const std::array<std::uint32_t, 3> v = mesh_.triangles[t].v;
-    const TriangleShape shape = shape_of(at(v[0]), at(v[1]), at(v[2]), limits_);
+    const TriangleShape shape = measured(at(v[0]), at(v[1]), at(v[2]));
     const std::uint32_t shortest = shortest_edge({at(v[0]), at(v[1]), at(v[2])}).edge;
     if (!shape.is_large) {
       if (shape.shortest2 < kShortestEdge * kShortestEdge) return leave(t);
@@ -528,7 +546,9 @@ class Refiner {
   // The same for a triangle that is too large: the apexes of equilateral triangles over its edges,
   // and the edges' midpoints.
   bool find_more_even(std::uint32_t t, const std::array<std::uint32_t, 3>& v) {
-    const double even2 = even_edge_ * even_edge_, min_distance2 = 0.25 * even2;
+    const double most = largest_doubled_area(at(v[0]), at(v[1]), at(v[2]));
+    const double even_edge = kEvenEdge * std::sqrt(2 / std::numbers::sqrt3 * most);
+    const double even2 = even_edge * even_edge, min_distance2 = 0.25 * even2;
     std::optional<LatticePoint> better;
     int fewest = best_.flaws;
     for (std::uint32_t i = 0; i < 3; ++i) {
@@ -604,10 +624,11 @@ class Refiner {
   std::uint32_t max_vertices_;
   bool keep_area_, has_shared_;
   double farthest2_;
+  const std::function<double(LatticePoint)>& area_mm2_at_;
+  double doubled_per_mm2_ = 0, least_doubled_area_ = 0;
   AngleCircle circle_;  // for the wanted angle
   std::array<Place, kAside_deg.size()> aside_{};
   ShapeLimits limits_{};
-  double even_edge_ = 0;
   Refined out_;
 };
 
@@ -615,7 +636,10 @@ class Refiner {
 std::uint32_t ample_budget(const Triangulation& from, const Lattice& lattice,
                            const RefinementOptions& options) {
   const double step2 = lattice.step_mm() * lattice.step_mm();
-  const double doubled_area_bound = std::max(2 * options.max_area_mm2 / step2, 1.0);
+  const double smallest_mm2 = options.area_mm2_at
+                                  ? std::min(options.least_area_mm2, options.max_area_mm2)
+                                  : options.max_area_mm2;
+  const double doubled_area_bound = std::max(2 * smallest_mm2 / step2, 1.0);
   const double vertices = 10'000 + 200.0 * static_cast<double>(from.mesh.vertices.size()) +
                           4.0 * static_cast<double>(doubled_area(from.mesh)) / doubled_area_bound;
   return static_cast<std::uint32_t>(std::min(double{kMostVertices}, vertices));
@@ -632,11 +656,18 @@ Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
                          const RefinementOptions& wanted) {
   RefinementOptions options = wanted;
   options.max_area_mm2 = affordable_area_mm2(from, lattice, wanted.max_area_mm2);
+  options.least_area_mm2 = affordable_area_mm2(from, lattice, wanted.least_area_mm2);
   thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{
-        angle_deg,         options.max_area_mm2,   std::min(max_vertices, kMostVertices),
-        options.keep_area, options.shared_borders, options.farthest_steps};
+        angle_deg,
+        options.max_area_mm2,
+        std::min(max_vertices, kMostVertices),
+        options.keep_area,
+        options.shared_borders,
+        options.farthest_steps,
+        options.area_mm2_at,
+        options.least_area_mm2};
     return Refiner(from, lattice, attempt, memory).run();
   };
   const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);
@@ -679,7 +710,10 @@ Refined refine(const Triangulation& from, const Lattice& lattice,
   Triangulation rotated = from;
   for (LatticePoint& p : rotated.mesh.vertices)
     p = rotate(p);
-  Refined out = refine_unrotated(rotated, lattice, options);
+  RefinementOptions rotated_too = options;
+  if (options.area_mm2_at)
+    rotated_too.area_mm2_at = [&](LatticePoint p) { return options.area_mm2_at(rotate.back(p)); };
+  Refined out = refine_unrotated(rotated, lattice, rotated_too);
   for (LatticePoint& p : out.mesh.vertices)
     p = rotate.back(p);
   return out;

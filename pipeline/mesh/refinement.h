@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
@@ -44,6 +45,10 @@ struct RefinementOptions {
   bool shared_borders = false;
   /// A split that would lie as far as this, in lattice steps, from the input segment is not made.
   double farthest_steps = kFarthestFromOutline_steps;
+  /// Largest area of a triangle by the place of its centroid, mm^2, besides max_area_mm2. Where it
+  /// is below least_area_mm2 > 0, that counts: refinement then ends as with that area everywhere.
+  std::function<double(LatticePoint)> area_mm2_at = {};
+  double least_area_mm2 = 0;
 };
 
 enum class RefinementOutcome {

@@ -50,10 +50,13 @@ struct Stage {
   const char* name;
   double StageTimes::*ms;
 };
-constexpr Stage kStages[] = {
-    {"segment", &StageTimes::segment_ms},   {"contour", &StageTimes::contour_ms},
-    {"simplify", &StageTimes::simplify_ms}, {"triangulate", &StageTimes::triangulate_ms},
-    {"refine", &StageTimes::refine_ms},     {"check", &StageTimes::check_ms}};
+constexpr Stage kStages[] = {{"segment", &StageTimes::segment_ms},
+                             {"contour", &StageTimes::contour_ms},
+                             {"simplify", &StageTimes::simplify_ms},
+                             {"triangulate", &StageTimes::triangulate_ms},
+                             {"refine", &StageTimes::refine_ms},
+                             {"check", &StageTimes::check_ms},
+                             {"hu", &StageTimes::hu_ms}};
 
 // For each stage the median over the repetitions of each slice, then the mean over the slices. All
 // slices are encoded in one call, which is long enough to be interrupted: its time is CPU time.

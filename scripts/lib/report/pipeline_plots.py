@@ -7,7 +7,7 @@ from style import GREY, HOLE, LINE, OUTER, THRESHOLD, plt
 COLOURS = {"phantom": OUTER, "phantom 12 HU": "#7fb0d8", "L3": THRESHOLD, "head": "#b07a1e"}
 KINDS = {"subpixel": (OUTER, "o", "sub-pixel contour"), "pixel": (HOLE, "s", "pixel chains (cv::findContours)")}
 STAGES = {"segment": "#c9c9c9", "contour": OUTER, "simplify": "#7fb0d8", "triangulate": THRESHOLD, "refine": "#9fce9f",
-          "check": "#d9b36a", "encode": HOLE}
+          "check": "#d9b36a", "hu": "#b07a1e", "encode": HOLE}
 CHOSEN = "#e0a100"
 
 
