@@ -2,8 +2,6 @@
 #include "formats/asset/private_asset.h"
 
 #include <algorithm>
-#include <cctype>
-#include <cstring>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
@@ -274,7 +272,8 @@ bool is_plain_name(std::string_view name) {
     const bool is_digit = c >= '0' && c <= '9';
     digits = is_digit ? digits + 1 : 0;
     const bool is_letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
-    if (digits > 4 || !(is_digit || is_letter || std::strchr(" _-+,/()", c) != nullptr))
+    if (digits > 4 ||
+        !(is_digit || is_letter || std::string_view(" _-+,/()").find(c) != std::string_view::npos))
       return false;
   }
   return !name.empty() && name.size() <= 64;

@@ -46,11 +46,11 @@ function bounds(geometry) {
   return { min: min.toArray(), max: max.toArray() };
 }
 
-/** What one node of the scene holds. Positions are as stored: mm in the slice plane. */
+/** What one node of the scene holds. Positions are as stored: lattice steps. */
 function describe(node) {
   const slice = {
     name: node.name, index: node.userData.trocar?.index ?? null,
-    triangles: 0, vertices: 0, line_segments: 0, bounds_mm: null, matrix: node.matrix.toArray(),
+    triangles: 0, vertices: 0, line_segments: 0, bounds: null, matrix: node.matrix.toArray(),
   };
   node.traverse((object) => {
     const geometry = object.geometry;
@@ -64,10 +64,10 @@ function describe(node) {
     if (object.isMesh) {
       slice.triangles += elements / 3;
       slice.vertices += positions.count;
-      slice.bounds_mm = bounds(geometry);
+      slice.bounds = bounds(geometry);
     } else if (object.isLineSegments) {
       slice.line_segments += elements / 2;
-      slice.lines_bounds_mm = bounds(geometry);
+      slice.lines_bounds = bounds(geometry);
     } else {
       throw new Error(`unexpected object of type ${object.type}`);
     }
@@ -86,20 +86,19 @@ server.listen(0, '127.0.0.1', async () => {
     gltf.scene.updateMatrixWorld(true);
     const box = new three.Box3().setFromObject(gltf.scene, true);
 
-    // A slice is the topmost node that carries our metadata.
+    // Node 2's children are the slices; their indices ascend by 1 where a node does not say otherwise.
     const slices = [];
-    const visit = (node) => {
-      if (node.userData.trocar && Number.isInteger(node.userData.trocar.index)) {
-        slices.push(describe(node));
-      } else {
-        node.children.forEach(visit);
-      }
-    };
-    visit(gltf.scene);
+    let next = 0;
+    for (const number of gltf.parser.json.nodes[2].children ?? []) {
+      const slice = describe(await gltf.parser.getDependency('node', number));
+      slice.index ??= next;
+      next = slice.index + 1;
+      slices.push(slice);
+    }
     if (complaints.length) throw new Error('the loaders complained');
     const drawn = describe(gltf.scene);
     const total = (field) => slices.reduce((sum, slice) => sum + slice[field], 0);
-    if (slices.length === 0) throw new Error('no node carries extras.trocar.index');
+    if (slices.length === 0) throw new Error('no slices');
     for (const field of ['triangles', 'vertices', 'line_segments']) {
       if (total(field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
     }

@@ -160,11 +160,71 @@ def check_primitives(document, node, record, binary, parts):
             list(parts), "buffer views")
 
 
+def check_schema_2(text, binary):
+    """A file of schema 2 by its JSON and by its index; gives the number of slices."""
+    document = json.loads(text)
+    head, nodes = document["extras"]["trocar"], document["nodes"]
+    bits = head["lattice_bits"]
+    require(head["use"] == "for training, not for planning" and head["materials"], "extras.trocar")
+    require((nodes[0]["children"], nodes[1]["children"]) == ([1], [2]), "top nodes")
+    entries = nodes[2].get("children", [])
+    magic, version, count, json_bytes, binary_bytes, extras_at, extras_bytes, checksum, first, last, frame_at, frame_bytes = \
+        struct.unpack("<8s7I2i2I", binary[:52])
+    require((magic, version, count, json_bytes, binary_bytes) ==
+            (b"TROCARIX", 3, len(entries), len(text), len(binary)), "index header")
+    texts = text[extras_at:extras_at + extras_bytes], text[frame_at:frame_at + frame_bytes]
+    require(zlib.crc32(b"".join(texts)) == checksum, "checksum of the extras")
+    require(list(map(json.loads, texts)) == [document["extras"], nodes[1]], "texts of the index")
+    indices, expected = [], 0
+    for place, number in enumerate(entries):
+        at = 52 + 24 * place
+        index, node_at, node_bytes, material, draco_at, draco_bytes, checksum = \
+            struct.unpack("<iIHHIII", binary[at:at + 24])
+        own, draco = text[node_at:node_at + node_bytes], binary[draco_at:draco_at + draco_bytes]
+        require(zlib.crc32(binary[at:at + 20] + bytes(4) + own + draco) == checksum, "checksum of an entry")
+        node = nodes[number]
+        require(json.loads(own) == node, "text of an entry")
+        said = node.get("extras", {}).get("trocar", {})
+        require(index == said.get("index", expected), "index of an entry")
+        indices.append(index)
+        expected = index + 1
+        if "mesh" not in node:
+            require((draco_at, draco_bytes) == (0, 0), "a slice without material")
+            continue
+        primitive = document["meshes"][node["mesh"]]["primitives"][0]
+        compressed = primitive["extensions"]["KHR_draco_mesh_compression"]
+        view = document["bufferViews"][compressed["bufferView"]]
+        require((view["byteOffset"], view["byteLength"]) == (draco_at, draco_bytes), "buffer view")
+        require(primitive["material"] == material, "material")
+        position = document["accessors"][primitive["attributes"]["POSITION"]]
+        corners = document["accessors"][primitive["indices"]]
+        (x0, y0, z), (x1, y1, z1) = position["min"], position["max"]
+        require(all(isinstance(v, int) for v in (x0, y0, z, x1, y1)) and z == z1, "bounds")
+        require(draco[:11] == b"DRACO\2\2\1\1\0\0", "Draco's header")
+        stated_vertices, after = varint(draco, 12)
+        stated_triangles, _ = varint(draco, after)
+        require(3 * stated_triangles == corners["count"] and stated_vertices <= position["count"], "Draco's counts")
+        ids = {"POSITION": 0}
+        if "_HU" in primitive["attributes"]:
+            ids["_HU"] = 1
+            require(head["hu_step"] == 8 and struct.unpack("<ffB", draco[-9:]) == (-8192, 32760, 12), "quantisation of HU")
+        else:
+            ox, oy, oz, extent, n = struct.unpack("<4fB", draco[-17:])
+            require(ox <= x0 and oy <= y0 and oz == z and extent == 2**n - 1, "quantisation of the position")
+        require(compressed["attributes"] == ids, "Draco's attributes")
+    require(len(set(indices)) == head["slices"] and indices == sorted(indices), "slices")
+    require((first, last) == ((indices[0], indices[-1]) if indices else (0, 0)), "first and last slice")
+    require(0 <= bits <= 14, "lattice_bits")
+    return head["slices"]
+
+
 def check_asset(glb):
     """The whole file by its JSON and by its index; gives the number of slices."""
     text, binary = container(glb)
     document = json.loads(text)
     head = document["extras"]["trocar"]
+    if head["schema"] == 2:
+        return check_schema_2(text, binary)
     require(head["schema"] == 1 and 0 <= head["lattice_bits"] <= 14, "extras.trocar")
     require(document["scenes"][0]["nodes"] == [0], "scene")
     nodes = [document["nodes"][i] for i in document["nodes"][0].get("children", [])]
@@ -251,7 +311,7 @@ def main():
     page = (source / "formats/asset/asset.md").read_text(encoding="utf-8")
     self_check(check_example(page, source))
     corpus = source / "tests/corpus/glb"
-    for file in [corpus / "indexed.glb", corpus / "older_index.glb", *sys.argv[2:]]:
+    for file in [corpus / "indexed.glb", corpus / "older_index.glb", corpus / "schema_2.glb", *sys.argv[2:]]:
         print(f"{file}: {check_asset(pathlib.Path(file).read_bytes())} slices")
     return 0
 
