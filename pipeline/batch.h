@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "formats/asset/asset.h"
+#include "pipeline/display_surface.h"
 #include "pipeline/mesh_slice.h"
 
 namespace trocar::pipeline {
@@ -17,6 +18,7 @@ namespace trocar::pipeline {
 struct BatchOptions {
   MeshOptions mesh;
   SolidOptions solid;
+  std::optional<SurfaceOptions> surface;              ///< also a surface for display
   std::optional<SliceAxis> axis;                      ///< that the stack was opened along
   std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
   int threads = 0;                                    ///< 0: all cores

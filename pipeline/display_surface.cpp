@@ -80,34 +80,131 @@ MesherKernel::Sphere_3 sphere_around(const SurfaceVolume& volume) {
           1.01 * (high - low).squaredNorm() / 4};
 }
 
-// The facets between the tetrahedra whose circumcentres are in the material and the others: closed
-// by construction, and without self-intersections, since it is part of a triangulation of space.
-Soup triangles_of(const MesherComplex& complex, const SurfaceVolume& volume) {
-  const MesherTriangulation& triangulation = complex.triangulation();
-  Soup out;
-  std::unordered_map<MesherTriangulation::Vertex_handle, std::uint32_t, CGAL::Handle_hash_function>
-      number;
-  for (auto f = complex.facets_begin(); f != complex.facets_end(); ++f) {
-    auto [cell, i] = *f;
-    const auto is_inside = [&](MesherTriangulation::Cell_handle c) {
-      if (triangulation.is_infinite(c)) return false;
-      const auto p = triangulation.dual(c);
-      return volume.at({p.x(), p.y(), p.z()}) >= 0;
-    };
-    if (is_inside(cell)) std::tie(cell, i) = triangulation.mirror_facet({cell, i});
-    std::array<std::uint32_t, 3> triangle{};
-    for (int k = 0; k < 3; ++k) {
-      // Counter-clockwise seen from this cell, which is outside the material.
-      const auto vertex = cell->vertex(MesherTriangulation::vertex_triple_index(i, k));
-      const auto [at, is_new] =
-          number.emplace(vertex, static_cast<std::uint32_t>(out.vertices.size()));
-      if (is_new) {
-        const auto& p = vertex->point();
-        out.vertices.emplace_back(p.x(), p.y(), p.z());
-      }
-      triangle[static_cast<std::size_t>(k)] = at->second;
+// A triangulation of space, with each tetrahedron either material or not.
+struct Tetrahedra {
+  std::vector<Vector3d> vertices;
+  std::vector<std::array<std::uint32_t, 4>> corners, neighbours;  // opposite each corner
+  std::vector<bool> inside;
+};
+
+// A tetrahedron is material if its circumcentre is. The facets between the two kinds are the
+// restricted Delaunay triangulation of the surface, which the mesher refines.
+Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const SurfaceVolume& volume) {
+  constexpr auto kHash = CGAL::Handle_hash_function();
+  Tetrahedra out;
+  std::unordered_map<MesherTriangulation::Vertex_handle, std::uint32_t, decltype(kHash)> vertex;
+  for (auto v = triangulation.all_vertices_begin(); v != triangulation.all_vertices_end(); ++v) {
+    vertex.emplace(v, static_cast<std::uint32_t>(vertex.size()));
+    const auto& p = v->point();
+    out.vertices.emplace_back(p.x(), p.y(), p.z());
+  }
+  std::unordered_map<MesherTriangulation::Cell_handle, std::uint32_t, decltype(kHash)> number;
+  for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c)
+    number.emplace(c, static_cast<std::uint32_t>(number.size()));
+  for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c) {
+    std::array<std::uint32_t, 4> corners{}, neighbours{};
+    for (int i = 0; i < 4; ++i) {
+      corners.at(static_cast<std::size_t>(i)) = vertex.at(c->vertex(i));
+      neighbours.at(static_cast<std::size_t>(i)) = number.at(c->neighbor(i));
     }
-    out.triangles.push_back(triangle);
+    out.corners.push_back(corners);
+    out.neighbours.push_back(neighbours);
+    const bool finite = !triangulation.is_infinite(c);
+    const auto p = finite ? triangulation.dual(c) : MesherTriangulation::Point(CGAL::ORIGIN);
+    out.inside.push_back(finite && volume.at({p.x(), p.y(), p.z()}) >= 0);
+  }
+  return out;
+}
+
+// Makes the facets between material and the rest a manifold: at each vertex both kinds of
+// tetrahedra must be connected through facets at the vertex. Where the surface touches itself or
+// nearly does, no refinement would reach this. All but the largest connected set change sides; if
+// this does not end, they become material only, which must end.
+void make_manifold(Tetrahedra& tets) {
+  constexpr int kRounds = 100, kRoundsBothWays = 10;
+  std::vector<std::vector<std::uint32_t>> around(tets.vertices.size());
+  for (std::uint32_t c = 0; c < tets.corners.size(); ++c)
+    for (const std::uint32_t v : tets.corners[c])
+      around[v].push_back(c);
+  std::vector<std::uint32_t> set(tets.corners.size()), stack;  // of the cells at a vertex
+  std::vector<bool> look(tets.vertices.size(), true);
+  for (int round = 1; round <= kRounds; ++round) {
+    bool changed = false;
+    std::vector<bool> next(tets.vertices.size(), false);
+    for (std::uint32_t v = 0; v < around.size(); ++v) {
+      if (!look[v]) continue;
+      constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+      for (const std::uint32_t c : around[v])
+        set[c] = kNone;
+      std::vector<std::size_t> sizes;
+      std::vector<bool> inside;
+      for (const std::uint32_t first : around[v]) {
+        if (set[first] != kNone) continue;
+        const auto here = static_cast<std::uint32_t>(sizes.size());
+        sizes.push_back(0);
+        inside.push_back(tets.inside[first]);
+        set[first] = here;
+        stack.assign(1, first);
+        while (!stack.empty()) {
+          const std::uint32_t c = stack.back();
+          stack.pop_back();
+          ++sizes[here];
+          for (std::size_t i = 0; i < 4; ++i) {
+            const std::uint32_t other = tets.neighbours[c].at(i);
+            if (tets.corners[c].at(i) == v || tets.inside[other] != inside[here] ||
+                set[other] != kNone)
+              continue;
+            set[other] = here;
+            stack.push_back(other);
+          }
+        }
+      }
+      if (sizes.size() <= 1 || (sizes.size() == 2 && inside[0] != inside[1])) continue;
+      // Of each kind the largest stays; when only filling, all that is outside but the largest,
+      // or everything if there is only one such set.
+      std::array<std::size_t, 2> largest{sizes.size(), sizes.size()}, sets{};
+      for (std::size_t i = 0; i < sizes.size(); ++i) {
+        std::size_t& best = largest.at(inside[i] ? 1 : 0);
+        ++sets.at(inside[i] ? 1 : 0);
+        if (best == sizes.size() || sizes[i] > sizes[best]) best = i;
+      }
+      for (const std::uint32_t c : around[v]) {
+        const bool is_inside = tets.inside[c];
+        const bool fill_only = round > kRoundsBothWays;
+        if (fill_only && is_inside) continue;
+        if (set[c] == largest.at(is_inside ? 1 : 0) && !(fill_only && sets[0] == 1)) continue;
+        tets.inside[c] = !is_inside;
+        changed = true;
+        for (const std::uint32_t w : tets.corners[c])
+          next[w] = true;
+      }
+    }
+    if (!changed) return;
+    look = std::move(next);
+  }
+}
+
+Soup triangles_of(const Tetrahedra& tets) {
+  Soup out;
+  constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+  std::vector<std::uint32_t> number(tets.vertices.size(), kNone);
+  for (std::uint32_t c = 0; c < tets.corners.size(); ++c) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      if (tets.inside[c] || !tets.inside[tets.neighbours[c].at(i)]) continue;
+      std::array<std::uint32_t, 3> triangle{};
+      for (int k = 0; k < 3; ++k) {
+        // Counter-clockwise seen from this cell, which is outside the material.
+        const auto corner = static_cast<std::size_t>(
+            MesherTriangulation::vertex_triple_index(static_cast<int>(i), k));
+        const std::uint32_t v = tets.corners[c].at(corner);
+        if (number[v] == kNone) {
+          number[v] = static_cast<std::uint32_t>(out.vertices.size());
+          out.vertices.push_back(tets.vertices[v]);
+        }
+        triangle.at(static_cast<std::size_t>(k)) = number[v];
+      }
+      out.triangles.push_back(triangle);
+    }
   }
   return out;
 }
@@ -126,7 +223,13 @@ Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume&
   const auto sphere = sphere_around(volume);
   const MesherSurface surface(NegatedVolume{&volume}, sphere,
                               bounds.bisection_mm / std::sqrt(sphere.squared_radius()));
+  // Far corners: no vertex of the surface is on the triangulation's hull.
   std::vector<MesherTriangulation::Point> initial;
+  const double far = 4 * std::sqrt(sphere.squared_radius());
+  for (int k = 0; k < 8; ++k)
+    initial.push_back(sphere.center() + MesherKernel::Vector_3(k % 2 == 0 ? -far : far,
+                                                               k / 2 % 2 == 0 ? -far : far,
+                                                               k / 4 == 0 ? -far : far));
   for (const Vector3d& p : points)
     initial.emplace_back(p.x(), p.y(), p.z());
   triangulation.insert(initial.begin(), initial.end());
@@ -134,9 +237,9 @@ Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume&
       bounds.angle_deg, bounds.radius_mm, bounds.distance_mm);
 
   using Traits = CGAL::Surface_mesh_traits_generator_3<MesherSurface>::type;
-  using Mesher =
-      CGAL::Surface_mesher_generator<MesherComplex, Traits, decltype(criteria), CGAL::Manifold_tag,
-                                     CGAL::Surface_mesher::NOT_VERBOSE>::type;
+  using Mesher = CGAL::Surface_mesher_generator<MesherComplex, Traits, decltype(criteria),
+                                                CGAL::Non_manifold_tag,
+                                                CGAL::Surface_mesher::NOT_VERBOSE>::type;
   const Traits traits;
   Mesher mesher(complex, surface, traits, criteria);
   mesher.init();
@@ -149,7 +252,9 @@ Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume&
     if (triangulation.number_of_vertices() > bounds.most_vertices)
       return refused("--surface: the surface mesher does not end; give --min-volume, or --crop");
   }
-  return triangles_of(complex, volume);
+  Tetrahedra tets = tetrahedra_of(triangulation, volume);
+  make_manifold(tets);
+  return triangles_of(tets);
 }
 
 // Exact distances to a surface.
@@ -269,6 +374,16 @@ Result<TriangleSurface> on_lattice(const Soup& soup, const Eigen::Affine3d& T_lp
   return out;
 }
 
+// Steps of at most a 32nd of a voxel's shortest side.
+Lattice lattice_for(const SurfaceVolume& volume) {
+  constexpr int kFinest = 14;
+  const auto [u, v, w] = volume.voxel_mm();
+  Lattice out{0};
+  while (out.bits < kFinest && out.step_mm() > std::min({u, v, w}) / 32)
+    ++out.bits;
+  return out;
+}
+
 // Locks the fine vertices near the given triangles' corners.
 void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, double reach_mm,
                const Soup& fine, std::vector<bool>& locked) {
@@ -312,24 +427,26 @@ void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, do
   }
 }
 
-Result<TriangleSurface> decimated_on_lattice(const Soup& fine, const Eigen::Affine3d& T_lps_volume,
-                                             Lattice lattice, double reach_mm,
-                                             const SurfaceOptions& options, DisplaySurface& out,
-                                             Clock::time_point& clock) {
-  constexpr int kMostRounds = 12;
+Result<TriangleSurface> decimated_on_lattice(const Soup& fine, const SurfaceVolume& volume,
+                                             double reach_mm, const SurfaceOptions& options,
+                                             DisplaySurface& out, Clock::time_point& clock) {
+  // Thin triangles may intersect once their corners are rounded: then the lattice becomes finer.
+  constexpr int kMostRounds = 12, kRoundsOfLattice = 3, kMostBits = 14;
+  Lattice lattice = lattice_for(volume);
   std::vector<bool> locked(fine.vertices.size(), false);
   for (int round = 1; round <= kMostRounds; ++round) {
     if (stopped(options)) return interrupted();
     if (round == kMostRounds) locked.assign(locked.size(), true);  // as the mesher left it
-    auto soup = decimate(fine, static_cast<std::size_t>(options.triangles), locked);
+    const auto soup = decimate(fine, static_cast<std::size_t>(options.triangles), locked);
     if (!soup) return soup.error();
-    auto surface = on_lattice(*soup, T_lps_volume, lattice);
+    auto surface = on_lattice(*soup, volume.T_lps_volume, lattice);
     if (!surface) return surface.error();
     out.decimate_ms += lap_ms(clock);
     const auto bad = self_intersecting_triangles(*surface);
     out.check_ms += lap_ms(clock);
     if (bad.empty()) return surface;
-    lock_near(*soup, bad, round * reach_mm, fine, locked);
+    lock_near(*soup, bad, std::min(round, 3) * reach_mm, fine, locked);
+    if (round % kRoundsOfLattice == 0) lattice.bits = std::min(lattice.bits + 2, kMostBits);
   }
   return bug("--surface: the surface intersects itself");
 }
@@ -501,16 +618,6 @@ std::size_t count_parts(const TriangleSurface& surface) {
   return parts;
 }
 
-// Steps of at most a 32nd of a voxel's shortest side.
-Lattice lattice_for(const SurfaceVolume& volume) {
-  constexpr int kFinest = 14;
-  const auto [u, v, w] = volume.voxel_mm();
-  Lattice out{0};
-  while (out.bits < kFinest && out.step_mm() > std::min({u, v, w}) / 32)
-    ++out.bits;
-  return out;
-}
-
 }  // namespace
 
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
@@ -519,7 +626,7 @@ Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
   constexpr double kRadius_voxels = 1, kDistance_voxels = 0.15, kBisection_voxels = 0.005;
   // Of a triangle in units of the largest circumradius squared: the mesher's triangles in practice.
   constexpr double kTriangleArea = 0.25;
-  constexpr int kMesherTriangles = 4, kLeastMesherTriangles = 150'000;
+  constexpr int kMesherTriangles = 6, kLeastMesherTriangles = 200'000;
   DisplaySurface out;
   auto clock = Clock::now();
   SurfaceParts parts = surface_parts(volume);
@@ -551,8 +658,7 @@ Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
   out.mesher_triangles = fine->triangles.size();
   out.mesher_ms = lap_ms(clock);
 
-  auto surface = decimated_on_lattice(*fine, volume.T_lps_volume, lattice_for(volume), side,
-                                      options, out, clock);
+  auto surface = decimated_on_lattice(*fine, volume, side, options, out, clock);
   if (!surface) return surface.error();
   out.surface = std::move(*surface);
   if (auto ok = check_triangle_surface(out.surface); !ok) return bug(ok.error().message);

@@ -17,6 +17,8 @@ namespace {
 // perfect grid can have a hundred, a large one more.
 constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 << 22;
 
+}  // namespace
+
 // The bytes before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags, kind
 // of traversal, vertices and faces. Draco allocates for these two numbers without a check.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
@@ -44,8 +46,6 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
     return refused("Draco: more triangles than its bytes can hold");
   return {};
 }
-
-}  // namespace
 
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid) {
   if (mesh.triangles.empty()) return bug("Draco: empty mesh");

@@ -87,9 +87,12 @@ server.listen(0, '127.0.0.1', async () => {
     const box = new three.Box3().setFromObject(gltf.scene, true);
 
     // A slice is the topmost node that carries our metadata.
-    const slices = [];
+    // So is a surface for display.
+    const slices = [], surfaces = [];
     const visit = (node) => {
-      if (node.userData.trocar && Number.isInteger(node.userData.trocar.index)) {
+      if (Number.isInteger(node.userData.trocar?.surface)) {
+        surfaces.push(describe(node));
+      } else if (node.userData.trocar && Number.isInteger(node.userData.trocar.index)) {
         slices.push(describe(node));
       } else {
         node.children.forEach(visit);
@@ -98,13 +101,14 @@ server.listen(0, '127.0.0.1', async () => {
     visit(gltf.scene);
     if (complaints.length) throw new Error('the loaders complained');
     const drawn = describe(gltf.scene);
-    const total = (field) => slices.reduce((sum, slice) => sum + slice[field], 0);
+    const sum_of = (list, field) => list.reduce((sum, one) => sum + one[field], 0);
+    const total = (field) => sum_of(slices, field);
     if (slices.length === 0) throw new Error('no node carries extras.trocar.index');
     for (const field of ['triangles', 'vertices', 'line_segments']) {
-      if (total(field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
+      if (total(field) + sum_of(surfaces, field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
     }
     const result = {
-      three: three.REVISION, node: process.version, slices,
+      three: three.REVISION, node: process.version, slices, surfaces,
       triangles: total('triangles'), vertices: total('vertices'),
       line_segments: total('line_segments'),
       world_bounds_m: { min: box.min.toArray(), max: box.max.toArray() },
