@@ -351,8 +351,9 @@ Result<void> export_surfaces(const Asset& asset, const fs::path& folder,
     if (!texts) return texts.error();
     for (std::size_t k = 0; k < kSurfaceEndings.size(); ++k) {
       if (stop != nullptr && stop->load()) return unwritable("interrupted; nothing was written");
-      const std::string of = asset.surfaces.size() > 1 ? "_" + std::to_string(one.material) : "";
-      names.push_back("surface" + of + kSurfaceEndings.at(k));
+      names.emplace_back("surface");
+      if (asset.surfaces.size() > 1) names.back().append("_").append(std::to_string(one.material));
+      names.back() += kSurfaceEndings.at(k);
       if (auto ok = write_file_atomically((*scratch)->path() / names.back(), texts->at(k)); !ok)
         return ok;
     }
