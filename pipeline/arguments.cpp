@@ -9,6 +9,7 @@
 #include <sstream>
 #include <utility>
 
+#include "formats/base/file_io.h"
 #include "pipeline/presets.h"
 
 namespace trocar::pipeline {
@@ -231,6 +232,9 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   app.add_option("--jobs", a.jobs, "threads; 0 is all cores")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024));
+  app.add_flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  app.add_option("--input-key", a.input_key,
+                 "a file of 16 to 64 bytes: store the input's digest with this key");
   app.add_option("--report", a.report, "what was done, as JSON");
   app.add_option("--dump-stages", a.dump_stages, "stages of --dump-slice, as JSON for pictures");
   a.dump_slice_given = app.add_option("--dump-slice", a.dump_slice, "the slice of --dump-stages")
@@ -272,6 +276,15 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
   out.threads = a.jobs;
+  out.lines = a.lines;
+  if (!a.input_key.empty()) {
+    auto key = read_file(a.input_key, kMostKeyBytes);
+    if (!key) return key.error();
+    if (key->size() < kLeastKeyBytes)
+      return usage("--input-key " + a.input_key.string() + ": has " + std::to_string(key->size()) +
+                   " bytes; a key has 16 to 64");
+    out.input_key = std::move(*key);
+  }
   if (!a.slices.empty()) {
     const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
     if (!n) return n.error();
@@ -348,7 +361,6 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   add_solid_parameters(o.solid, out);
   if (o.surface) out["surface_triangles"] = o.surface->triangles;
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
-  if (!input.series.empty()) out["series"] = input.series;
   if (input.axis) {
     out["axis"] = *input.axis == SliceAxis::kCoronal    ? "coronal"
                   : *input.axis == SliceAxis::kSagittal ? "sagittal"

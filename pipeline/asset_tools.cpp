@@ -285,6 +285,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
       outline += ring.size();
     triangles += s.mesh.triangles.size();
     slices.push_back({{"index", s.index},
+                      {"material", s.material},
                       {"z_mm", s.z_mm},
                       {"vertices", s.mesh.vertices.size()},
                       {"triangles", s.mesh.triangles.size()},
@@ -304,16 +305,23 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
          {"distance_p99_mm", one.distance_mm},
          {"volume_mm3", enclosed_volume(one.surface) * std::pow(lattice.step_mm(), 3)}});
   }
-  return {{"generator", asset.generator},
-          {"schema", kAssetSchema},
-          {"lattice_bits", asset.lattice.bits},
-          {"lattice_step_mm", asset.lattice.step_mm()},
-          {"input_digest", asset.input_digest},
-          {"parameters", json::parse(asset.parameters_json)},
-          {"bytes", bytes},
-          {"triangles", triangles},
-          {"surfaces", std::move(surfaces)},
-          {"slices", std::move(slices)}};
+  json materials = json::array();
+  for (const AssetMaterial& material : asset.materials)
+    materials.push_back(
+        {{"name", material.name}, {"label", material.label ? json(*material.label) : json()}});
+  json out = {{"generator", asset.generator},
+              {"schema", asset.schema},
+              {"lattice_bits", asset.lattice.bits},
+              {"lattice_step_mm", asset.lattice.step_mm()},
+              {"materials", std::move(materials)},
+              {"parameters", json::parse(asset.parameters_json)},
+              {"bytes", bytes},
+              {"triangles", triangles},
+              {"slices", std::move(slices)}};
+  // Of schema 1, and of schema 2 with --input-key.
+  if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;
+  if (!asset.input_key_digest.empty()) out["input_key_digest"] = asset.input_key_digest;
+  return out;
 }
 
 Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path& folder,

@@ -29,6 +29,9 @@ double ms_since(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
+// Skin and muscle have 20 to 80 HU.
+constexpr double kSkinHu = 100;
+
 struct FinishedSlice {
   EncodedSlice slice;
   std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the JSON tree's size
@@ -95,6 +98,12 @@ std::vector<Warning> warnings_of_scan(const SliceStack& stack, const MeshOptions
   if (stack.voxel_conflict) {
     out.push_back(voxel_volume_warning(
         *stack.voxel_conflict, material_volumes(*stack.voxel_conflict, total.area_mm2), input));
+  }
+  const auto* threshold = std::get_if<Threshold>(&options.segmentation);
+  if (threshold != nullptr && stack.pixel_unit() == PixelUnit::kHounsfield &&
+      threshold->value < kSkinHu) {
+    out.push_back({"face", "--threshold",
+                   "below 100 HU the skin is material: a face can be recognised in the asset"});
   }
   if (auto doubt = label_doubt(total.values, stack.pixel_unit(), options.segmentation, input))
     out.push_back(std::move(*doubt));
@@ -254,9 +263,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
 
-  // The digests of the input's files are computed in parallel with the slices.
-  const int files = static_cast<int>(stack.files.size());
-  std::vector<Result<std::string>> digests(stack.files.size(), std::string());
+  // The digests of the input's files are computed in parallel with the slices. Without a key none
+  // is stored: it would identify the scan.
+  const int files = options.input_key.empty() ? 0 : static_cast<int>(stack.files.size());
+  std::vector<Result<std::string>> digests(static_cast<std::size_t>(files), std::string());
   std::vector<std::optional<Result<FinishedSlice>>> done(
       static_cast<std::size_t>(last - first + 1));
   std::mutex mutex;
@@ -319,13 +329,15 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   const auto* labels = std::get_if<Labels>(&options.mesh.segmentation);
   if (labels != nullptr && labels->all) used["labels"] = found;
-  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used), {}};
+  Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used)};
+  asset.lines = options.lines;
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();
     file_digests.push_back(*digest);
   }
-  out.input_digest = asset.input_digest = digest_input(file_digests);
+  if (!options.input_key.empty())
+    out.input_key_digest = asset.input_key_digest = digest_input(file_digests, options.input_key);
 
   if (std::all_of(encoded.begin(), encoded.end(),
                   [](const EncodedSlice& slice) { return slice.triangles == 0; }))

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "formats/asset/asset.h"
 #include "pipeline/display_surface.h"
@@ -22,6 +23,8 @@ struct BatchOptions {
   std::optional<SliceAxis> axis;                      ///< that the stack was opened along
   std::optional<std::pair<int, int>> slices;          ///< first and last index, both included
   int threads = 0;                                    ///< 0: all cores
+  std::vector<std::uint8_t> input_key;                ///< of the input's digest; empty: no digest
+  bool lines = false;                                 ///< Asset::lines
   std::optional<int> dump_slice;                      ///< keep this slice's stages for pictures
   std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
   const std::atomic<bool>* stop = nullptr;            ///< set from a signal handler: stop early
@@ -30,7 +33,7 @@ struct BatchOptions {
 };
 
 struct BatchResult {
-  std::string input_digest;
+  std::string input_key_digest;  ///< empty without a key
   std::vector<std::uint8_t> glb;
   nlohmann::json report;
   nlohmann::json stages;  ///< of dump_slice, or null

@@ -9,9 +9,11 @@
 #include <chrono>
 #include <cstdio>
 #include <iostream>
+#include <limits>
 #include <opencv2/core/version.hpp>
 
 #include "formats/asset/asset.h"
+#include "formats/asset/private_asset.h"
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
@@ -182,15 +184,15 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchRe
   for (const fs::path& input : a.inputs)
     inputs.push_back(without_folder(input));
   result.report["input"] = {{"paths", std::move(inputs)},
-                            {"digest", result.input_digest},
                             {"slices", stack.size()},
                             {"width_px", stack.width()},
                             {"height_px", stack.height()}};
+  if (!result.input_key_digest.empty())
+    result.report["input"]["key_digest"] = result.input_key_digest;
   if (stack.series) {
     const SeriesInfo& s = *stack.series;
-    result.report["input"]["series"] = {{"uid", s.uid},
-                                        {"number", s.number ? json(*s.number) : json()},
-                                        {"description", s.description},
+    // Its UID and description could tell whose scan it is.
+    result.report["input"]["series"] = {{"number", s.number ? json(*s.number) : json()},
                                         {"kernel", s.kernel},
                                         {"modality", s.modality}};
   }
@@ -243,9 +245,7 @@ int mesh(const Arguments& a) {
   if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
   options->stop = &stop_requested;
-  // The asset does not depend on how the series was named; a volume that is no DICOM is transverse
-  // without --axis, too.
-  if (!open->series.empty()) open->series = (*stack)->series->uid;
+  // A volume that is no DICOM is transverse without --axis, too.
   if (!(*stack)->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
   options->axis = open->axis;
   auto result = mesh_stack(**stack, *options, parameters_json(*options, *open));
@@ -269,31 +269,42 @@ int list(const fs::path& folder, bool as_json) {
   return 0;
 }
 
-Result<std::size_t> verify(const fs::path& file, bool independent) {
-  const auto asset = read_asset(file);
+struct Checks {
+  bool independent = false, private_too = false;
+};
+
+Result<std::size_t> verify(const fs::path& file, const Checks& checks) {
+  const auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
+  if (!bytes) return bytes.error();
+  const auto asset = decode_asset(*bytes, file.string());
   if (!asset) return asset.error();
   if (auto ok = verify_asset(*asset, file.string()); !ok) return ok.error();
-  if (independent) {
+  if (checks.private_too) {
+    if (auto ok = check_private_asset(*bytes, file.string()); !ok) return ok.error();
+  }
+  if (checks.independent) {
     if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
   }
   return asset->slices.size();
 }
 
 // Every file is looked at; the exit code is the first error's.
-int verify_all(const std::vector<fs::path>& files, bool independent, bool as_json) {
+int verify_all(const std::vector<fs::path>& files, const Checks& checks, bool as_json) {
   int code = 0;
   json out = json::array();
   for (const fs::path& file : files) {
-    const auto slices = verify(file, independent);
+    const auto slices = verify(file, checks);
     out.push_back({{"file", file.string()}, {"valid", static_cast<bool>(slices)}});
-    if (independent) out.back()["independent"] = true;
+    if (checks.independent) out.back()["independent"] = true;
+    if (checks.private_too) out.back()["private"] = static_cast<bool>(slices);
     if (!slices) {
       out.back()["reason"] = slices.error().message;
       const int failed = fail(slices.error());
       if (code == 0) code = failed;
     } else if (!as_json) {
-      std::printf("%s: valid, %zu slices%s\n", file.c_str(), *slices,
-                  independent ? ", confirmed by CGAL" : "");
+      std::printf("%s: valid, %zu slices%s%s\n", file.c_str(), *slices,
+                  checks.private_too ? ", private" : "",
+                  checks.independent ? ", confirmed by CGAL" : "");
     }
   }
   if (as_json) std::cout << json_text(out.size() == 1 ? out[0] : out, 1) << '\n';
@@ -384,9 +395,11 @@ int run(int argc, char** argv) {
   CLI::App* export_command =
       app.add_subcommand("export", "write each slice as .poly, .obj and .svg, or the surface");
   std::vector<fs::path> assets;
-  bool independent = false;
+  Checks checks;
   verify_command->add_option("ASSET", assets, "the .glb, or several")->required();
-  verify_command->add_flag("--independent", independent,
+  verify_command->add_flag("--private", checks.private_too,
+                           "also refuse what could tell whose scan it was");
+  verify_command->add_flag("--independent", checks.independent,
                            "also compare with CGAL's triangulation, which is not Trocar's code");
   for (CLI::App* command : {info_command, export_command})
     command->add_option("ASSET", asset, "the .glb")->required();
@@ -410,7 +423,7 @@ int run(int argc, char** argv) {
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
   if (*list_command) return list(study, as_json);
-  if (*verify_command) return verify_all(assets, independent, as_json);
+  if (*verify_command) return verify_all(assets, checks, as_json);
   if (*info_command) return info(asset, as_json);
   return export_to(asset, folder, surface);
 }

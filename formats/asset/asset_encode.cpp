@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf_writer.h"
+#include "formats/asset/slice_payload.h"
 #include "formats/asset/surface_payload.h"
 #include "formats/geometry/mesh_validity.h"
 
@@ -20,45 +24,109 @@ using nlohmann::json;
 
 // glTF's numbers for component types and primitive modes.
 constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
-constexpr int kLines = 1, kTriangles = 4;
+constexpr int kLines = 1;  // triangles, 4, are the default
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
-// The accessor of positions. glTF requires the bounds of the float32 values; lattice multiples are
-// exact in float32.
-json positions(std::size_t count, const LatticeBox& box, const Lattice& lattice) {
+// Whole numbers without a fraction: the text is shorter.
+json number(double value) {
+  constexpr double kExact = 9007199254740992.0;  // 2^53
+  if (value == std::rint(value) && std::abs(value) < kExact)
+    return static_cast<std::int64_t>(value);
+  return value;
+}
+
+json numbers(const double* begin, std::size_t count) {
+  json out = json::array();
+  for (std::size_t i = 0; i < count; ++i)
+    out.push_back(number(begin[i]));
+  return out;
+}
+
+// The accessor of positions, in lattice steps, which are exact in float32.
+json positions(std::size_t count, const LatticeBox& box, std::int32_t z) {
   return {{"componentType", kFloat},
           {"type", "VEC3"},
           {"count", count},
-          {"min", {lattice.to_mm(box.low.x), lattice.to_mm(box.low.y), 0.0}},
-          {"max", {lattice.to_mm(box.high.x), lattice.to_mm(box.high.y), 0.0}}};
+          {"min", {box.low.x, box.low.y, z}},
+          {"max", {box.high.x, box.high.y, z}}};
 }
 
-json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, const Lattice& lattice,
-                         AssetSizes& sizes, SliceRecord& record) {
+// Where an entry is: its node's transform, and the z of its vertices.
+struct Place {
+  std::optional<Eigen::Affine3d> transform;  ///< mm; none: the identity
+  std::int32_t z = 0;                        ///< steps
+};
+struct Places {
+  Eigen::Affine3d frame = Eigen::Affine3d::Identity();
+  std::vector<Place> entries;
+};
+
+// The shortest text that gives every plane bit for bit. Mostly the planes are parallel, and their
+// origins above each other: then the frame is the first plane, and the others are moved along z, by
+// their vertices if z is a lattice multiple. Else each node has its own transform.
+Places places_of(const std::vector<EncodedSlice>& slices, const Lattice& lattice) {
+  Places out;
+  if (slices.empty()) return out;
+  out.frame = slices[0].T_lps_plane;
+  const Eigen::Vector3d normal = out.frame.linear().col(2);
+  for (const EncodedSlice& slice : slices) {
+    const double z_mm = normal.dot(slice.T_lps_plane.translation() - out.frame.translation());
+    Place place;
+    Eigen::Affine3d along = Eigen::Affine3d::Identity();
+    const double z = z_mm / lattice.step_mm();
+    if (slice.triangles > 0 && z == std::rint(z) && std::abs(z) <= kMaxAssetExtent) {
+      place.z = static_cast<std::int32_t>(z);
+    } else if (z != 0) {
+      along.translation().z() = z_mm;
+      place.transform = along;
+    }
+    const Eigen::Affine3d read = plane_of(out.frame, along, lattice.to_mm(place.z));
+    if (read.matrix() != slice.T_lps_plane.matrix()) {
+      Places each;
+      for (const EncodedSlice& other : slices)
+        each.entries.push_back({other.T_lps_plane, 0});
+      return each;
+    }
+    out.entries.push_back(place);
+  }
+  return out;
+}
+
+void put_transform(const Eigen::Affine3d& T, const Lattice& lattice, json& node) {
+  Eigen::Affine3d steps = T;
+  steps.translation() /= lattice.step_mm();
+  if (T.linear() != Eigen::Matrix3d::Identity())
+    node["matrix"] = numbers(steps.matrix().data(), 16);  // Eigen and glTF are both column-major
+  else if (!T.translation().isZero(0))
+    node["translation"] = numbers(steps.translation().data(), 3);
+}
+
+json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32_t z,
+                         AssetSizes& sizes, EntryRecord& record) {
   sizes.triangles += slice.triangles;
   sizes.triangle_bytes += slice.draco.size();
-  const int position = gltf.add_accessor(positions(slice.vertices, slice.bounds, lattice));
+  json attributes = {{"POSITION", gltf.add_accessor(positions(slice.vertices, slice.bounds, z))}};
+  json ids = {{"POSITION", kDracoPositionId}};
   const int indices = gltf.add_accessor(
       {{"componentType", kUnsignedInt}, {"type", "SCALAR"}, {"count", slice.triangles * 3}});
+  if (slice.has_hu) {
+    attributes[kHuAttribute] = gltf.add_accessor(
+        {{"componentType", kFloat}, {"type", "SCALAR"}, {"count", slice.vertices}});
+    ids[kHuAttribute] = kDracoHuId;
+  }
   const auto [view, range] =
       gltf.add_view(slice.draco.data(), slice.draco.size(), GltfWriter::kNoTarget);
   record.draco_offset = static_cast<std::uint32_t>(range.offset);
   record.draco_bytes = static_cast<std::uint32_t>(range.size);
-  record.vertices = static_cast<std::uint32_t>(slice.vertices);
-  record.triangles = static_cast<std::uint32_t>(slice.triangles);
-  record.low = slice.bounds.low;
-  record.high = slice.bounds.high;
-  return {{"mode", kTriangles},
-          {"material", 0},
-          {"attributes", {{"POSITION", position}}},
-          {"indices", indices},
-          {"extensions",
-           {{kDracoExtension,
-             {{"bufferView", view}, {"attributes", {{"POSITION", kDracoPositionId}}}}}}}};
+  return {
+      {"material", slice.material},
+      {"attributes", std::move(attributes)},
+      {"indices", indices},
+      {"extensions", {{kDracoExtension, {{"bufferView", view}, {"attributes", std::move(ids)}}}}}};
 }
 
-json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice, AssetSizes& sizes,
-                     SliceRecord& record) {
+json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t z, std::size_t material,
+                     AssetSizes& sizes) {
   std::vector<LatticePoint> points;
   std::vector<std::uint32_t> indices;
   for (const Ring& ring : pslg.rings) {
@@ -73,82 +141,137 @@ json lines_primitive(GltfWriter& gltf, const Pslg& pslg, const Lattice& lattice,
   std::vector<float> xyz;
   xyz.reserve(points.size() * 3);
   for (LatticePoint p : points) {
-    xyz.push_back(static_cast<float>(lattice.to_mm(p.x)));
-    xyz.push_back(static_cast<float>(lattice.to_mm(p.y)));
-    xyz.push_back(0.0F);
+    for (const std::int32_t c : {p.x, p.y, z})
+      xyz.push_back(static_cast<float>(c));
   }
-  const auto add = [&](json accessor, const auto& data, int target, std::uint32_t& offset) {
+  const auto add = [&](json accessor, const auto& data, int target) {
     const std::size_t bytes = data.size() * sizeof data[0];
     sizes.outline_bytes += bytes;
-    const auto [view, range] = gltf.add_view(data.data(), bytes, target);
-    accessor["bufferView"] = view;
-    offset = static_cast<std::uint32_t>(range.offset);
+    accessor["bufferView"] = gltf.add_view(data.data(), bytes, target).number;
     return gltf.add_accessor(accessor);
   };
-  record.outline_vertices = static_cast<std::uint32_t>(points.size());
-  json primitive = {{"mode", kLines}, {"material", 1}};
-  primitive["attributes"]["POSITION"] = add(positions(points.size(), box_around(points), lattice),
-                                            xyz, GltfWriter::kVertices, record.outline_offset);
+  json primitive = {{"mode", kLines}, {"material", material}};
+  primitive["attributes"]["POSITION"] =
+      add(positions(points.size(), box_around(points), z), xyz, GltfWriter::kVertices);
   json accessor = {{"type", "SCALAR"}, {"count", indices.size()}};
   const bool narrow = points.size() < 65535;
-  record.segment_index_bytes = narrow ? 2 : 4;
   accessor["componentType"] = narrow ? kUnsignedShort : kUnsignedInt;
   primitive["indices"] =
       narrow ? add(accessor, std::vector<std::uint16_t>(indices.begin(), indices.end()),
-                   GltfWriter::kIndices, record.segments_offset)
-             : add(accessor, indices, GltfWriter::kIndices, record.segments_offset);
+                   GltfWriter::kIndices)
+             : add(accessor, indices, GltfWriter::kIndices);
   return primitive;
 }
 
-json materials() {
-  return {{{"name", "material"},
-           {"doubleSided", true},
-           {"pbrMetallicRoughness",
-            {{"baseColorFactor", {0.89, 0.85, 0.76, 1.0}},
-             {"metallicFactor", 0.0},
-             {"roughnessFactor", 0.9}}}},
-          {{"name", "outline"},
-           {"pbrMetallicRoughness", {{"baseColorFactor", {0.55, 0.1, 0.1, 1.0}}}},
-           {"extensions", {{kUnlitExtension, json::object()}}}}};
+// The first material's colour is that of bone; the others' are far from their neighbours'.
+json gltf_materials(const Asset& head) {
+  constexpr std::array<std::array<double, 3>, 6> kColours{{{0.89, 0.85, 0.76},
+                                                           {0.55, 0.7, 0.85},
+                                                           {0.85, 0.55, 0.5},
+                                                           {0.6, 0.8, 0.55},
+                                                           {0.8, 0.65, 0.85},
+                                                           {0.9, 0.8, 0.45}}};
+  json out = json::array();
+  for (const AssetMaterial& material : head.materials) {
+    const auto& [r, g, b] = kColours[out.size() % kColours.size()];
+    json one = {
+        {"doubleSided", true},
+        {"pbrMetallicRoughness", {{"baseColorFactor", {r, g, b, 1}}, {"metallicFactor", 0}}}};
+    if (head.materials.size() > 1) one["name"] = material.name;
+    out.push_back(std::move(one));
+  }
+  if (head.lines) {
+    out.push_back({{"name", "outline"},
+                   {"pbrMetallicRoughness", {{"baseColorFactor", {0.55, 0.1, 0.1, 1}}}},
+                   {"extensions", {{kUnlitExtension, json::object()}}}});
+  }
+  return out;
 }
 
 // Writes the slice index into the bytes that were reserved for it.
-void put_index(GltfWriter::File& file, std::vector<SliceRecord> records) {
+void put_index(GltfWriter::File& file, std::vector<EntryRecord> records) {
   IndexHeader header;
-  header.slices = static_cast<std::uint32_t>(records.size());
+  header.entries = static_cast<std::uint32_t>(records.size());
   header.json_bytes = static_cast<std::uint32_t>(file.json_bytes);
   header.binary_bytes = static_cast<std::uint32_t>(file.bytes.size() - file.binary_offset);
   header.extras_offset = static_cast<std::uint32_t>(file.extras.offset);
   header.extras_bytes = static_cast<std::uint32_t>(file.extras.size);
+  header.frame_offset = static_cast<std::uint32_t>(file.nodes[kFrameNode].offset);
+  header.frame_bytes = static_cast<std::uint32_t>(file.nodes[kFrameNode].size);
   if (!records.empty()) {
     header.first_index = records.front().index;
     header.last_index = records.back().index;
   }
   for (std::size_t i = 0; i < records.size(); ++i) {
-    const GltfWriter::Range node = file.nodes[i + 1];  // node 0 is the scan
+    const GltfWriter::Range node = file.nodes[i + kFirstEntryNode];
     records[i].node_offset = static_cast<std::uint32_t>(node.offset);
-    records[i].node_bytes = static_cast<std::uint32_t>(node.size);
+    records[i].node_bytes = static_cast<std::uint16_t>(node.size);
   }
   std::uint8_t* const at = file.bytes.data() + file.binary_offset;
   std::memcpy(at, &header, sizeof header);
   if (!records.empty())
-    std::memcpy(at + sizeof header, records.data(), records.size() * sizeof(SliceRecord));
+    std::memcpy(at + sizeof header, records.data(), records.size() * sizeof(EntryRecord));
   write_index_checksums(file.bytes);
 }
 
-std::vector<double> node_matrix(const Eigen::Affine3d& T) {
-  const Eigen::Matrix4d& m = T.matrix();
-  return {m.data(), m.data() + 16};  // Eigen and glTF are both column-major
+// The three nodes above the entries (slice_payload.h).
+void add_top_nodes(GltfWriter& gltf, std::size_t entries, const Eigen::Affine3d& frame,
+                   const Lattice& lattice) {
+  // LPS in steps -> glTF metres, +Y up: (x, y, z) -> (x, z, -y).
+  const double step = lattice.step_m();
+  gltf.add_node({{"children", json::array({kFrameNode})},
+                 {"matrix", {step, 0, 0, 0, 0, 0, -step, 0, 0, step, 0, 0, 0, 0, 0, 1}}});
+  json node = {{"children", json::array({kListNode})}};
+  put_transform(frame, lattice, node);
+  gltf.add_node(node);
+  std::vector<std::size_t> children(entries);
+  std::iota(children.begin(), children.end(), kFirstEntryNode);
+  gltf.add_node(entries > 0 ? json{{"children", children}} : json::object());
 }
 
-json root_node(std::size_t slices) {
-  std::vector<std::size_t> children(slices);
-  std::iota(children.begin(), children.end(), std::size_t{1});
-  // LPS mm -> glTF metres, +Y up: (x, y, z) -> (x, z, -y) / 1000.
-  json node = {{"name", "scan"},
-               {"matrix", {1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1}}};
-  if (slices > 0) node["children"] = children;
-  return node;
+// What the entry's node says beside its transform and mesh.
+json entry_extras(const EncodedSlice& slice, std::int64_t expected_index,
+                  const Eigen::Affine3d& plane) {
+  json out = json::object();
+  if (slice.index != expected_index) out["index"] = slice.index;
+  if (slice.z_mm != z_of_plane(plane)) out["z_mm"] = number(slice.z_mm);
+  const json measures = json::parse(slice.measures_json);
+  const auto mean_hu = measures.find("mean_hu");
+  if (!slice.has_hu && mean_hu != measures.end() && mean_hu->is_number())
+    out["mean_hu"] = number(std::rint(mean_hu->get<double>() * 10) / 10);
+  return out;
+}
+
+json document_extras(const Asset& head, json parameters, const std::vector<EncodedSlice>& slices) {
+  json list = json::array();
+  for (const AssetMaterial& material : head.materials) {
+    list.push_back({{"name", material.name}});
+    if (material.label) list.back()["label"] = *material.label;
+  }
+  std::size_t different = 0;
+  for (std::size_t i = 0; i < slices.size(); ++i)
+    different += i == 0 || slices[i].index != slices[i - 1].index ? 1 : 0;
+  json out = {
+      {"schema", kAssetSchema},       {"lattice_bits", head.lattice.bits},   {"slices", different},
+      {"materials", std::move(list)}, {"parameters", std::move(parameters)}, {"use", kAssetUse}};
+  if (!head.input_key_digest.empty()) out["input_key_digest"] = head.input_key_digest;
+  if (std::any_of(slices.begin(), slices.end(), [](const EncodedSlice& s) { return s.has_hu; }))
+    out["hu_step"] = kHuStep;
+  return {{"trocar", std::move(out)}};
+}
+
+Result<void> check_order(const Asset& head, const std::vector<EncodedSlice>& slices) {
+  if (head.materials.empty()) return bug("an asset without a material");
+  for (std::size_t i = 0; i < slices.size(); ++i) {
+    const EncodedSlice& slice = slices[i];
+    const std::string where = "slice " + std::to_string(slice.index) + ": ";
+    if (slice.material < 0 || static_cast<std::size_t>(slice.material) >= head.materials.size())
+      return bug(where + "its material is not in the list");
+    if (i > 0 && std::pair(slices[i - 1].index, slices[i - 1].material) >=
+                     std::pair(slice.index, slice.material))
+      return bug(where + "slices do not ascend by index and material");
+  }
+  return {};
 }
 
 // A node of the scene beside the scan's: readers of slices do not meet it. What is written is
@@ -207,12 +330,7 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   const std::int64_t farthest =
       std::max({std::abs(std::int64_t{low.x}), std::abs(std::int64_t{low.y}),
                 std::abs(std::int64_t{high.x}), std::abs(std::int64_t{high.y})});
-  // Draco passes its options on as text with six decimals. An origin in whole mm and a range of at
-  // least 16 mm are exact in it.
-  const auto whole_mm = [bits = lattice.bits](std::int32_t c) {
-    return static_cast<std::int32_t>((c >> bits) * (1 << bits));
-  };
-  DracoGrid grid{lattice, {whole_mm(low.x), whole_mm(low.y)}, std::min(24, lattice.bits + 5)};
+  DracoGrid grid{lattice, low, 1};
   const std::int64_t span =
       std::max(std::int64_t{high.x} - grid.origin.x, std::int64_t{high.y} - grid.origin.y);
   if (std::max({extent, farthest, span}) > kMaxAssetExtent) {
@@ -228,27 +346,37 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
 // Counts, bounds and proofs are those of the bytes just written, decoded again.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid) {
   const std::string where = "slice " + std::to_string(slice.index) + ": ";
-  if (!json::accept(slice.measures_json)) return bug(where + "its measures are not JSON");
-  EncodedSlice out{
-      slice.index, slice.z_mm, slice.T_lps_plane, slice.pslg, slice.measures_json, {}, 0, 0, {}};
+  if (!json::parse(slice.measures_json, nullptr, false).is_object())
+    return bug(where + "its measures are not a JSON object");
+  EncodedSlice out;
+  out.index = slice.index;
+  out.z_mm = slice.z_mm;
+  out.T_lps_plane = slice.T_lps_plane;
+  out.measures_json = slice.measures_json;
+  out.material = slice.material;
   if (slice.mesh.triangles.empty()) return out;
-  auto bytes = encode_draco(slice.mesh, grid);
+  auto bytes = encode_draco(slice.mesh, grid, slice.hu);
   if (!bytes) return bug(where + bytes.error().message);
-  auto decoded =
-      decode_draco(*bytes, grid.lattice, slice.mesh.vertices.size(), slice.mesh.triangles.size());
-  if (!decoded)
-    return bug(where + "the bytes that Draco wrote do not decode: " + decoded.error().message);
-  if (decoded->vertices.size() != slice.mesh.vertices.size() ||
-      decoded->triangles.size() != slice.mesh.triangles.size()) {
+  AssetSlice decoded;
+  if (const auto z = decode_slice_geometry(*bytes, decoded); !z)
+    return bug(where + "the bytes that Draco wrote do not decode: " + z.error().message);
+  const auto& [vertices, triangles] = decoded.mesh;
+  if (vertices.size() != slice.mesh.vertices.size() ||
+      triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size()) {
     return bug(where + "Draco did not keep every vertex and triangle");
   }
-  if (auto ok = check_mesh_against_pslg(*decoded, slice.pslg); !ok) {
+  if (auto ok = check_mesh_against_pslg(decoded.mesh, slice.pslg); !ok) {
     return bug(where + ok.error().message);
   }
+  out.pslg = std::move(decoded.pslg);
+  out.has_hu = !slice.hu.empty();
+  const auto z_at = draco_z_at(*bytes, grid);
+  if (!z_at) return bug(where + z_at.error().message);
+  out.draco_z_at = *z_at;
   out.draco = std::move(*bytes);
-  out.vertices = decoded->vertices.size();
-  out.triangles = decoded->triangles.size();
-  out.bounds = box_around(decoded->vertices);
+  out.vertices = vertices.size();
+  out.triangles = triangles.size();
+  out.bounds = box_around(vertices);
   return out;
 }
 
@@ -257,39 +385,45 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  AssetSizes* sizes) {
   json parameters = json::parse(head.parameters_json, nullptr, false);
   if (parameters.is_discarded()) return bug("the asset's parameters are not JSON");
+  if (auto ok = check_order(head, slices); !ok) return ok.error();
   GltfWriter gltf;
   AssetSizes counted;
   std::size_t bytes = 4096;
   for (const EncodedSlice& slice : slices) {
-    bytes += slice.draco.size() + 2048;  // 2048 for its JSON
+    bytes += slice.draco.size() + 1024;  // 1024 for its JSON
+    if (!head.lines) continue;
     for (const Ring& ring : slice.pslg.rings)
       bytes += ring.size() * (3 * sizeof(float) + 2 * sizeof(std::uint32_t)) + 6;
   }
   // The index is at the start (asset_index.h). Its bytes are reserved here and written last.
-  std::vector<SliceRecord> records(slices.size());
-  counted.index_bytes = sizeof(IndexHeader) + records.size() * sizeof(SliceRecord);
+  std::vector<EntryRecord> records(slices.size());
+  counted.index_bytes = sizeof(IndexHeader) + records.size() * sizeof(EntryRecord);
   gltf.reserve(bytes + counted.index_bytes);
-  gltf.add_view(std::vector<std::uint8_t>(counted.index_bytes).data(), counted.index_bytes,
-                GltfWriter::kNoTarget);
-  gltf.add_node(root_node(slices.size()));
+  gltf.add_bytes(std::vector<std::uint8_t>(counted.index_bytes));
+  const Places places = places_of(slices, head.lattice);
+  add_top_nodes(gltf, slices.size(), places.frame, head.lattice);
+  json extras = document_extras(head, std::move(parameters), slices);
   int meshes = 0;
+  std::int64_t expected_index = 0;
   for (std::size_t i = 0; i < slices.size(); ++i) {
-    const EncodedSlice slice = std::move(slices[i]);
-    SliceRecord& record = records[i];
+    EncodedSlice slice = std::move(slices[i]);
+    const auto& [transform, z] = places.entries[i];
+    EntryRecord& record = records[i];
     record.index = slice.index;
-    const std::string name = "slice " + std::to_string(slice.index);
-    json node = {{"name", name},
-                 {"matrix", node_matrix(slice.T_lps_plane)},
-                 {"extras",
-                  {{"trocar",
-                    {{"index", slice.index},
-                     {"z_mm", slice.z_mm},
-                     {"measures", json::parse(slice.measures_json)}}}}}};
+    json node = json::object();
+    if (transform) put_transform(*transform, head.lattice, node);
+    if (json said = entry_extras(slice, expected_index, slice.T_lps_plane); !said.empty())
+      node["extras"]["trocar"] = std::move(said);
+    expected_index = std::int64_t{slice.index} + 1;
     if (slice.triangles > 0) {
+      const auto stored_z = static_cast<float>(z);
+      std::memcpy(slice.draco.data() + slice.draco_z_at, &stored_z, sizeof stored_z);
+      record.material = static_cast<std::uint16_t>(slice.material);
       json primitives = json::array();
-      primitives.push_back(triangles_primitive(gltf, slice, head.lattice, counted, record));
-      primitives.push_back(lines_primitive(gltf, slice.pslg, head.lattice, counted, record));
-      gltf.add_mesh({{"name", name}, {"primitives", std::move(primitives)}});
+      primitives.push_back(triangles_primitive(gltf, slice, z, counted, record));
+      if (head.lines)
+        primitives.push_back(lines_primitive(gltf, slice.pslg, z, head.materials.size(), counted));
+      gltf.add_mesh({{"primitives", std::move(primitives)}});
       node["mesh"] = meshes++;
     }
     gltf.add_node(node);
@@ -300,19 +434,16 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
     if (!node) return node.error();
     scene.push_back(*node);
   }
+  json used = json::array({kDracoExtension});
+  if (head.lines) used.push_back(kUnlitExtension);
   auto file =
       std::move(gltf).finish({{"asset", {{"version", "2.0"}, {"generator", head.generator}}},
-                              {"extensionsUsed", {kDracoExtension, kUnlitExtension}},
+                              {"extensionsUsed", std::move(used)},
                               {"extensionsRequired", json::array({kDracoExtension})},
-                              {"materials", materials()},
+                              {"materials", gltf_materials(head)},
                               {"scene", 0},
                               {"scenes", json::array({{{"nodes", std::move(scene)}}})}},
-                             {{"trocar",
-                               {{"schema", kAssetSchema},
-                                {"lattice_bits", head.lattice.bits},
-                                {"slices", slices.size()},
-                                {"parameters", std::move(parameters)},
-                                {"input_digest", head.input_digest}}}});
+                             extras);
   if (!file) return file.error();
   put_index(*file, std::move(records));
   counted.json_bytes = file->json_bytes;

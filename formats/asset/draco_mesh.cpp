@@ -6,7 +6,10 @@
 #include <draco/mesh/mesh.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
+#include <numeric>
 #include <string_view>
 
 namespace trocar {
@@ -47,13 +50,65 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
   return {};
 }
 
-Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid) {
+namespace {
+
+Result<std::vector<float>> decode_hu(const draco::Mesh& in) {
+  const draco::PointAttribute* hu = in.GetAttributeByUniqueId(kDracoHuId);
+  if (hu == nullptr || hu->attribute_type() != draco::GeometryAttribute::GENERIC ||
+      hu->data_type() != draco::DT_FLOAT32 || hu->num_components() != 1) {
+    return refused("Draco: its second attribute is not HU");
+  }
+  std::vector<float> out(in.num_points());
+  for (std::uint32_t v = 0; v < in.num_points(); ++v) {
+    const draco::AttributeValueIndex at = hu->mapped_index(draco::PointIndex(v));
+    if (at.value() >= hu->size()) return refused("Draco: attribute index out of range");
+    hu->GetValue(at, &out[v]);
+    if (!std::isfinite(out[v]) || stored_hu(out[v]) != out[v])
+      return refused("Draco: HU of vertex " + std::to_string(v) + " are not on their step");
+  }
+  return out;
+}
+
+}  // namespace
+
+float stored_hu(float hu) {
+  const double n = std::rint((static_cast<double>(hu) - kHuLow) / kHuStep);
+  return static_cast<float>(kHuLow + kHuStep * std::clamp(n, 0.0, std::exp2(kHuBits) - 1));
+}
+
+// The quantisation of the position is where its values end: origin, range and number of bits. The
+// HU follow, so that only a search finds it; the 17 bytes do not occur by chance.
+Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const DracoGrid& grid) {
+  const std::array<float, 4> numbers{
+      static_cast<float>(grid.origin.x), static_cast<float>(grid.origin.y), 0.0F,
+      static_cast<float>((std::int64_t{1} << grid.quantization_bits) - 1)};
+  std::array<std::uint8_t, sizeof numbers + 1> wanted{};
+  std::memcpy(wanted.data(), numbers.data(), sizeof numbers);
+  wanted.back() = static_cast<std::uint8_t>(grid.quantization_bits);
+  const auto found = std::search(payload.begin(), payload.end(), wanted.begin(), wanted.end());
+  if (found == payload.end() ||
+      std::search(found + 1, payload.end(), wanted.begin(), wanted.end()) != payload.end())
+    return bug("Draco: no quantisation of the position, or more than one");
+  return static_cast<std::size_t>(found - payload.begin()) + 2 * sizeof(float);
+}
+
+namespace {
+
+constexpr std::size_t kPrime = 7919;
+
+// Draco's traversal starts at the first corner of each piece's first triangle. The orders 0, 1, ...
+// take the triangles with another stride, from another corner.
+Result<std::vector<std::uint8_t>> encode_in_order(std::size_t order, const SliceMesh& mesh,
+                                                  const DracoGrid& grid,
+                                                  std::span<const float> hu) {
   if (mesh.triangles.empty()) return bug("Draco: empty mesh");
   if (grid.quantization_bits < 1 || grid.quantization_bits > 24) {
     return bug("Draco: " + std::to_string(grid.quantization_bits) + " quantisation bits");
   }
   const std::int64_t max_q = (std::int64_t{1} << grid.quantization_bits) - 1;
-  const auto step = static_cast<float>(grid.lattice.step_mm());
+  if (!hu.empty() && hu.size() != mesh.vertices.size())
+    return bug("Draco: " + std::to_string(hu.size()) + " HU of " +
+               std::to_string(mesh.vertices.size()) + " vertices");
 
   draco::Mesh out;
   out.set_num_points(static_cast<std::uint32_t>(mesh.vertices.size()));
@@ -66,14 +121,26 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
     const std::int64_t qx = std::int64_t{p.x} - grid.origin.x,
                        qy = std::int64_t{p.y} - grid.origin.y;
     if (qx < 0 || qy < 0 || qx > max_q || qy > max_q) return bug("Draco: vertex outside the grid");
-    const float xyz[3] = {static_cast<float>(p.x) * step, static_cast<float>(p.y) * step, 0.0F};
+    const float xyz[3] = {static_cast<float>(p.x), static_cast<float>(p.y), 0.0F};
     out.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(v), xyz);
+  }
+  int hu_id = -1;
+  if (!hu.empty()) {
+    draco::GeometryAttribute scalar;
+    scalar.Init(draco::GeometryAttribute::GENERIC, nullptr, 1, draco::DT_FLOAT32, false,
+                sizeof(float), 0);
+    hu_id = out.AddAttribute(scalar, true, static_cast<std::uint32_t>(hu.size()));
+    for (std::uint32_t v = 0; v < hu.size(); ++v) {
+      if (!std::isfinite(hu[v])) return bug("Draco: HU that are not finite");
+      const float stored = stored_hu(hu[v]);
+      out.attribute(hu_id)->SetAttributeValue(draco::AttributeValueIndex(v), &stored);
+    }
   }
   out.SetNumFaces(mesh.triangles.size());
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& v = mesh.triangles[t];
-    out.SetFace(draco::FaceIndex(t),
-                {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
+    const Triangle& v = mesh.triangles[(1 + order * kPrime) * t % mesh.triangles.size()];
+    const auto corner = [&](std::size_t i) { return draco::PointIndex(v[(i + order) % 3]); };
+    out.SetFace(draco::FaceIndex(t), {corner(0), corner(1), corner(2)});
   }
 
   draco::ExpertEncoder encoder(out);
@@ -86,10 +153,20 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
       !status.ok()) {
     return bug("Draco: " + status.error_msg_string());
   }
-  const float origin[3] = {static_cast<float>(grid.origin.x) * step,
-                           static_cast<float>(grid.origin.y) * step, 0.0F};
+  const float origin[3] = {static_cast<float>(grid.origin.x), static_cast<float>(grid.origin.y),
+                           0.0F};
   encoder.SetAttributeExplicitQuantization(id, grid.quantization_bits, 3, origin,
-                                           static_cast<float>(max_q) * step);
+                                           static_cast<float>(max_q));
+  if (hu_id >= 0) {
+    const float low = kHuLow;
+    encoder.SetAttributeExplicitQuantization(hu_id, kHuBits, 1, &low,
+                                             static_cast<float>(((1 << kHuBits) - 1) * kHuStep));
+    if (const auto status =
+            encoder.SetAttributePredictionScheme(hu_id, draco::PREDICTION_DIFFERENCE);
+        !status.ok()) {
+      return bug("Draco: " + status.error_msg_string());
+    }
+  }
   draco::EncoderBuffer buffer;
   if (const draco::Status status = encoder.EncodeToBuffer(&buffer); !status.ok()) {
     return bug("Draco: " + status.error_msg_string());
@@ -97,14 +174,34 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
   return std::vector<std::uint8_t>(buffer.data(), buffer.data() + buffer.size());
 }
 
-Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattice& lattice,
-                               std::uint64_t max_vertices, std::uint64_t max_triangles) {
+}  // namespace
+
+Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
+                                               std::span<const float> hu) {
+  // In small meshes the size depends on where the traversal starts, by about 1 %.
+  constexpr std::size_t kTrianglesTried = 1000, kMostTries = 8;
+  const std::size_t size = mesh.triangles.size();
+  auto best = encode_in_order(0, mesh, grid, hu);
+  if (!best) return best;
+  const std::size_t tries = std::min(kMostTries, kTrianglesTried / size);
+  for (std::size_t i = 1; i < tries; ++i) {
+    if (std::gcd(1 + i * kPrime, size) != 1) continue;
+    auto other = encode_in_order(i, mesh, grid, hu);
+    if (!other) return other;
+    if (other->size() < best->size()) best = std::move(other);
+  }
+  return best;
+}
+
+Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
+                                std::uint64_t max_triangles, int bits) {
   if (auto ok = check_draco_counts(bytes, max_vertices, max_triangles); !ok) return ok.error();
   draco::DecoderBuffer buffer;
   buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   draco::Decoder decoder;
   auto decoded = decoder.DecodeMeshFromBuffer(&buffer);
   if (!decoded.ok()) return refused("Draco: " + decoded.status().error_msg_string());
+  if (buffer.remaining_size() != 0) return refused("Draco: bytes after the mesh");
   const std::unique_ptr<draco::Mesh> in = std::move(decoded).value();
   const draco::PointAttribute* position = in->GetNamedAttribute(draco::GeometryAttribute::POSITION);
   if (position == nullptr || position->data_type() != draco::DT_FLOAT32 ||
@@ -114,19 +211,26 @@ Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattic
   if (in->num_points() > max_vertices || in->num_faces() > max_triangles) {
     return refused("Draco: more vertices or triangles than stated");
   }
-  SliceMesh mesh;
+  const int attributes = in->num_attributes();
+  if (attributes < 1 || attributes > 2) return refused("Draco: unknown attributes");
+  DracoSlice out;
+  SliceMesh& mesh = out.mesh;
   mesh.vertices.reserve(in->num_points());
   for (std::uint32_t v = 0; v < in->num_points(); ++v) {
     float xyz[3];
     const draco::AttributeValueIndex at = position->mapped_index(draco::PointIndex(v));
     if (at.value() >= position->size()) return refused("Draco: attribute index out of range");
     position->GetValue(at, xyz);
-    const double x = std::ldexp(static_cast<double>(xyz[0]), lattice.bits);
-    const double y = std::ldexp(static_cast<double>(xyz[1]), lattice.bits);
-    if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
-        y != std::rint(y) || xyz[2] != 0.0F) {
+    const double x = std::ldexp(static_cast<double>(xyz[0]), bits);
+    const double y = std::ldexp(static_cast<double>(xyz[1]), bits);
+    const double z = std::ldexp(static_cast<double>(xyz[2]), bits);
+    if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate &&
+          std::abs(z) <= kMaxCoordinate) ||
+        x != std::rint(x) || y != std::rint(y) || z != std::rint(z)) {
       return refused("Draco: vertex " + std::to_string(v) + " is off the lattice");
     }
+    if (v == 0) out.z = static_cast<std::int32_t>(z);
+    if (out.z != z) return refused("Draco: vertices of different planes");
     mesh.vertices.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
   }
   mesh.triangles.reserve(in->num_faces());
@@ -139,7 +243,12 @@ Result<SliceMesh> decode_draco(std::span<const std::uint8_t> bytes, const Lattic
     }
     mesh.triangles.push_back(triangle);
   }
-  return mesh;
+  if (attributes == 2) {
+    auto hu = decode_hu(*in);
+    if (!hu) return hu.error();
+    out.hu = std::move(*hu);
+  }
+  return out;
 }
 
 }  // namespace trocar

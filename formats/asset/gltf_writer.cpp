@@ -25,6 +25,11 @@ int GltfWriter::Array::add(const json& element) {
   return count++;
 }
 
+int GltfWriter::add_accessor(const nlohmann::json& accessor) {
+  const auto [known, is_new] = known_accessors_.emplace(json_text(accessor), accessors_.count);
+  return is_new ? accessors_.add(accessor) : known->second;
+}
+
 GltfWriter::View GltfWriter::add_view(const void* data, std::size_t size, int target) {
   buffer_.resize(padded(buffer_.size()));
   const Range range{buffer_.size(), size};

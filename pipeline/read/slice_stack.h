@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -125,9 +126,10 @@ inline constexpr long kMaxSlicePixels = 1L << 26;
 
 /// BLAKE2b-256 of a file's bytes, hex.
 Result<std::string> digest_file(const std::filesystem::path& file);
-/// An input's digest: that of its file, or of several the BLAKE2b-256 of their digests one after
-/// the other (b2sum -l 256 FILES | cut -c-64 | tr -d '\n' | b2sum -l 256), so that files can be
-/// digested in parallel. Empty if there are none.
-std::string digest_input(const std::vector<std::string>& file_digests);
+inline constexpr std::size_t kLeastKeyBytes = 16, kMostKeyBytes = 64;
+/// An input's digest with a key of kLeastKeyBytes to kMostKeyBytes: BLAKE2b-256, keyed, of the
+/// digests of its files (hex) one after the other, so that files can be digested in parallel. Hex.
+std::string digest_input(const std::vector<std::string>& file_digests,
+                         const std::vector<std::uint8_t>& key);
 
 }  // namespace trocar::pipeline
