@@ -311,9 +311,8 @@ Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& s
       {"attributes", {{"POSITION", position}, {"NORMAL", normal}}},
       {"indices", indices},
       {"extensions", {{kDracoExtension, {{"bufferView", view}, {"attributes", ids}}}}}};
-  const int mesh = gltf.add_mesh({{"name", "surface"}, {"primitives", json::array({primitive})}});
-  return gltf.add_node({{"name", "surface"},
-                        {"mesh", mesh},
+  const int mesh = gltf.add_mesh({{"primitives", json::array({primitive})}});
+  return gltf.add_node({{"mesh", mesh},
                         {"matrix", surface_matrix(surface.lattice)},
                         {"extras",
                          {{"trocar",
