@@ -317,6 +317,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
               {"parameters", json::parse(asset.parameters_json)},
               {"bytes", bytes},
               {"triangles", triangles},
+              {"surfaces", std::move(surfaces)},
               {"slices", std::move(slices)}};
   // Of schema 1, and of schema 2 with --input-key.
   if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;
