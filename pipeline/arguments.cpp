@@ -167,6 +167,15 @@ void add_solid_options(CLI::App& app, Arguments& a) {
                  "LABELS.nii.gz:L[,L]: keep what is within 1.5 mm of these labels");
 }
 
+// Options of display_surface.h.
+void add_surface_options(CLI::App& app, Arguments& a) {
+  app.add_flag("--surface", a.surface, "add a closed surface to look at; see export --surface");
+  a.surface_triangles_given =
+      app.add_option("--surface-triangles", a.surface_triangles, "of the surface, at most")
+          ->capture_default_str()
+          ->check(CLI::Range(100, 5'000'000));
+}
+
 // Options that select a part of the scan, its spacing and its axis.
 void add_scan_options(CLI::App& app, Arguments& a) {
   app.add_option("--spacing", a.spacing, "X,Y,Z in mm, where the input has none");
@@ -221,6 +230,7 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
   add_stage_options(app, a);
   add_label_options(app, a);
   add_solid_options(app, a);
+  add_surface_options(app, a);
   add_scan_options(app, a);
   app.add_flag("--no-hu", a.no_hu, "leave HU out of the asset");
   std::vector<std::string> names;
@@ -298,6 +308,11 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   auto solid = solid_options(a);
   if (!solid) return solid.error();
   out.solid = std::move(*solid);
+  if (a.surface) {
+    out.surface = SurfaceOptions{a.surface_triangles};
+  } else if (a.surface_triangles_given->count() > 0) {
+    return usage("--surface-triangles needs --surface");
+  }
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
   out.mesh.hu_field = !a.no_hu;
@@ -392,6 +407,7 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
   add_solid_parameters(o.solid, out);
+  if (o.surface) out["surface_triangles"] = o.surface->triangles;
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
   if (input.axis) {
     out["axis"] = *input.axis == SliceAxis::kCoronal    ? "coronal"

@@ -22,4 +22,10 @@ Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);
 
+/// Each surface as binary `.stl`, binary `.ply` and `.obj`: mm, in the patient's LPS frame,
+/// counter-clockwise seen from outside; `surface.stl`, or `surface_M.stl` of material M where there
+/// are several. Otherwise as export_asset(). Refused if the asset has none.
+Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
+                             const std::atomic<bool>* stop = nullptr);
+
 }  // namespace trocar::pipeline

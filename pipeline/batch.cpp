@@ -177,6 +177,48 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   return out;
 }
 
+json percentiles(const SurfaceDistance& d) {
+  return {{"p50", d.p50_mm}, {"p99", d.p99_mm}, {"max", d.max_mm}};
+}
+
+// Adds the surface for display to the asset, and its warnings; gives its part of the report.
+Result<json> add_surface(const SliceStack& stack, int first, int last, const BatchOptions& options,
+                         Asset& asset, json& warnings) {
+  const auto start = std::chrono::steady_clock::now();
+  auto volume = read_surface_volume(stack, first, last, options.mesh);
+  if (!volume) return volume.error();
+  const double read_ms = ms_since(start);
+  SurfaceOptions how = *options.surface;
+  how.stop = options.stop;
+  auto made = make_display_surface(*volume, how);
+  if (!made) return Error{made.error().code, input_name(stack) + ": " + made.error().message};
+  if (made->distance.p99_mm > made->bound_mm) {
+    char sentence[160];
+    std::snprintf(sentence, sizeof sentence,
+                  "1 %% of the surface is farther than %.2f mm from the material's bound (wanted: "
+                  "%.2f mm); give more --surface-triangles",
+                  made->distance.p99_mm, made->bound_mm);
+    warnings.push_back(
+        {{"code", "surface_distance"}, {"where", "--surface"}, {"sentence", sentence}});
+  }
+  json out = {{"material", 0},
+              {"triangles", made->surface.triangles.size()},
+              {"vertices", made->surface.vertices.size()},
+              {"parts", made->parts},
+              {"mesher_triangles", made->mesher_triangles},
+              {"averaged_voxels", made->coarsened},
+              {"bound_mm", made->bound_mm},
+              {"distance_mm", percentiles(made->distance)},
+              {"left_out_mm", percentiles(made->left_out)},
+              {"ms",
+               {{"read", read_ms},
+                {"mesh", made->mesher_ms},
+                {"decimate", made->decimate_ms},
+                {"check", made->check_ms}}}};
+  asset.surfaces.push_back({0, std::move(made->surface), made->distance.p99_mm});
+  return json::array({std::move(out)});
+}
+
 }  // namespace
 
 Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) {
@@ -312,6 +354,13 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
                   [](const EncodedSlice& slice) { return slice.triangles == 0; }))
     return no_material(stack, first, last, options.mesh, options.names);
 
+  json surface;
+  if (options.surface) {
+    auto added = add_surface(stack, first, last, options, asset, warnings);
+    if (!added) return added.error();
+    surface = std::move(*added);
+  }
+
   const auto assemble_start = std::chrono::steady_clock::now();
   AssetSizes sizes;
   auto glb = assemble_asset(asset, std::move(encoded), &sizes);
@@ -352,6 +401,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   if (solid)
     out.report["solid"] = {{"filled_mm3", solid->filled_mm3()},
                            {"dropped_mm3", solid->dropped_mm3()}};
+  if (options.surface) {
+    out.report["surface"] = std::move(surface);
+    out.report["asset"]["surface_bytes"] = sizes.surface_bytes;
+  }
   return out;
 }
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
+#include "pipeline/display_surface.h"
 #include "pipeline/label_names.h"
 #include "pipeline/mesh_slice.h"
 
@@ -20,6 +21,7 @@ struct BatchOptions {
   MeshOptions mesh;
   SolidOptions solid;
   LabelNames names;                           ///< of a label map; the scan's own are added to them
+  std::optional<SurfaceOptions> surface;      ///< also a surface for display
   std::optional<SliceAxis> axis;              ///< that the stack was opened along
   std::optional<std::pair<int, int>> slices;  ///< first and last index, both included
   int threads = 0;                            ///< 0: all cores

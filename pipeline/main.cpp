@@ -425,15 +425,26 @@ int info(const fs::path& file, bool as_json) {
                 s["vertices"].get<std::size_t>(), s["triangles"].get<std::size_t>(),
                 s["area_mm2"].get<double>());
   }
+  for (const json& s : out["surfaces"]) {
+    std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",
+                s["material"].get<int>(), s["triangles"].get<std::size_t>(),
+                s["distance_p99_mm"].get<double>());
+  }
   return 0;
 }
 
-int export_to(const fs::path& file, const fs::path& folder) {
+int export_to(const fs::path& file, const fs::path& folder, bool surface) {
   const auto asset = read_asset(file);
   if (!asset) return fail(asset.error());
   // Only a valid asset is exported: other programs may not detect what is wrong.
   if (const auto proved = verify_asset(*asset, file.string()); !proved) return fail(proved.error());
   stop_on_signals();
+  if (surface) {
+    const auto done = export_surfaces(*asset, folder, &stop_requested);
+    if (done) return 0;
+    const bool is_file = done.error().code == ExitCode::kRefused;
+    return fail({done.error().code, (is_file ? file.string() + ": " : "") + done.error().message});
+  }
   const auto others = export_asset(*asset, folder, &stop_requested);
   if (!others) return fail(others.error());
   if (!others->empty()) {
@@ -480,7 +491,7 @@ int run(int argc, char** argv) {
   CLI::App* verify_command = app.add_subcommand("verify", "check an asset's invariants");
   CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
-      app.add_subcommand("export", "write each slice as .poly, .obj and .svg");
+      app.add_subcommand("export", "write each slice as .poly, .obj and .svg, or the surface");
   std::vector<fs::path> assets;
   Checks checks;
   verify_command->add_option("ASSET", assets, "the .glb, or several")->required();
@@ -493,6 +504,8 @@ int run(int argc, char** argv) {
   for (CLI::App* command : {list_command, verify_command, info_command})
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
+  bool surface = false;
+  export_command->add_flag("--surface", surface, "the surface as .stl, .ply and .obj instead");
 
   const std::vector<std::string> words = with_preset_options(
       with_repeated("--seed", is_place, with_repeated("--labels", is_labels, {argv, argv + argc})));
@@ -511,7 +524,7 @@ int run(int argc, char** argv) {
   if (*list_command) return list(study, as_json);
   if (*verify_command) return verify_all(assets, checks, as_json);
   if (*info_command) return info(asset, as_json);
-  return export_to(asset, folder);
+  return export_to(asset, folder, surface);
 }
 
 // Too little memory is a property of the input, not a bug.

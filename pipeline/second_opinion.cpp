@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "pipeline/surface_proof.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -220,6 +222,14 @@ Result<void> confirm_by_cgal(const Asset& asset, const std::string& name) {
       return refused(name + ", slice " + std::to_string(slice.index) +
                      ": CGAL does not confirm it: " + ok.error().message);
     }
+  }
+  for (const AssetSurface& one : asset.surfaces) {
+    const std::vector<std::size_t> bad = self_intersecting_triangles(one.surface);
+    if (!bad.empty())
+      return refused(name + ", surface of material " + std::to_string(one.material) +
+                     ": CGAL does not confirm it: " + std::to_string(bad.size()) +
+                     " of its triangles intersect others, triangle " + std::to_string(bad[0]) +
+                     " among them");
   }
   return {};
 }

@@ -19,6 +19,7 @@
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
+#include "formats/geometry/triangle_surface.h"
 
 namespace trocar {
 
@@ -49,6 +50,13 @@ struct AssetMaterial {
   std::optional<int> label;  ///< of the label map
 };
 
+/// For viewers, printing and other simulators; trocar-run does not use it.
+struct AssetSurface {
+  int material = 0;
+  TriangleSurface surface;  ///< in the patient's frame (LPS)
+  double distance_mm = 0;   ///< 99 % of it are nearer to the bound of the scan's material
+};
+
 struct Asset {
   Lattice lattice;
   std::vector<AssetSlice> slices;      ///< ascending by index, then material
@@ -59,6 +67,7 @@ struct Asset {
   std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
   /// Digest of the input (slice_stack.h says how) with the user's key, hex; empty without a key.
   std::string input_key_digest = {};
+  std::vector<AssetSurface> surfaces = {};
   bool lines = false;         ///< does the file hold the outlines as lines, for viewers?
   int schema = kAssetSchema;  ///< of the file that it was read from
 };
@@ -73,6 +82,7 @@ std::optional<double> mean_hu_of(const AssetSlice& slice);
 /// Where an asset's bytes go.
 struct AssetSizes {
   std::uint64_t json_bytes = 0, index_bytes = 0, triangle_bytes = 0, outline_bytes = 0;
+  std::uint64_t surface_bytes = 0;  ///< of surfaces for display; not in the two numbers beside it
   std::uint64_t triangles = 0;
 };
 
@@ -141,7 +151,8 @@ Result<AssetPart> read_asset_part(const std::filesystem::path& file,
 Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
                                     std::vector<int> slice_indices);
 
-/// Proves the invariants of every slice (mesh_validity.h), or names the slice and the place.
+/// Proves the invariants of every slice (mesh_validity.h) and surface (triangle_surface.h), or
+/// names it and the place.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
 
 }  // namespace trocar

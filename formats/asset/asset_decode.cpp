@@ -12,6 +12,7 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf.h"
 #include "formats/asset/slice_payload.h"
+#include "formats/asset/surface_payload.h"
 #include "formats/base/file_io.h"
 #include "formats/geometry/mesh_validity.h"
 
@@ -368,6 +369,112 @@ class RecordChecks {
   std::uint64_t text_ = 0, geometry_ = 0;
 };
 
+// Nodes of the scene beside the scan's that say that they are a surface.
+std::vector<std::size_t> surface_nodes(const tinygltf::Model& model, const nlohmann::json& nodes) {
+  std::vector<std::size_t> out;
+  if (model.scenes.empty()) return out;
+  static const nlohmann::json::json_pointer kSaysSo("/extras/trocar/surface");
+  for (const int node : model.scenes[0].nodes) {
+    if (node <= 0 || static_cast<std::size_t>(node) >= std::min(model.nodes.size(), nodes.size()))
+      continue;
+    const auto at = static_cast<std::size_t>(node);
+    if (nodes[at].contains(kSaysSo)) out.push_back(at);
+  }
+  return out;
+}
+
+// Everything but the payload's contents.
+struct StatedSurface {
+  AssetSurface surface;
+  std::size_t vertices = 0, triangles = 0;
+  std::span<const std::uint8_t> draco;
+  std::vector<double> low, high;
+};
+Result<StatedSurface> state_surface(const tinygltf::Model& model, const tinygltf::Node& node,
+                                    const nlohmann::json& json_node, std::size_t materials) {
+  const nlohmann::json& said = json_node["extras"]["trocar"];
+  const auto number = [&said](const char* key) {
+    const auto at = said.find(key);
+    return at != said.end() && at->is_number() ? at->get<double>()
+                                               : std::numeric_limits<double>::quiet_NaN();
+  };
+  StatedSurface out;
+  const double material = number("surface"), bits = number("lattice_bits"),
+               distance = number("distance_mm");
+  if (!(material >= 0 && material < static_cast<double>(materials) &&
+        material == std::rint(material)))
+    return refused("its material is not a number of the list");
+  if (!(bits >= kMinLatticeBits && bits <= kMaxLatticeBits && bits == std::rint(bits)))
+    return refused("its lattice_bits are no lattice's");
+  if (!(distance >= 0 && distance < 1e6)) return refused("its distance_mm is no distance");
+  out.surface.material = static_cast<int>(material);
+  out.surface.surface.lattice.bits = static_cast<int>(bits);
+  out.surface.distance_mm = distance;
+  const auto matrix = json_node.find("matrix");
+  if (matrix == json_node.end() || *matrix != surface_matrix(out.surface.surface.lattice))
+    return refused("its matrix is not its lattice's");
+
+  if (node.mesh < 0 || static_cast<std::size_t>(node.mesh) >= model.meshes.size())
+    return refused("mesh index out of range");
+  const auto& primitives = model.meshes[static_cast<std::size_t>(node.mesh)].primitives;
+  if (primitives.size() != 1 || primitives[0].mode != TINYGLTF_MODE_TRIANGLES)
+    return refused("expected one primitive of triangles");
+  const auto it = primitives[0].extensions.find(kDracoExtension);
+  const auto index = [&](const char* key) {
+    const bool there = it != primitives[0].extensions.end() && it->second.IsObject() &&
+                       it->second.Has(key) && it->second.Get(key).IsInt();
+    return there ? it->second.Get(key).Get<int>() : -1;
+  };
+  const tinygltf::Accessor* position = accessor_at(model, position_accessor(primitives[0]));
+  const tinygltf::Accessor* indices = accessor_at(model, index(kIndicesSetAside));
+  const auto payload = view_bytes(model, index("bufferView"));
+  if (position == nullptr || indices == nullptr || !payload || payload->empty())
+    return refused("triangles without a Draco payload");
+  constexpr std::size_t kMax = std::numeric_limits<std::uint32_t>::max();
+  if (position->count > kMax || indices->count > kMax || indices->count % 3 != 0)
+    return refused("triangles of an impossible count");
+  out.vertices = position->count;
+  out.triangles = indices->count / 3;
+  out.draco = *payload;
+  out.low = position->minValues;
+  out.high = position->maxValues;
+  return out;
+}
+
+Result<AssetSurface> decode_stated_surface(StatedSurface stated) {
+  auto decoded = decode_surface(stated.draco, stated.vertices, stated.triangles,
+                                stated.surface.surface.lattice);
+  if (!decoded) return decoded.error();
+  for (std::size_t k = 0; k < 3; ++k) {
+    double low = kMaxSpaceCoordinate, high = -kMaxSpaceCoordinate;
+    for (const SpacePoint& p : decoded->vertices) {
+      low = std::min(low, static_cast<double>(p[k]));
+      high = std::max(high, static_cast<double>(p[k]));
+    }
+    if (stated.low.size() != 3 || stated.high.size() != 3 || stated.low[k] != low ||
+        stated.high[k] != high)
+      return refused("accessor bounds differ from the vertices");
+  }
+  stated.surface.surface = std::move(*decoded);
+  return std::move(stated.surface);
+}
+
+Result<void> decode_surfaces(const tinygltf::Model& model, const nlohmann::json& nodes,
+                             Asset& asset) {
+  std::size_t bytes = 0;
+  for (const std::size_t node : surface_nodes(model, nodes)) {
+    auto stated = state_surface(model, model.nodes[node], nodes[node], asset.materials.size());
+    if (!stated) return stated.error();
+    // They may not share bytes, so that the work is bounded by the file's size.
+    bytes += stated->draco.size();
+    if (bytes > model.buffers[0].data.size()) return refused("they share their bytes");
+    auto surface = decode_stated_surface(std::move(*stated));
+    if (!surface) return surface.error();
+    asset.surfaces.push_back(std::move(*surface));
+  }
+  return {};
+}
+
 struct NodeTree {
   Eigen::Affine3d frame = Eigen::Affine3d::Identity();
   std::size_t list = 0;  ///< the node whose children are the entries
@@ -483,6 +590,10 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
        (*index)->header.last_index != asset.slices.back().index)) {
     return refused(name + ": its slice index and its JSON differ");
   }
+  if (options.all) {
+    if (auto ok = decode_surfaces(model, nodes, asset); !ok)
+      return refused(name + ": surface: " + ok.error().message);
+  }
   return asset;
 }
 
@@ -499,15 +610,23 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
     const auto bytes = view_bytes(*model, view);
     return bytes ? bytes->size() : 0;
   };
+  std::vector<bool> is_surface(model->meshes.size(), false);
+  for (const std::size_t node : surface_nodes(*model, document->nodes)) {
+    const int mesh = model->nodes[node].mesh;
+    if (mesh >= 0 && static_cast<std::size_t>(mesh) < is_surface.size())
+      is_surface[static_cast<std::size_t>(mesh)] = true;
+  }
   for (const tinygltf::Mesh& mesh : model->meshes) {
+    const bool of_surface = is_surface[static_cast<std::size_t>(&mesh - model->meshes.data())];
     for (const tinygltf::Primitive& primitive : mesh.primitives) {
       const auto draco = primitive.extensions.find(kDracoExtension);
       if (draco != primitive.extensions.end()) {
         const tinygltf::Value& v = draco->second;
         if (v.Has("bufferView")) {
-          out.triangle_bytes += view_size(v.Get("bufferView").GetNumberAsInt());
+          (of_surface ? out.surface_bytes : out.triangle_bytes) +=
+              view_size(v.Get("bufferView").GetNumberAsInt());
         }
-        if (v.Has(kIndicesSetAside)) {
+        if (v.Has(kIndicesSetAside) && !of_surface) {
           const auto* indices = accessor_at(*model, v.Get(kIndicesSetAside).GetNumberAsInt());
           if (indices != nullptr) out.triangles += indices->count / 3;
         }
@@ -543,6 +662,11 @@ Result<void> verify_asset(const Asset& asset, const std::string& name) {
       return refused(name + ": slice " + std::to_string(slice.index) +
                      ": its plane's frame is not a rotation");
     }
+  }
+  for (const AssetSurface& one : asset.surfaces) {
+    if (auto ok = check_triangle_surface(one.surface); !ok)
+      return refused(name + ": surface of material " + std::to_string(one.material) + ": " +
+                     ok.error().message);
   }
   return {};
 }

@@ -14,6 +14,7 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf_writer.h"
 #include "formats/asset/slice_payload.h"
+#include "formats/asset/surface_payload.h"
 #include "formats/geometry/mesh_validity.h"
 
 namespace trocar {
@@ -273,6 +274,53 @@ Result<void> check_order(const Asset& head, const std::vector<EncodedSlice>& sli
   return {};
 }
 
+// A node of the scene beside the scan's: readers of slices do not meet it. What is written is
+// decoded again and proved.
+Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& sizes) {
+  const TriangleSurface& surface = one.surface;
+  const auto draco = encode_surface(surface);
+  if (!draco) return draco.error();
+  const auto decoded =
+      decode_surface(*draco, surface.vertices.size(), surface.triangles.size(), surface.lattice);
+  if (!decoded)
+    return bug("the surface that Draco wrote does not decode: " + decoded.error().message);
+  if (auto ok = check_triangle_surface(*decoded); !ok) return bug(ok.error().message);
+  sizes.surface_bytes += draco->size();
+
+  SpacePoint low = surface.vertices[0], high = low;
+  for (const SpacePoint& p : surface.vertices) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      low[k] = std::min(low[k], p[k]);
+      high[k] = std::max(high[k], p[k]);
+    }
+  }
+  const int position = gltf.add_accessor({{"componentType", kFloat},
+                                          {"type", "VEC3"},
+                                          {"count", surface.vertices.size()},
+                                          {"min", low},
+                                          {"max", high}});
+  const int normal = gltf.add_accessor(
+      {{"componentType", kFloat}, {"type", "VEC3"}, {"count", surface.vertices.size()}});
+  const int indices = gltf.add_accessor({{"componentType", kUnsignedInt},
+                                         {"type", "SCALAR"},
+                                         {"count", surface.triangles.size() * 3}});
+  const int view = gltf.add_view(draco->data(), draco->size(), GltfWriter::kNoTarget).number;
+  const json ids = {{"POSITION", kDracoSurfacePositionId}, {"NORMAL", kDracoSurfaceNormalId}};
+  const json primitive = {
+      {"material", one.material},
+      {"attributes", {{"POSITION", position}, {"NORMAL", normal}}},
+      {"indices", indices},
+      {"extensions", {{kDracoExtension, {{"bufferView", view}, {"attributes", ids}}}}}};
+  const int mesh = gltf.add_mesh({{"primitives", json::array({primitive})}});
+  return gltf.add_node({{"mesh", mesh},
+                        {"matrix", surface_matrix(surface.lattice)},
+                        {"extras",
+                         {{"trocar",
+                           {{"surface", one.material},
+                            {"lattice_bits", surface.lattice.bits},
+                            {"distance_mm", one.distance_mm}}}}}});
+}
+
 }  // namespace
 
 Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
@@ -379,6 +427,12 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
     }
     gltf.add_node(node);
   }
+  json scene = json::array({0});
+  for (const AssetSurface& surface : head.surfaces) {
+    const auto node = add_surface(gltf, surface, counted);
+    if (!node) return node.error();
+    scene.push_back(*node);
+  }
   json used = json::array({kDracoExtension});
   if (head.lines) used.push_back(kUnlitExtension);
   auto file =
@@ -387,7 +441,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                               {"extensionsRequired", json::array({kDracoExtension})},
                               {"materials", gltf_materials(head)},
                               {"scene", 0},
-                              {"scenes", json::array({{{"nodes", json::array({0})}}})}},
+                              {"scenes", json::array({{{"nodes", std::move(scene)}}})}},
                              extras);
   if (!file) return file.error();
   put_index(*file, std::move(records));

@@ -20,6 +20,8 @@ namespace {
 // perfect grid can have a hundred, a large one more.
 constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 << 22;
 
+}  // namespace
+
 // The bytes before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags, kind
 // of traversal, vertices and faces. Draco allocates for these two numbers without a check.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
@@ -47,6 +49,8 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
     return refused("Draco: more triangles than its bytes can hold");
   return {};
 }
+
+namespace {
 
 Result<std::vector<float>> decode_hu(const draco::Mesh& in) {
   const draco::PointAttribute* hu = in.GetAttributeByUniqueId(kDracoHuId);

@@ -57,4 +57,9 @@ struct DracoSlice {
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles, int bits = 0);
 
+/// Refused if the payload's header is not an Edgebreaker mesh's, or states more than these numbers
+/// or than its bytes can hold: Draco allocates for them before it reads on.
+Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
+                                std::uint64_t max_triangles);
+
 }  // namespace trocar

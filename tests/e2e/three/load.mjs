@@ -87,7 +87,8 @@ server.listen(0, '127.0.0.1', async () => {
     const box = new three.Box3().setFromObject(gltf.scene, true);
 
     // Node 2's children are the slices; their indices ascend by 1 where a node does not say otherwise.
-    const slices = [];
+    // Surfaces for display say so.
+    const slices = [], surfaces = [];
     let next = 0;
     for (const number of gltf.parser.json.nodes[2].children ?? []) {
       const slice = describe(await gltf.parser.getDependency('node', number));
@@ -95,15 +96,19 @@ server.listen(0, '127.0.0.1', async () => {
       next = slice.index + 1;
       slices.push(slice);
     }
+    gltf.scene.traverse((node) => {
+      if (Number.isInteger(node.userData.trocar?.surface)) surfaces.push(describe(node));
+    });
     if (complaints.length) throw new Error('the loaders complained');
     const drawn = describe(gltf.scene);
-    const total = (field) => slices.reduce((sum, slice) => sum + slice[field], 0);
+    const sum_of = (list, field) => list.reduce((sum, one) => sum + one[field], 0);
+    const total = (field) => sum_of(slices, field);
     if (slices.length === 0) throw new Error('no slices');
     for (const field of ['triangles', 'vertices', 'line_segments']) {
-      if (total(field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
+      if (total(field) + sum_of(surfaces, field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
     }
     const result = {
-      three: three.REVISION, node: process.version, slices,
+      three: three.REVISION, node: process.version, slices, surfaces,
       triangles: total('triangles'), vertices: total('vertices'),
       line_segments: total('line_segments'),
       world_bounds_m: { min: box.min.toArray(), max: box.max.toArray() },
