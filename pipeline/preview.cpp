@@ -157,10 +157,10 @@ class Maker {
     const int all = last_ - first_ + 1;
     for (const int probes : {std::min(all, kMostProbes), all}) {
       std::vector<int> slices;
-      for (int i = 0; i < probes; ++i) {
-        slices.push_back(first_ + static_cast<int>(probes == 1 ? 0
-                                                               : static_cast<std::int64_t>(i) *
-                                                                     (all - 1) / (probes - 1)));
+      slices.reserve(static_cast<std::size_t>(probes));
+      for (std::int64_t i = 0; i < probes; ++i) {
+        const std::int64_t further = probes == 1 ? 0 : i * (all - 1) / (probes - 1);
+        slices.push_back(first_ + static_cast<int>(further));
       }
       const auto found = probe(slices);
       if (!found) return found.error();

@@ -202,6 +202,7 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
 bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>& rings,
              std::vector<std::vector<char>>& marks) {
   std::vector<Ring> now;
+  now.reserve(rings.size());
   for (const Simplified& s : rings)
     now.push_back(s.ring());
   std::vector<char> is_misplaced(rings.size(), 0);
