@@ -115,19 +115,6 @@ Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& 
   return {};
 }
 
-// Summed in the order of the pixels, so that the result has the same bits everywhere.
-std::optional<double> mean_of_hu(const Image& hu, const Field& material) {
-  double sum = 0;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < hu.values.size(); ++i) {
-    if (!(material.image.values[i] >= material.iso)) continue;
-    sum += static_cast<double>(hu.values[i]);
-    ++count;
-  }
-  if (count == 0) return std::nullopt;
-  return sum / static_cast<double>(count);
-}
-
 }  // namespace
 
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop) {
@@ -155,17 +142,6 @@ Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                           options.lattice);
 }
 
-Result<std::optional<Image>> read_hu(const SliceStack& stack, int slice,
-                                     const MeshOptions& options) {
-  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield &&
-                     !std::holds_alternative<Labels>(options.segmentation);
-  const SliceStack* source = options.hu != nullptr ? options.hu : is_hu ? &stack : nullptr;
-  if (source == nullptr) return std::optional<Image>();
-  auto image = read_cropped(*source, slice, options.crop);
-  if (!image) return image.error();
-  return std::optional<Image>(std::move(*image));
-}
-
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
   const SlicePlane& plane = stack.plane(slice);
   const auto fail = [&](const Error& e) {
@@ -179,7 +155,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (!image) return image.error();
   std::optional<Image> ct;  // beside a label map
   if (options.hu != nullptr) {
-    auto read = read_hu(stack, slice, options);
+    auto read = read_cropped(*options.hu, slice, options.crop);
     if (!read) return read.error();
     ct = std::move(*read);
   }
@@ -204,7 +180,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
       std::holds_alternative<Threshold>(options.segmentation)) {
     out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
   }
-  if (ct) out.mean_hu = mean_of_hu(*ct, field);
+  if (ct) out.mean_hu = mean_of_material(field, *ct);
   out.all_material = std::all_of(field.image.values.begin(), field.image.values.end(),
                                  [iso = field.iso](float value) { return value >= iso; });
   out.times.segment_ms = watch.lap_ms();

@@ -83,11 +83,6 @@ Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& o
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field);
 
-/// The HU of the same pixels: those of MeshOptions::hu; without it the slice's own values, if they
-/// are HU and no labels. None: there are no HU. Errors: those of read().
-Result<std::optional<Image>> read_hu(const SliceStack& stack, int slice,
-                                     const MeshOptions& options);
-
 /// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
 /// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for
 /// the lattice or the image too large for it; (bug) one of these checks failed.

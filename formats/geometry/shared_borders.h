@@ -18,9 +18,8 @@ namespace trocar {
 /// the first property that fails and where:
 ///  - every edge that two regions share is divided at the same points in both, so each of its parts
 ///    occurs once in each direction, and none elsewhere: there is no gap;
-///  - the other edges are the outline of the union, which is valid by check_pslg(): it winds at
-///  most
-///    once around every point, and so do all regions together: none overlap;
+///  - the other edges are the outline of the union, which is valid by check_pslg(): it winds around
+///    every point at most once, and so do all regions together: none overlap;
 ///  - the areas of the regions sum to the area within that outline.
 /// Returns that outline, each ring from its smallest vertex, in ascending order.
 /// To prove the same of outlines themselves, give them twice. O(n log n) typically.

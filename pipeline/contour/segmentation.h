@@ -33,9 +33,13 @@ struct Field {
   std::set<int> labels = {};  ///< the wanted labels that occur in the image
 };
 
-/// Mean of the values that are material; none if there is no such pixel. The order of summation is
-/// fixed, so the result has the same bits everywhere.
-std::optional<double> mean_of_material(const Field& field);
+/// Mean of `values`, an image of the same size, over the pixels that are material; none if there is
+/// no such pixel. The order of summation is fixed, so the result has the same bits everywhere.
+std::optional<double> mean_of_material(const Field& field, const Image& values);
+/// Of the field's own values.
+inline std::optional<double> mean_of_material(const Field& field) {
+  return mean_of_material(field, field.image);
+}
 
 /// Takes ownership of the image. O(pixels).
 Field segment(Image image, PixelUnit unit, const Segmentation& how);

@@ -49,8 +49,13 @@ Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path
   }
   out.labels = std::move(*labels);
   out.ct = std::move(*stored);
-  if (auto ok = check_same_grid(*out.labels, inputs[0].string(), *out.ct, ct.string()); !ok)
-    return ok.error();
+  if (const auto differs = grid_difference(*out.labels, *out.ct)) {
+    const std::string where =
+        differs->slice < 0 ? inputs[0].string() : out.labels->name(differs->slice);
+    return refused(where + ": is not on the grid of the CT " + ct.string() + ": its " +
+                   differs->what +
+                   "; --hu takes the CT that the labels were made on, nothing is resampled");
+  }
   out.labels->warnings.insert(out.labels->warnings.end(), out.ct->warnings.begin(),
                               out.ct->warnings.end());
   return out;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 namespace trocar::pipeline {
 namespace {
@@ -77,23 +78,19 @@ double slice_step_mm(const SliceStack& stack, int slice) {
   return stack.plane(from + 1).z_mm - stack.plane(from).z_mm;
 }
 
-Result<void> check_same_grid(const SliceStack& labels, const std::string& label_map,
-                             const SliceStack& hu, const std::string& ct) {
-  const auto differs = [&](const std::string& where, const std::string& what) {
-    return refused(where + ": is not on the grid of the CT " + ct + ": its " + what +
-                   "; --hu takes the CT that the labels were made on, nothing is resampled");
-  };
-  if (labels.width() != hu.width() || labels.height() != hu.height() || labels.size() != hu.size())
-    return differs(label_map, "size is " + size_text(labels) + " voxels, not " + size_text(hu));
+std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other) {
+  if (stack.width() != other.width() || stack.height() != other.height() ||
+      stack.size() != other.size())
+    return GridDifference{-1, "size is " + size_text(stack) + " voxels, not " + size_text(other)};
   // The first slice tells most about a scan that is another one, the last one the step.
-  for (int k = 0; k < labels.size(); ++k) {
-    const SlicePlane &a = labels.plane(k), &b = hu.plane(k);
-    const auto what = plane_difference(a, b, hu.width(), hu.height(), slice_step_mm(hu, k));
+  for (int k = 0; k < stack.size(); ++k) {
+    const SlicePlane &a = stack.plane(k), &b = other.plane(k);
+    auto what = plane_difference(a, b, other.width(), other.height(), slice_step_mm(other, k));
     if (!what) continue;
-    const double step = slice_step_mm(labels, k), wanted = slice_step_mm(hu, k);
+    const double step = slice_step_mm(stack, k), wanted = slice_step_mm(other, k);
     if (k > 0 && std::abs(step - wanted) > kSameVoxel * wanted)
-      return differs(label_map, "slices are " + text(step) + " mm apart, not " + text(wanted));
-    return differs(k == 0 ? label_map : labels.name(k), *what);
+      return GridDifference{-1, "slices are " + text(step) + " mm apart, not " + text(wanted)};
+    return GridDifference{k == 0 ? -1 : k, std::move(*what)};
   }
   return {};
 }

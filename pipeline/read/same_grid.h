@@ -5,7 +5,6 @@
 #include <optional>
 #include <string>
 
-#include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
@@ -23,9 +22,11 @@ std::optional<std::string> plane_difference(const SlicePlane& plane, const Slice
 /// pixel spacing.
 double slice_step_mm(const SliceStack& stack, int slice);
 
-/// Errors (refused): sizes, spacing, orientation or origin differ; `label_map` and `ct` are their
-/// names.
-Result<void> check_same_grid(const SliceStack& labels, const std::string& label_map,
-                             const SliceStack& hu, const std::string& ct);
+/// How the grid of `stack` differs from that of another one.
+struct GridDifference {
+  int slice = -1;    ///< of `stack`, from the second on; -1: in size, or in the first slice already
+  std::string what;  ///< "size is ... voxels, not ..."
+};
+std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other);
 
 }  // namespace trocar::pipeline
