@@ -305,7 +305,7 @@ def slices_along_an_axis(s):
             return None
         info = json.loads(s.run("info", file, "--json").stdout)
         s.run("export", file, "-o", folder)
-        return ([(x["index"], x["z_mm"], x["triangles"], x["measures"]) for x in info["slices"]],
+        return ([(x["index"], x["z_mm"], x["triangles"], x["area_mm2"], x["measures"]) for x in info["slices"]],
                 {f.name: f.read_bytes() for f in folder.iterdir()})
 
     for axis in ("coronal", "sagittal", "transverse"):
