@@ -254,6 +254,39 @@ TEST(Asset, MaterialsOfASliceAreEntriesOfItsIndex) {
   EXPECT_EQ(encode_asset(wrong).error().code, ExitCode::kBug);
 }
 
+// Colours for viewers are those of the HU, and change nothing else.
+TEST(Asset, ColoursAreThoseOfTheHu) {
+  EXPECT_EQ(hu_colour(-8192), (HuColour{15, 0, 23}));
+  EXPECT_EQ(hu_colour(-200), (HuColour{15, 0, 23}));
+  EXPECT_EQ(hu_colour(56), (HuColour{16, 6, 50}));
+  EXPECT_EQ(hu_colour(184), (HuColour{14, 14, 58}));  // half way: 13.5, 13.5, 57.5
+  EXPECT_EQ(hu_colour(1848), (HuColour{250, 204, 4}));
+  EXPECT_EQ(hu_colour(24568), (HuColour{250, 204, 4}));
+  Asset in = with_hu(two_materials());
+  const auto plain = decode_asset(*encode_asset(in), "test");
+  in.colours = true;
+  const std::vector<std::uint8_t> glb = *encode_asset(in);
+  const std::string text(glb.begin(), glb.end());
+  EXPECT_NE(text.find(R"("COLOR_0":2)"), std::string::npos);
+  const auto out = decode_asset(glb, "test");
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_TRUE(out->colours);
+  EXPECT_FALSE(plain->colours);
+  const auto part = decode_asset_part(glb, "test", {6});
+  ASSERT_TRUE(part) << part.error().message;
+  EXPECT_EQ(part->asset.slices[1].hu, out->slices[5].hu);
+  for (std::size_t i = 0; i < in.slices.size(); ++i) {
+    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+    EXPECT_EQ(mean_hu_of(out->slices[i]), mean_hu_of(plain->slices[i]));
+  }
+  // Without HU there are none.
+  for (AssetSlice& slice : in.slices)
+    slice.hu.clear();
+  const auto bare = decode_asset(*encode_asset(in), "test");
+  ASSERT_TRUE(bare) << bare.error().message;
+  EXPECT_FALSE(bare->colours);
+}
+
 // Planes above each other share a frame; others have each their own. Both come back bit for bit.
 TEST(Asset, EveryPlaneComesBackBitForBit) {
   Eigen::Matrix3d prone;
@@ -311,7 +344,7 @@ TEST(Asset, LinesAreTheOutlineAndChangeNothingElse) {
   EXPECT_FALSE(decode_asset(moved, "test"));
 }
 
-// A slice costs at most 420 bytes beside its triangles and HU.
+// A slice costs at most 360 bytes beside its triangles and HU.
 TEST(Asset, ASliceCostsLittleJson) {
   const auto overhead = [](int slices, bool hu) {
     Asset asset = make_asset(8);
@@ -329,8 +362,8 @@ TEST(Asset, ASliceCostsLittleJson) {
     const std::size_t bytes = encode_asset(asset, &sizes)->size();
     return bytes - sizes.triangle_bytes;
   };
-  EXPECT_LE(overhead(40, false) - overhead(10, false), 30U * 420);
-  EXPECT_LE(overhead(40, true) - overhead(10, true), 30U * 490);
+  EXPECT_LE(overhead(40, false) - overhead(10, false), 30U * 360);
+  EXPECT_LE(overhead(40, true) - overhead(10, true), 30U * 430);
   EXPECT_LE(overhead(1, false), 420U + 1100);
 }
 
