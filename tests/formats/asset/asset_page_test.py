@@ -188,9 +188,8 @@ def check_payload(draco, document, primitive, accessors):
                     f"accessor of {name}")
     if "_HU" in ids:
         require(document["extras"]["trocar"]["hu_step"] == 8, "hu_step")
-    else:
-        ox, oy, oz, extent, n = struct.unpack("<4fB", draco[-17:])
-        require(ox <= x0 and oy <= y0 and oz == z and extent == 2**n - 1, "quantisation of the position")
+    ox, oy, oz, extent, n = struct.unpack("<4fB", draco[-17:])
+    require(ox <= x0 and oy <= y0 and oz == z and extent == 2**n - 1, "quantisation of the position")
     require(primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"] == ids, "Draco's attributes")
     return z
 
