@@ -389,7 +389,7 @@ std::string json_of(const std::vector<std::uint8_t>& glb) {
   return {glb.begin() + 20, glb.begin() + 20 + bytes};
 }
 
-// The file with another JSON text, whose index counts as absent.
+// The file with another JSON text and without its index.
 std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::string text) {
   text.resize((text.size() + 3) & ~std::size_t{3}, ' ');
   const auto before = static_cast<std::ptrdiff_t>(20 + json_of(glb).size());
@@ -400,6 +400,7 @@ std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::s
              bytes = static_cast<std::uint32_t>(text.size());
   std::memcpy(out.data() + 8, &size, sizeof size);
   std::memcpy(out.data() + 12, &bytes, sizeof bytes);
+  out[28 + text.size()] ^= 0xFF;
   return out;
 }
 
