@@ -392,10 +392,11 @@ std::string json_of(const std::vector<std::uint8_t>& glb) {
 // The file with another JSON text and without its index.
 std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::string text) {
   text.resize((text.size() + 3) & ~std::size_t{3}, ' ');
-  const auto before = static_cast<std::ptrdiff_t>(20 + json_of(glb).size());
-  std::vector<std::uint8_t> out(glb.begin(), glb.begin() + 20);
-  out.insert(out.end(), text.begin(), text.end());
-  out.insert(out.end(), glb.begin() + before, glb.end());
+  const std::size_t before = 20, after = before + json_of(glb).size();
+  std::vector<std::uint8_t> out(glb.size() - after + before + text.size());
+  std::memcpy(out.data(), glb.data(), before);
+  std::memcpy(out.data() + before, text.data(), text.size());
+  std::memcpy(out.data() + before + text.size(), glb.data() + after, glb.size() - after);
   const auto size = static_cast<std::uint32_t>(out.size()),
              bytes = static_cast<std::uint32_t>(text.size());
   std::memcpy(out.data() + 8, &size, sizeof size);
