@@ -252,6 +252,8 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
 void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb)");
   app.add_flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  app.add_flag("--colour", a.colour,
+               "also store HU as colours, -200 dark to 1848 light, for viewers");
   app.add_option("--input-key", a.input_key,
                  "a file of 16 to 64 bytes: store the input's digest with this key");
   app.add_option("--report", a.report, "what was done, as JSON");
@@ -319,6 +321,8 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.grade_hu = a.grade_hu;
   out.threads = a.jobs;
   out.lines = a.lines;
+  if (a.colour && a.no_hu) return usage("--colour shows the HU that --no-hu leaves out");
+  out.colours = a.colour;
   if (!a.input_key.empty()) {
     auto key = read_file(a.input_key, kMostKeyBytes);
     if (!key) return key.error();

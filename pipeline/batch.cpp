@@ -233,6 +233,10 @@ Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options) 
   if (options.mesh.grade_hu > 0 && (stack.pixel_unit() != PixelUnit::kHounsfield ||
                                     std::holds_alternative<Labels>(options.mesh.segmentation)))
     return usage("--grade needs a scan in HU: images, label maps and other modalities have none");
+  if (options.colours && options.mesh.hu == nullptr &&
+      (stack.pixel_unit() != PixelUnit::kHounsfield ||
+       std::holds_alternative<Labels>(options.mesh.segmentation)))
+    return usage("--colour needs HU: a scan in HU, or the CT of a label map (--hu)");
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
     if (c.x0 < 0 || c.y0 < 0 || c.x1 <= c.x0 || c.y1 <= c.y0 || c.x1 >= stack.width() ||
@@ -267,7 +271,8 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
     solid = std::move(*made);
     options.mesh.solid = &*solid;
   }
-  const Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
+  Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
+  if (grid) grid->colours = options.colours;
 
   // The digests of the input's files are computed in parallel with the slices. Without a key none
   // is stored: it would identify the scan.
@@ -342,6 +347,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   if (labels != nullptr && labels->all) used["labels"] = found;
   Asset asset{options.mesh.lattice, {}, "trocar-mesh " TROCAR_VERSION, json_text(used)};
   asset.lines = options.lines;
+  asset.colours = options.colours;
   std::vector<std::string> file_digests;
   for (const auto& digest : digests) {
     if (!digest) return digest.error();

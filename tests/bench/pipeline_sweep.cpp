@@ -167,7 +167,8 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
       counts.add(*meshed);
       const SlicePlane& plane = scan.stack.plane(k);
       asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-                              std::move(meshed->refined.mesh)});
+                              std::move(meshed->refined.mesh), "{}", 0,
+                              meshed->hu ? std::move(meshed->hu->values) : std::vector<float>()});
     }
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");
@@ -182,8 +183,8 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
   row["triangle_bytes"] = sizes.triangle_bytes;
   row["outline_bytes"] = sizes.outline_bytes;
   row["json_bytes"] = sizes.json_bytes;
-  row["bytes_per_triangle"] = static_cast<double>(sizes.triangle_bytes) /
-                              std::max(1.0, static_cast<double>(sizes.triangles));
+  row["bytes_per_triangle"] =
+      static_cast<double>(glb->size()) / std::max(1.0, static_cast<double>(sizes.triangles));
   row.update(stage_times(times, encode_ms / scan.stack.size()));
   return row;
 }
