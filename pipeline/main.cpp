@@ -184,8 +184,8 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   return {};
 }
 
-// Reports hold no absolute paths, also not in the warnings.
-json without_folders(json report, const std::vector<fs::path>& inputs) {
+// Reports hold no absolute paths and nothing that tells whose scan it is, also not in the warnings.
+json to_be_shared(json report, const std::vector<fs::path>& inputs) {
   const auto shorten = [&inputs](json& text) {
     std::string out = text.get<std::string>();
     for (const fs::path& input : inputs) {
@@ -198,6 +198,10 @@ json without_folders(json report, const std::vector<fs::path>& inputs) {
     text = std::move(out);
   };
   for (json& warning : report["warnings"]) {
+    if (const auto shared = warning.find("shared"); shared != warning.end()) {
+      warning["sentence"] = *shared;
+      warning.erase("shared");
+    }
     shorten(warning["where"]);
     shorten(warning["sentence"]);
     if (const auto places = warning.find("places"); places != warning.end())
@@ -238,7 +242,7 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, BatchRes
   if (!a.report.empty()) {
     std::vector<fs::path> given = a.inputs;
     if (!a.hu.empty()) given.push_back(a.hu);
-    const json report = without_folders(result.report, given);
+    const json report = to_be_shared(result.report, given);
     if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
   }
   if (!a.dump_stages.empty())

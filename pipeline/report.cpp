@@ -193,6 +193,11 @@ json warnings_json(const std::vector<Warning>& of_scan,
   json out = json::array();
   for (const Kind& kind : kinds)
     out.push_back(entry(kind));
+  for (const Warning& w : of_scan) {
+    if (w.shared.empty()) continue;
+    for (json& warning : out)
+      if (warning["code"] == w.code) warning["shared"] = w.shared;
+  }
   return out;
 }
 

@@ -89,8 +89,8 @@ std::vector<Edge> outer_edges(std::span<const AssetSlice> materials, const std::
         edges.insert({one.mesh.vertices[t[i]], one.mesh.vertices[t[(i + 1) % 3]]});
     }
     for (const Edge& e : edges) {
-      if (!edges.contains({e.second, e.first}))
-        EXPECT_TRUE(all.insert(e).second) << what << ": two materials on one side of an edge";
+      if (edges.contains({e.second, e.first})) continue;
+      EXPECT_TRUE(all.insert(e).second) << what << ": two materials on one side of an edge";
     }
   }
   std::vector<Edge> out;
@@ -165,8 +165,9 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
         const double pixels = static_cast<double>(
             std::count_if(map.values.begin(), map.values.end(), [](float v) { return v != 0; }));
         const double mm2 = 0.5 * static_cast<double>(sum) / 65536;
-        if (materials[0].index != 1 && name.find("salt") == std::string::npos)
+        if (materials[0].index != 1 && name.find("salt") == std::string::npos) {
           EXPECT_NEAR(mm2 / (0.49 * pixels), 1, 0.03) << what;
+        }
       }
       EXPECT_EQ(slices, 3U) << name;
       EXPECT_GE(entries, 5U) << name;
@@ -177,9 +178,10 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
         EXPECT_EQ(said["index"], asset.slices[i].index);
         EXPECT_EQ(said["triangles"], asset.slices[i].mesh.triangles.size());
         EXPECT_LE(said["simplification_error_mm"], 0.2);
-        if (said["triangles"] > 0)
+        if (said["triangles"] > 0) {
           EXPECT_EQ(said["material"],
                     asset.materials[static_cast<std::size_t>(asset.slices[i].material)].name);
+        }
       }
 
       BatchOptions two = all_labels(min_region_mm2);

@@ -116,15 +116,13 @@ def without_signs_of_zero(node):
 
 
 class Asset:
-    """What an asset holds, without the digest of its input and its slice index, which has checksums of the JSON's text."""
+    """What an asset holds, without its slice index, which has checksums of the JSON's text."""
 
     def __init__(self, data):
         size = struct.unpack_from("<I", data, 12)[0]
         self.json = without_signs_of_zero(json.loads(data[20 : 20 + size]))
-        self.json["extras"]["trocar"]["input_digest"] = ""
-        index = self.json["bufferViews"][0]
-        check(data[28 + size :].startswith(b"TROCARIX") and index.get("byteOffset", 0) == 0, "no slice index in front")
-        self.payload = data[28 + size + index["byteLength"] :]
+        check(data[28 + size :].startswith(b"TROCARIX"), "no slice index in front")
+        self.payload = data[28 + size + self.json["bufferViews"][0]["byteOffset"] :]
 
     def __eq__(self, other):
         return isinstance(other, Asset) and (self.json, self.payload) == (other.json, other.payload)

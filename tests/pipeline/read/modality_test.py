@@ -126,8 +126,8 @@ def other_modalities(t):
             check(others == ([] if "--threshold" in words else ["default_threshold"]), f"{name} {words}: {others}")
             for where in (report["parameters"], asset["extras"]["trocar"]["parameters"]):
                 check(where.get("modality") == name and where.get("values_are_hu") is False, f"{name}: {where}")
-            nodes = [node["extras"]["trocar"] for node in asset["nodes"][1:]]
-            check(len(nodes) == SLICES and all("mean_hu" not in node["measures"] for node in nodes), f"{name}: {nodes}")
+            nodes = asset["nodes"][3:]
+            check(len(nodes) == SLICES and "mean_hu" not in str(nodes) and "_HU" not in str(asset["meshes"]), f"{name}: {nodes}")
     # Bytes of the file are not copied to messages and assets as they are.
     folder = series(t.folder(), value=300, Modality="M\u00dc\"R'")
     t.refused(folder, "M?", "--any-modality")
@@ -149,7 +149,9 @@ def ct_is_ct(t):
     check(code == 0 and not lines and not report["warnings"], f"CT: exit {code}, {lines}")
     for where in (report["parameters"], asset["extras"]["trocar"]["parameters"]):
         check("modality" not in where and "values_are_hu" not in where, f"CT: {where}")
-    check(asset["nodes"][1]["extras"]["trocar"]["measures"].get("mean_hu") == 500, f"CT: {asset['nodes'][1]}")
+    check(all("_HU" in mesh["primitives"][0]["attributes"] for mesh in asset["meshes"]), f"CT: {asset['meshes']}")
+    _, _, _, bare, _ = t.run(folder, "--no-hu")
+    check(bare["nodes"][3]["extras"]["trocar"].get("mean_hu") == 500, f"CT: {bare['nodes'][3]}")
     code, lines, _, _, same = t.run(folder, "--any-modality")
     check(code == 0 and not lines and same == plain, f"CT with --any-modality: exit {code}, {lines}, same bytes: {same == plain}")
     for keys in ({"Modality": None}, {"Modality": "", "SOPClassUID": ENHANCED_CT}):
