@@ -14,6 +14,7 @@
 #include <iostream>
 #include <limits>
 #include <opencv2/core/version.hpp>
+#include <set>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/private_asset.h"
@@ -115,10 +116,10 @@ std::vector<std::string> with_repeated(const std::string& option, const IsValue&
   return out;
 }
 
-// Labels begin with a digit and hold only digits, commas and hyphens.
+// Labels begin with a digit and hold only digits, commas, hyphens and plus signs.
 bool is_labels(const std::string& word) {
-  return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
-         word.front() != ',' && word.front() != '-';
+  return !word.empty() && word.find_first_not_of("0123456789,-+") == std::string::npos &&
+         word.front() >= '0' && word.front() <= '9';
 }
 
 bool is_place(const std::string& word) {
@@ -255,8 +256,11 @@ void print_outcome(const Arguments& a, const json& report) {
               << "): " << w["where"].get<std::string>() << ": " << w["sentence"].get<std::string>()
               << '\n';
   }
+  std::set<int> slices;  // each of several materials has an entry
+  for (const json& slice : report["slices"])
+    slices.insert(slice["index"].get<int>());
   std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
-              report["slices"].size(), report["asset"]["triangles"].get<std::size_t>(),
+              slices.size(), report["asset"]["triangles"].get<std::size_t>(),
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
 }
 
@@ -382,7 +386,7 @@ Result<std::size_t> verify(const fs::path& file, const Checks& checks) {
   if (checks.independent) {
     if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
   }
-  return asset->slices.size();
+  return slice_count(*asset);
 }
 
 // Every file is looked at; the exit code is the first error's.
@@ -417,17 +421,27 @@ int info(const fs::path& file, bool as_json) {
     std::cout << json_text(out, 1) << '\n';
     return 0;
   }
+  const bool several = out["materials"].size() > 1;
   std::printf(
       "%s\n  written by %s\n  lattice step 2^-%d mm, %zu triangles, %zu bytes\n  parameters %s\n\n "
-      " slice      z mm    rings  vertices  triangles   area mm2\n",
+      " slice%s      z mm    rings  vertices  triangles   area mm2\n",
       file.c_str(), asset->generator.c_str(), asset->lattice.bits,
       out["triangles"].get<std::size_t>(), out["bytes"].get<std::size_t>(),
-      json_text(out["parameters"]).c_str());
+      json_text(out["parameters"]).c_str(), several ? " material" : "");
   for (const json& s : out["slices"]) {
-    std::printf("  %5d %9.3f %8zu %9zu %10zu %10.2f\n", s["index"].get<int>(),
-                s["z_mm"].get<double>(), s["rings"].get<std::size_t>(),
-                s["vertices"].get<std::size_t>(), s["triangles"].get<std::size_t>(),
-                s["area_mm2"].get<double>());
+    std::printf("  %5d", s["index"].get<int>());
+    if (several) std::printf(" %8d", s["material"].get<int>());
+    std::printf(" %9.3f %8zu %9zu %10zu %10.2f\n", s["z_mm"].get<double>(),
+                s["rings"].get<std::size_t>(), s["vertices"].get<std::size_t>(),
+                s["triangles"].get<std::size_t>(), s["area_mm2"].get<double>());
+  }
+  if (several) {
+    std::printf("\n  material   area mm2\n");
+    for (std::size_t m = 0; m < out["materials"].size(); ++m) {
+      const json& material = out["materials"][m];
+      std::printf("  %8zu %10.2f  %s\n", m, material["area_mm2"].get<double>(),
+                  json_text(material["name"]).c_str());
+    }
   }
   for (const json& s : out["surfaces"]) {
     std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",

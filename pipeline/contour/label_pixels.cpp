@@ -9,6 +9,7 @@
 #include <numeric>
 #include <optional>
 #include <queue>
+#include <string>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
@@ -234,6 +235,56 @@ MaterialImage material_image(const Image& labels, std::span<const Labels> materi
     }
     out.values.push_back(last_material);
   }
+  return out;
+}
+
+Result<FoundMaterials> found_materials(const Image& labels, const Labels& wanted) {
+  std::unordered_map<int, int> first_of_joined;
+  for (const std::set<int>& joined : wanted.joined) {
+    for (const int label : joined)
+      first_of_joined.emplace(label, *joined.begin());
+  }
+  // Materials in the order in which they occur: 0 is none.
+  std::vector<std::pair<int, std::set<int>>> found(1);
+  std::unordered_map<int, std::uint32_t> of_label, of_first;
+  const auto number_of = [&](float v) -> std::uint32_t {
+    if (std::rint(v) != v || !(std::abs(v) < 1e9F)) return 0;
+    const int label = static_cast<int>(v);
+    const auto [known, is_new] = of_label.try_emplace(label, 0);
+    if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;
+    const auto joined = first_of_joined.find(label);
+    const int first = joined == first_of_joined.end() ? label : joined->second;
+    const auto [number, is_new_material] =
+        of_first.try_emplace(first, static_cast<std::uint32_t>(found.size()));
+    if (is_new_material) found.emplace_back(first, std::set<int>());
+    found[number->second].second.insert(label);
+    return known->second = number->second;
+  };
+  std::vector<std::uint32_t> numbers;
+  numbers.reserve(labels.values.size());
+  for (std::size_t i = 0; i < labels.values.size(); ++i) {
+    const float v = labels.values[i];
+    numbers.push_back(i > 0 && v == labels.values[i - 1] ? numbers.back() : number_of(v));
+  }
+  if (found.size() - 1 > kMostMaterials)
+    return refused("more than " + std::to_string(kMostMaterials) +
+                   " labels; join some to one material, as --labels 1-20+21");
+
+  std::vector<std::uint32_t> order(found.size() - 1);
+  std::iota(order.begin(), order.end(), 1U);
+  std::sort(order.begin(), order.end(),
+            [&found](std::uint32_t a, std::uint32_t b) { return found[a].first < found[b].first; });
+  FoundMaterials out{{labels.width, labels.height, {}, {}}, {}};
+  std::vector<MaterialNumber> place(found.size(), kNoMaterial);
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    auto& [first, used] = found[order[k]];
+    place[order[k]] = static_cast<MaterialNumber>(k + 1);
+    out.first_labels.push_back(first);
+    out.image.labels.push_back(std::move(used));
+  }
+  out.image.values.reserve(numbers.size());
+  for (const std::uint32_t number : numbers)
+    out.image.values.push_back(place[number]);
   return out;
 }
 

@@ -293,15 +293,16 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
     Asset asset;
     asset.lattice = case_.lattice;
     for (int k = 0; k < stack.size(); ++k) {
-      const auto slice = mesh_slice(stack, k, mesh_options(method));
-      ASSERT_EQ(static_cast<bool>(slice), case_.expect.meshed)
-          << (slice ? "not refused" : slice.error().message);
-      if (!slice) {
-        EXPECT_EQ(slice.error().code, ExitCode::kRefused);
-        EXPECT_NE(slice.error().message.find(case_.expect.because), std::string::npos)
-            << slice.error().message;
+      const auto meshed = mesh_slice(stack, k, mesh_options(method));
+      ASSERT_EQ(static_cast<bool>(meshed), case_.expect.meshed)
+          << (meshed ? "not refused" : meshed.error().message);
+      if (!meshed) {
+        EXPECT_EQ(meshed.error().code, ExitCode::kRefused);
+        EXPECT_NE(meshed.error().message.find(case_.expect.because), std::string::npos)
+            << meshed.error().message;
         return;
       }
+      const MeshedMaterial* const slice = &meshed->materials[0];
       // Without a tolerance none holds for the points that refinement puts on the outline.
       if (!keeps_area || case_.tolerance_mm > 0) {
         EXPECT_LE(slice->simplification_error_mm, case_.tolerance_mm * (1 + 1e-12));

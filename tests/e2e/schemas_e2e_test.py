@@ -105,6 +105,7 @@ def reports(source, programs, scan, work):
             ("paper", (scan / "png", "--spacing", "0.3125,0.3125,1", "--preset", "paper", "--crop", "0:60,0:60", "--slices", "0:9")),
             ("grey", (scan / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "90", "--slices", "3:5")),
             ("labels", (labelled, "--labels", "20-22,99")),
+            ("joined", (labelled, "--labels", "20+21,22")),
             ("all", (labelled, "--labels", "all")),
             ("coronal", (scan / "sample.nii.gz", "--axis", "coronal", "--slices", "100:130")),
             ("coarse", (scan / "sample.nii.gz", "--slices", "3:5", "--lattice-bits", "5", "--min-angle", "33", "--max-area", "0.01"))):
