@@ -9,6 +9,7 @@
 #include <sstream>
 #include <utility>
 
+#include "formats/base/file_io.h"
 #include "pipeline/presets.h"
 
 namespace trocar::pipeline {
@@ -39,13 +40,17 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-// Adds the labels of a list of L and A-B with commas between.
-Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels) {
+// Adds the labels of a list of L and A-B with commas between. If `joined` is given, labels may also
+// have a + between them: each such set is added to it.
+Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
+                        std::vector<std::set<int>>* joined = nullptr) {
   constexpr int kMostOfRange = 65536;
   const std::string given = option + " " + list + ": ";
   const Error wrong =
-      usage(given + "must be all, or labels L and ranges A-B with commas between them");
+      usage(given + "must be all, or labels L and ranges A-B with commas between them" +
+            (joined == nullptr ? "" : ", or with + to join them"));
   const char *at = list.data(), *const end = at + list.size();
+  bool after_plus = false;
   while (true) {
     int first = 0;
     auto [rest, error] = std::from_chars(at, end, first);
@@ -56,13 +61,22 @@ Result<void> add_labels(const std::string& option, const std::string& list, std:
       if (range.ec != std::errc()) return wrong;
       rest = range.ptr;
     }
-    if (rest != end && *rest != ',') return wrong;
+    const bool before_plus = joined != nullptr && rest != end && *rest == '+';
+    if (rest != end && *rest != ',' && !before_plus) return wrong;
     if (last < first) return usage(given + "a range ends before it begins");
     if (static_cast<std::int64_t>(last) - first >= kMostOfRange)
       return usage(given + "a range has more than 65536 labels");
-    for (std::int64_t label = first; label <= last; ++label)
-      labels.insert(static_cast<int>(label));
+    if (before_plus && !after_plus) joined->emplace_back();
+    for (std::int64_t label = first; label <= last; ++label) {
+      if (before_plus || after_plus) {
+        if (!joined->back().insert(static_cast<int>(label)).second)
+          return usage(given + "label " + std::to_string(label) + " is joined to itself");
+      } else {
+        labels.insert(static_cast<int>(label));
+      }
+    }
     if (rest == end) return {};
+    after_plus = before_plus;
     at = rest + 1;
   }
 }
@@ -73,8 +87,15 @@ Result<Labels> labels(const std::vector<std::string>& lists) {
   for (const std::string& list : lists) {
     if (list == "all") {
       out.all = true;
-    } else if (auto ok = add_labels("--labels", list, out.labels); !ok) {
+    } else if (auto ok = add_labels("--labels", list, out.labels, &out.joined); !ok) {
       return ok.error();
+    }
+  }
+  for (const std::set<int>& joined : out.joined) {
+    for (const int label : joined) {
+      if (!out.labels.insert(label).second)
+        return usage("--labels: label " + std::to_string(label) +
+                     " is in two materials; name it once");
     }
   }
   return out;
@@ -109,14 +130,16 @@ void add_stage_options(CLI::App& app, Arguments& a) {
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
   a.labels_given =
-      app.add_option("--labels", a.labels, "of a label map; material is L, A-B, several, or all")
+      app.add_option(
+             "--labels", a.labels,
+             "of a label map: L, A-B, several, or all, a material each; 20+21 joins two to one")
           ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
                         ->check(CLI::IsMember({"subpixel", "pixel"}));
-  app.add_option("--simplify", a.simplify, "Douglas-Peucker, or collapse that keeps areas")
+  app.add_option("--simplify", a.simplify, "collapse that keeps areas, or Douglas-Peucker")
       ->capture_default_str()
-      ->check(CLI::IsMember({"dp", "area"}));
+      ->check(CLI::IsMember({"area", "dp"}));
   app.add_option("--tolerance", a.tolerance_mm, "largest distance from the contour, mm")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e4));
@@ -129,9 +152,21 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   a.area_px_given = app.add_option("--max-area-px", a.max_area_px2,
                                    "largest triangle in pixels of the slice, instead of mm^2")
                         ->check(CLI::Range(1e-6, 1e12));
+  app.add_option("--grade", a.grade_hu,
+                 "smaller triangles where HU change by more than this along an edge; 0: not")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
   app.add_option("--min-region", a.min_region_mm2, "drop smaller islands, fill smaller holes, mm^2")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e12));
+}
+
+// Options of label maps.
+void add_label_options(CLI::App& app, Arguments& a) {
+  app.add_option("--names", a.names,
+                 "of labels: a JSON file {\"20\": \"L1\"}, or verse or totalsegmentator");
+  app.add_option("--hu", a.hu,
+                 "the CT that the labels were made on, on the same grid: gives them a mean HU");
 }
 
 // Options of solid_bone.h.
@@ -152,6 +187,15 @@ void add_solid_options(CLI::App& app, Arguments& a) {
       ->allow_extra_args(false);
   app.add_option("--mask", a.mask,
                  "LABELS.nii.gz:L[,L]: keep what is within 1.5 mm of these labels");
+}
+
+// Options of display_surface.h.
+void add_surface_options(CLI::App& app, Arguments& a) {
+  app.add_flag("--surface", a.surface, "add a closed surface to look at; see export --surface");
+  a.surface_triangles_given =
+      app.add_option("--surface-triangles", a.surface_triangles, "of the surface, at most")
+          ->capture_default_str()
+          ->check(CLI::Range(100, 5'000'000));
 }
 
 // Options that select a part of the scan, its spacing and its axis.
@@ -201,14 +245,16 @@ Result<SolidOptions> solid_options(const Arguments& a) {
   return out;
 }
 
-}  // namespace
-
-void add_mesh_options(CLI::App& app, Arguments& a) {
+// What a run and its preview have in common.
+void add_common_options(CLI::App& app, Arguments& a, const char* output) {
   app.add_option("INPUT", a.inputs, "the scan");
-  app.add_option("-o,--output", a.output, "the asset to write (.glb)");
+  app.add_option("-o,--output", a.output, output);
   add_stage_options(app, a);
+  add_label_options(app, a);
   add_solid_options(app, a);
+  add_surface_options(app, a);
   add_scan_options(app, a);
+  app.add_flag("--no-hu", a.no_hu, "leave HU out of the asset");
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
@@ -221,10 +267,29 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   app.add_option("--jobs", a.jobs, "threads; 0 is all cores")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024));
+}
+
+}  // namespace
+
+void add_mesh_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the asset to write (.glb)");
+  app.add_flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  app.add_flag("--colour", a.colour,
+               "also store HU as colours, -200 dark to 1848 light, for viewers");
+  app.add_option("--input-key", a.input_key,
+                 "a file of 16 to 64 bytes: store the input's digest with this key");
   app.add_option("--report", a.report, "what was done, as JSON");
   app.add_option("--dump-stages", a.dump_stages, "stages of --dump-slice, as JSON for pictures");
   a.dump_slice_given = app.add_option("--dump-slice", a.dump_slice, "the slice of --dump-stages")
                            ->check(CLI::NonNegativeNumber);
+  app.add_flag("--quiet", a.quiet, "print errors only");
+}
+
+void add_preview_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the sheet to write (.png, or .html with the numbers as text)");
+  app.add_option("--count", a.count, "slices shown, evenly spread over those with material")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 100));
   app.add_flag("--quiet", a.quiet, "print errors only");
 }
 
@@ -235,16 +300,34 @@ Result<BatchOptions> batch_options(const Arguments& a) {
         std::pair{"--tolerance", a.tolerance_mm}, std::pair{"--min-angle", a.min_angle_deg},
         std::pair{"--max-area", a.max_area_mm2}, std::pair{"--max-area-px", a.max_area_px2},
         std::pair{"--min-region", a.min_region_mm2}, std::pair{"--close", a.close_mm},
-        std::pair{"--min-volume", a.min_volume_mm3}}) {
+        std::pair{"--min-volume", a.min_volume_mm3}, std::pair{"--grade", a.grade_hu}}) {
     if (!std::isfinite(value)) return usage(std::string(name) + ": not a finite number");
   }
   BatchOptions out;
   auto how = segmentation(a);
   if (!how) return how.error();
+  if (a.labels_given->count() == 0) {
+    if (!a.names.empty()) return usage("--names is for label maps: give --labels L, or all");
+    if (!a.hu.empty())
+      return usage(
+          "--hu is the CT beside a label map: give --labels L, or all; other scans in HU "
+          "need no CT beside them");
+  }
+  if (!a.names.empty()) {
+    auto names = LabelNames::named(a.names);
+    if (!names) return names.error();
+    out.names = std::move(*names);
+  }
+  if (const auto* wanted = std::get_if<Labels>(&*how);
+      wanted != nullptr && a.contour == "pixel" && are_several(*wanted))
+    return usage(
+        "--contour pixel leaves gaps between materials: join the labels with +, as --labels "
+        "20+21");
   out.mesh.segmentation = std::move(*how);
   out.mesh.contour = a.contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.mesh.simplification.tolerance_mm = a.tolerance_mm;
-  if (a.simplify == "area") out.mesh.simplification.method = SimplificationMethod::kArea;
+  out.mesh.simplification.method =
+      a.simplify == "area" ? SimplificationMethod::kArea : SimplificationMethod::kDouglasPeucker;
   out.mesh.refinement.min_angle_deg = a.min_angle_deg;
   out.mesh.refinement.max_area_mm2 = a.max_area_mm2;
   if (a.area_px_given->count() > 0) {
@@ -253,10 +336,31 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   }
   auto solid = solid_options(a);
   if (!solid) return solid.error();
+  if (const auto* wanted = std::get_if<Labels>(&out.mesh.segmentation);
+      wanted != nullptr && solid->fill_mm2 && are_several(*wanted))
+    return usage("--fill fills one material: join the labels with +, as --labels 20+21");
   out.solid = std::move(*solid);
+  if (a.surface) {
+    out.surface = SurfaceOptions{a.surface_triangles};
+  } else if (a.surface_triangles_given->count() > 0) {
+    return usage("--surface-triangles needs --surface");
+  }
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
+  out.mesh.hu_field = !a.no_hu;
+  out.mesh.grade_hu = a.grade_hu;
   out.threads = a.jobs;
+  out.lines = a.lines;
+  if (a.colour && a.no_hu) return usage("--colour shows the HU that --no-hu leaves out");
+  out.colours = a.colour;
+  if (!a.input_key.empty()) {
+    auto key = read_file(a.input_key, kMostKeyBytes);
+    if (!key) return key.error();
+    if (key->size() < kLeastKeyBytes)
+      return usage("--input-key " + a.input_key.string() + ": has " + std::to_string(key->size()) +
+                   " bytes; a key has 16 to 64");
+    out.input_key = std::move(*key);
+  }
   if (!a.slices.empty()) {
     const auto n = numbers<int>(a.slices, "#:#", "--slices", "A:B, first and last slice");
     if (!n) return n.error();
@@ -267,9 +371,10 @@ Result<BatchOptions> batch_options(const Arguments& a) {
     if (!n) return n.error();
     out.mesh.crop = Crop{(*n)[0], (*n)[1], (*n)[2], (*n)[3]};
   }
-  if ((a.dump_slice_given->count() > 0) == a.dump_stages.empty())
+  const bool has_dump_slice = a.dump_slice_given != nullptr && a.dump_slice_given->count() > 0;
+  if (has_dump_slice == a.dump_stages.empty())
     return usage("--dump-slice and --dump-stages go together: which slice, and the file for it");
-  if (a.dump_slice_given->count() > 0) out.dump_slice = a.dump_slice;
+  if (has_dump_slice) out.dump_slice = a.dump_slice;
   return out;
 }
 
@@ -283,6 +388,9 @@ Result<OpenOptions> open_options(const Arguments& a) {
   }
   out.any_modality = a.any_modality;
   out.as_labels = a.labels_given->count() > 0;
+  auto wanted = labels(a.labels);
+  if (!wanted) return wanted.error();
+  if (!wanted->all) out.labels = std::move(wanted->labels);
   if (!a.spacing.empty()) {
     const auto n = numbers<double>(a.spacing, "#,#,#", "--spacing", "X,Y,Z in mm");
     if (!n) return n.error();
@@ -319,6 +427,8 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
               {"min_region_mm2", o.mesh.min_region_mm2},
               {"lattice_bits", o.mesh.lattice.bits}};
   if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
+  if (!o.mesh.hu_field) out["hu"] = false;
+  if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
   if (o.mesh.max_area_px2) {
     out["max_area_px2"] = *o.mesh.max_area_px2;
   } else {
@@ -326,13 +436,16 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   }
   if (const auto* t = std::get_if<Threshold>(&o.mesh.segmentation)) out["threshold"] = t->value;
   if (const auto* e = std::get_if<Equalize>(&o.mesh.segmentation)) out["equalize"] = e->level;
-  if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) out["labels"] = l->labels;
+  if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) {
+    out["labels"] = l->labels;
+    if (!l->joined.empty()) out["joined_labels"] = l->joined;
+  }
   if (o.slices) out["slices"] = {o.slices->first, o.slices->second};
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
   add_solid_parameters(o.solid, out);
+  if (o.surface) out["surface_triangles"] = o.surface->triangles;
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
-  if (!input.series.empty()) out["series"] = input.series;
   if (input.axis) {
     out["axis"] = *input.axis == SliceAxis::kCoronal    ? "coronal"
                   : *input.axis == SliceAxis::kSagittal ? "sagittal"

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -111,6 +112,8 @@ Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice) {
   return out.str();
 }
 
+constexpr std::array kSurfaceEndings = {".stl", ".ply", ".obj"};
+
 // By OpenMesh, which refuses a mesh that is not manifold: a check independent of ours.
 Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
   ObjMesh mesh;
@@ -130,6 +133,39 @@ Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
   if (!OpenMesh::IO::write_mesh(mesh, out, ".obj", OpenMesh::IO::Options::Default, 9))
     return bug("OpenMesh cannot write .obj");
   return out.str();
+}
+
+// By OpenMesh too. Coordinates are numbers of steps that a float carries exactly.
+Result<std::array<std::string, 3>> surface_texts(const TriangleSurface& surface) {
+  ObjMesh mesh;
+  mesh.request_vertex_normals();
+  mesh.request_face_normals();
+  std::vector<ObjMesh::VertexHandle> handles;
+  const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
+  for (std::size_t v = 0; v < surface.vertices.size(); ++v) {
+    ObjMesh::Point p;
+    for (std::size_t k = 0; k < 3; ++k)
+      p[k] = static_cast<float>(surface.lattice.to_mm(surface.vertices[v][k]));
+    handles.push_back(mesh.add_vertex(p));
+    mesh.set_normal(handles.back(), {normals[v].x(), normals[v].y(), normals[v].z()});
+  }
+  for (const auto& t : surface.triangles) {
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
+      return refused("the surface: OpenMesh finds it not manifold");
+  }
+  mesh.update_face_normals();
+  using OpenMesh::IO::Options;
+  std::array<std::string, 3> out;
+  const std::array options{Options(Options::Binary),
+                           Options(Options::Binary | Options::VertexNormal),
+                           Options(Options::VertexNormal)};
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    std::ostringstream text;
+    if (!OpenMesh::IO::write_mesh(mesh, text, kSurfaceEndings.at(k), options.at(k), 9))
+      return bug(std::string("OpenMesh cannot write ") + kSurfaceEndings.at(k));
+    out.at(k) = text.str();
+  }
+  return out;
 }
 
 std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
@@ -163,10 +199,11 @@ std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
 
 constexpr std::array kEndings = {".poly", ".obj", ".svg"};
 
-std::string slice_name(int index) {
+// With its material's number, if the asset has several.
+std::string slice_name(const Asset& asset, const AssetSlice& slice) {
   char name[32];
-  std::snprintf(name, sizeof name, "slice_%04d", index);
-  return name;
+  std::snprintf(name, sizeof name, "slice_%04d", slice.index);
+  return asset.materials.size() > 1 ? name + ('_' + std::to_string(slice.material)) : name;
 }
 
 // In the order of kEndings.
@@ -184,9 +221,9 @@ std::vector<std::string> other_exports(const Asset& asset, const fs::path& folde
   for (const AssetSlice& slice : asset.slices) {
     if (slice.mesh.triangles.empty()) continue;
     for (const char* ending : kEndings)
-      ours.insert(slice_name(slice.index) + ending);
+      ours.insert(slice_name(asset, slice) + ending);
   }
-  static const std::regex exported(R"(slice_\d{4,}\.(poly|obj|svg))");
+  static const std::regex exported(R"(slice_\d{4,}(_\d+)?\.(poly|obj|svg))");
   std::vector<std::string> out;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
@@ -243,29 +280,56 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
   json slices = json::array();
   std::size_t triangles = 0;
   const double step2 = asset.lattice.step_mm() * asset.lattice.step_mm();
+  std::vector<double> areas_mm2(asset.materials.size());
   for (const AssetSlice& s : asset.slices) {
+    const double area_mm2 = 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2;
+    areas_mm2[static_cast<std::size_t>(s.material)] += area_mm2;
     std::size_t outline = 0;
     for (const Ring& ring : s.pslg.rings)
       outline += ring.size();
     triangles += s.mesh.triangles.size();
     slices.push_back({{"index", s.index},
+                      {"material", s.material},
                       {"z_mm", s.z_mm},
                       {"vertices", s.mesh.vertices.size()},
                       {"triangles", s.mesh.triangles.size()},
                       {"rings", s.pslg.rings.size()},
                       {"outline_segments", outline},
-                      {"area_mm2", 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2},
+                      {"area_mm2", area_mm2},
                       {"measures", json::parse(s.measures_json)}});
   }
-  return {{"generator", asset.generator},
-          {"schema", kAssetSchema},
-          {"lattice_bits", asset.lattice.bits},
-          {"lattice_step_mm", asset.lattice.step_mm()},
-          {"input_digest", asset.input_digest},
-          {"parameters", json::parse(asset.parameters_json)},
-          {"bytes", bytes},
-          {"triangles", triangles},
-          {"slices", std::move(slices)}};
+  json surfaces = json::array();
+  for (const AssetSurface& one : asset.surfaces) {
+    const Lattice& lattice = one.surface.lattice;
+    surfaces.push_back(
+        {{"material", one.material},
+         {"triangles", one.surface.triangles.size()},
+         {"vertices", one.surface.vertices.size()},
+         {"lattice_step_mm", lattice.step_mm()},
+         {"distance_p99_mm", one.distance_mm},
+         {"volume_mm3", enclosed_volume(one.surface) * std::pow(lattice.step_mm(), 3)}});
+  }
+  json materials = json::array();
+  for (std::size_t m = 0; m < asset.materials.size(); ++m) {
+    const AssetMaterial& material = asset.materials[m];
+    materials.push_back({{"name", material.name},
+                         {"label", material.label ? json(*material.label) : json()},
+                         {"area_mm2", areas_mm2[m]}});
+  }
+  json out = {{"generator", asset.generator},
+              {"schema", asset.schema},
+              {"lattice_bits", asset.lattice.bits},
+              {"lattice_step_mm", asset.lattice.step_mm()},
+              {"materials", std::move(materials)},
+              {"parameters", json::parse(asset.parameters_json)},
+              {"bytes", bytes},
+              {"triangles", triangles},
+              {"surfaces", std::move(surfaces)},
+              {"slices", std::move(slices)}};
+  // Of schema 1, and of schema 2 with --input-key.
+  if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;
+  if (!asset.input_key_digest.empty()) out["input_key_digest"] = asset.input_key_digest;
+  return out;
 }
 
 Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path& folder,
@@ -281,13 +345,36 @@ Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path
     const auto texts = slice_texts(slice, asset.lattice);
     if (!texts) return texts.error();
     for (std::size_t k = 0; k < kEndings.size(); ++k) {
-      names.push_back(slice_name(slice.index) + kEndings[k]);
+      names.push_back(slice_name(asset, slice) + kEndings[k]);
       if (auto ok = write_file_atomically((*scratch)->path() / names.back(), (*texts)[k]); !ok)
         return ok.error();
     }
   }
   if (auto moved = (*scratch)->move_out(names); !moved) return moved.error();
   return others;
+}
+
+Result<void> export_surfaces(const Asset& asset, const fs::path& folder,
+                             const std::atomic<bool>* stop) {
+  omlog().disable();
+  if (asset.surfaces.empty())
+    return refused("no surface in this asset; trocar-mesh SCAN --surface makes one");
+  const auto scratch = ScratchFolder::make(folder);
+  if (!scratch) return scratch.error();
+  std::vector<std::string> names;
+  for (const AssetSurface& one : asset.surfaces) {
+    const auto texts = surface_texts(one.surface);
+    if (!texts) return texts.error();
+    for (std::size_t k = 0; k < kSurfaceEndings.size(); ++k) {
+      if (stop != nullptr && stop->load()) return unwritable("interrupted; nothing was written");
+      names.emplace_back("surface");
+      if (asset.surfaces.size() > 1) names.back().append("_").append(std::to_string(one.material));
+      names.back() += kSurfaceEndings.at(k);
+      if (auto ok = write_file_atomically((*scratch)->path() / names.back(), texts->at(k)); !ok)
+        return ok;
+    }
+  }
+  return (*scratch)->move_out(names);
 }
 
 }  // namespace trocar::pipeline

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// trocar-mesh: makes an asset from a scan; its subcommands verify, describe and export assets.
+// trocar-mesh: makes an asset from a scan; its subcommands list scans, preview a run,
+// and verify, describe and export assets.
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/version.h>
 #include <unistd.h>
 
@@ -9,9 +12,12 @@
 #include <chrono>
 #include <cstdio>
 #include <iostream>
+#include <limits>
 #include <opencv2/core/version.hpp>
+#include <set>
 
 #include "formats/asset/asset.h"
+#include "formats/asset/private_asset.h"
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
@@ -20,6 +26,10 @@
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 #include "pipeline/presets.h"
+#include "pipeline/preview.h"
+#include "pipeline/preview_file.h"
+#include "pipeline/preview_sheet.h"
+#include "pipeline/read/labels_with_ct.h"
 #include "pipeline/scan_list.h"
 #include "pipeline/second_opinion.h"
 
@@ -39,6 +49,13 @@ int fail(const Error& error) {
   return report_error(kName, error);
 }
 
+std::string ending_of(const fs::path& file) {
+  std::string ending = file.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return ending;
+}
+
 // Refuses to overwrite an input or any file that may be a scan: in `-o *.png` the shell makes a
 // slice the output.
 Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read) {
@@ -49,13 +66,30 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
       return usage(output.option + " " + output.file.string() + ": would write over a scan");
   }
   if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
-  std::string ending = a.output.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (ending != ".glb") {
+  if (ending_of(a.output) != ".glb") {
     return usage("-o " + a.output.string() +
                  ": an asset is a .glb; trocar-mesh export writes its slices as .poly, .obj, .svg");
   }
+  return {};
+}
+
+// A sheet replaces no picture but another sheet (in `-o *.png` the shell makes a slice the output),
+// and does not become one of the scan's images.
+Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) {
+  const std::string given = "-o " + a.output.string() + ": ";
+  const std::string ending = ending_of(a.output);
+  if (ending != ".png" && ending != ".html")
+    return usage(given + "a preview is a .png or .html; an asset is made without preview");
+  const OutputFile outputs[] = {{"-o", a.output}};
+  if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
+  std::error_code ignored;
+  if (ending == ".png" && fs::exists(a.output, ignored) && !is_sheet(a.output))
+    return usage(given + "would write over a picture that is no preview");
+  if (ending != ".png" || read.empty() || ending_of(read[0]) != ".png") return {};
+  const fs::path folder = a.output.has_parent_path() ? a.output.parent_path() : ".";
+  const fs::path scan = read[0].has_parent_path() ? read[0].parent_path() : ".";
+  if (fs::equivalent(folder, scan, ignored))
+    return usage(given + "would become one of the scan's images; give another folder");
   return {};
 }
 
@@ -82,10 +116,10 @@ std::vector<std::string> with_repeated(const std::string& option, const IsValue&
   return out;
 }
 
-// Labels begin with a digit and hold only digits, commas and hyphens.
+// Labels begin with a digit and hold only digits, commas, hyphens and plus signs.
 bool is_labels(const std::string& word) {
-  return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
-         word.front() != ',' && word.front() != '-';
+  return !word.empty() && word.find_first_not_of("0123456789,-+") == std::string::npos &&
+         word.front() >= '0' && word.front() <= '9';
 }
 
 bool is_place(const std::string& word) {
@@ -150,8 +184,8 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   return {};
 }
 
-// Reports hold no absolute paths, also not in the warnings.
-json without_folders(json report, const std::vector<fs::path>& inputs) {
+// Reports hold no absolute paths and nothing that tells whose scan it is, also not in the warnings.
+json to_be_shared(json report, const std::vector<fs::path>& inputs) {
   const auto shorten = [&inputs](json& text) {
     std::string out = text.get<std::string>();
     for (const fs::path& input : inputs) {
@@ -164,6 +198,10 @@ json without_folders(json report, const std::vector<fs::path>& inputs) {
     text = std::move(out);
   };
   for (json& warning : report["warnings"]) {
+    if (const auto shared = warning.find("shared"); shared != warning.end()) {
+      warning["sentence"] = *shared;
+      warning.erase("shared");
+    }
     shorten(warning["where"]);
     shorten(warning["sentence"]);
     if (const auto places = warning.find("places"); places != warning.end())
@@ -182,15 +220,16 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, BatchRe
   for (const fs::path& input : a.inputs)
     inputs.push_back(without_folder(input));
   result.report["input"] = {{"paths", std::move(inputs)},
-                            {"digest", result.input_digest},
                             {"slices", stack.size()},
                             {"width_px", stack.width()},
                             {"height_px", stack.height()}};
+  if (!a.hu.empty()) result.report["input"]["hu"] = without_folder(a.hu);
+  if (!result.input_key_digest.empty())
+    result.report["input"]["key_digest"] = result.input_key_digest;
   if (stack.series) {
     const SeriesInfo& s = *stack.series;
-    result.report["input"]["series"] = {{"uid", s.uid},
-                                        {"number", s.number ? json(*s.number) : json()},
-                                        {"description", s.description},
+    // Its UID and description could tell whose scan it is.
+    result.report["input"]["series"] = {{"number", s.number ? json(*s.number) : json()},
                                         {"kernel", s.kernel},
                                         {"modality", s.modality}};
   }
@@ -201,7 +240,9 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, BatchRes
   if (auto ok = write_file_atomically(a.output, result.glb); !ok) return ok;
   if (auto ok = describe_files(a, stack, result); !ok) return ok;
   if (!a.report.empty()) {
-    const json report = without_folders(result.report, a.inputs);
+    std::vector<fs::path> given = a.inputs;
+    if (!a.hu.empty()) given.push_back(a.hu);
+    const json report = to_be_shared(result.report, given);
     if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
   }
   if (!a.dump_stages.empty())
@@ -215,9 +256,28 @@ void print_outcome(const Arguments& a, const json& report) {
               << "): " << w["where"].get<std::string>() << ": " << w["sentence"].get<std::string>()
               << '\n';
   }
+  std::set<int> slices;  // each of several materials has an entry
+  for (const json& slice : report["slices"])
+    slices.insert(slice["index"].get<int>());
   std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
-              report["slices"].size(), report["asset"]["triangles"].get<std::size_t>(),
+              slices.size(), report["asset"]["triangles"].get<std::size_t>(),
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
+}
+
+// The scan, and with --hu the CT beside it.
+Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options) {
+  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, options);
+  auto stack = open_stack(a.inputs, options);
+  if (!stack) return stack.error();
+  return LabelsWithCt{std::move(*stack), nullptr};
+}
+
+// All that is read: nothing of it may be written over.
+std::vector<fs::path> files_read(const Arguments& a, const LabelsWithCt& scan) {
+  std::vector<fs::path> out = scan.labels->files;
+  if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
+  if (!a.names.empty()) out.emplace_back(a.names);
+  return out;
 }
 
 int explain(const std::string& preset) {
@@ -237,23 +297,64 @@ int mesh(const Arguments& a) {
   auto open = open_options(a);
   if (!open) return fail(open.error());
   stop_on_signals();
-  const auto stack = open_stack(a.inputs, *open);
-  if (!stack) return fail(stack.error());
-  if (auto ok = check_outputs(a, (*stack)->files); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, **stack); !ok) return fail(ok.error());
+  const auto scan = open_scan(a, *open);
+  if (!scan) return fail(scan.error());
+  const std::unique_ptr<SliceStack>& stack = scan->labels;
+  options->mesh.hu = scan->ct.get();
+  if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
+  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = progress_bar();
   options->stop = &stop_requested;
-  // The asset does not depend on how the series was named; a volume that is no DICOM is transverse
-  // without --axis, too.
-  if (!open->series.empty()) open->series = (*stack)->series->uid;
-  if (!(*stack)->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
+  // A volume that is no DICOM is transverse without --axis, too.
+  if (!stack->series && open->axis == SliceAxis::kTransverse) open->axis.reset();
   options->axis = open->axis;
-  auto result = mesh_stack(**stack, *options, parameters_json(*options, *open));
+  auto result = mesh_stack(*stack, *options, parameters_json(*options, *open));
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
-  if (auto ok = write_outputs(a, **stack, *result); !ok) return fail(ok.error());
+  if (auto ok = write_outputs(a, *stack, *result); !ok) return fail(ok.error());
   if (!a.quiet) print_outcome(a, result->report);
+  return 0;
+}
+
+int preview(const Arguments& a) {
+  if (a.explain) return explain(a.preset);
+  if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh preview --help"));
+  if (a.output.empty()) return fail(usage("no output given: -o SHEET.png or -o SHEET.html"));
+  if (auto ok = check_sheet(a, a.inputs); !ok) return fail(ok.error());
+  auto options = batch_options(a);
+  if (!options) return fail(options.error());
+  const auto open = open_options(a);
+  if (!open) return fail(open.error());
+  stop_on_signals();
+  options->stop = &stop_requested;
+  options->axis = open->axis;
+  const int threads = a.jobs > 0 ? a.jobs : oneapi::tbb::info::default_concurrency();
+  const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
+                                          static_cast<std::size_t>(threads));
+  const auto scan = open_scan(a, *open);
+  if (!scan) return fail(scan.error());
+  const std::unique_ptr<SliceStack>& stack = scan->labels;
+  if (auto ok = check_sheet(a, files_read(a, *scan)); !ok) return fail(ok.error());
+  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  const auto made = make_preview(*stack, *options, a.count);
+  if (!made) return fail(made.error());
+  const SheetText text{sheet_title(*stack, *made),
+                       options_text(*options, *open, stack->pixel_unit())};
+  const Sheet sheet = draw_sheet(*made, text);
+  const auto png = png_of(sheet.picture);
+  if (!png) return fail(png.error());
+  const auto ok =
+      ending_of(a.output) == ".png"
+          ? write_file_atomically(a.output, *png)
+          : write_file_atomically(a.output, page_of(*made, sheet, text, input_kind(*stack), *png));
+  if (!ok) return fail(ok.error());
+  if (a.quiet) return 0;
+  for (const Warning& w : made->warnings)
+    std::cerr << "trocar-mesh: warning (" << w.code << "): " << w.where << ": " << w.sentence
+              << '\n';
+  std::printf("%s: %zu of %d slices, %d x %d pixels\n", a.output.c_str(), made->shown.size(),
+              made->slices, sheet.picture.width, sheet.picture.height);
   return 0;
 }
 
@@ -269,31 +370,42 @@ int list(const fs::path& folder, bool as_json) {
   return 0;
 }
 
-Result<std::size_t> verify(const fs::path& file, bool independent) {
-  const auto asset = read_asset(file);
+struct Checks {
+  bool independent = false, private_too = false;
+};
+
+Result<std::size_t> verify(const fs::path& file, const Checks& checks) {
+  const auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
+  if (!bytes) return bytes.error();
+  const auto asset = decode_asset(*bytes, file.string());
   if (!asset) return asset.error();
   if (auto ok = verify_asset(*asset, file.string()); !ok) return ok.error();
-  if (independent) {
+  if (checks.private_too) {
+    if (auto ok = check_private_asset(*bytes, file.string()); !ok) return ok.error();
+  }
+  if (checks.independent) {
     if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
   }
-  return asset->slices.size();
+  return slice_count(*asset);
 }
 
 // Every file is looked at; the exit code is the first error's.
-int verify_all(const std::vector<fs::path>& files, bool independent, bool as_json) {
+int verify_all(const std::vector<fs::path>& files, const Checks& checks, bool as_json) {
   int code = 0;
   json out = json::array();
   for (const fs::path& file : files) {
-    const auto slices = verify(file, independent);
+    const auto slices = verify(file, checks);
     out.push_back({{"file", file.string()}, {"valid", static_cast<bool>(slices)}});
-    if (independent) out.back()["independent"] = true;
+    if (checks.independent) out.back()["independent"] = true;
+    if (checks.private_too) out.back()["private"] = static_cast<bool>(slices);
     if (!slices) {
       out.back()["reason"] = slices.error().message;
       const int failed = fail(slices.error());
       if (code == 0) code = failed;
     } else if (!as_json) {
-      std::printf("%s: valid, %zu slices%s\n", file.c_str(), *slices,
-                  independent ? ", confirmed by CGAL" : "");
+      std::printf("%s: valid, %zu slices%s%s\n", file.c_str(), *slices,
+                  checks.private_too ? ", private" : "",
+                  checks.independent ? ", confirmed by CGAL" : "");
     }
   }
   if (as_json) std::cout << json_text(out.size() == 1 ? out[0] : out, 1) << '\n';
@@ -309,27 +421,48 @@ int info(const fs::path& file, bool as_json) {
     std::cout << json_text(out, 1) << '\n';
     return 0;
   }
+  const bool several = out["materials"].size() > 1;
   std::printf(
       "%s\n  written by %s\n  lattice step 2^-%d mm, %zu triangles, %zu bytes\n  parameters %s\n\n "
-      " slice      z mm    rings  vertices  triangles   area mm2\n",
+      " slice%s      z mm    rings  vertices  triangles   area mm2\n",
       file.c_str(), asset->generator.c_str(), asset->lattice.bits,
       out["triangles"].get<std::size_t>(), out["bytes"].get<std::size_t>(),
-      json_text(out["parameters"]).c_str());
+      json_text(out["parameters"]).c_str(), several ? " material" : "");
   for (const json& s : out["slices"]) {
-    std::printf("  %5d %9.3f %8zu %9zu %10zu %10.2f\n", s["index"].get<int>(),
-                s["z_mm"].get<double>(), s["rings"].get<std::size_t>(),
-                s["vertices"].get<std::size_t>(), s["triangles"].get<std::size_t>(),
-                s["area_mm2"].get<double>());
+    std::printf("  %5d", s["index"].get<int>());
+    if (several) std::printf(" %8d", s["material"].get<int>());
+    std::printf(" %9.3f %8zu %9zu %10zu %10.2f\n", s["z_mm"].get<double>(),
+                s["rings"].get<std::size_t>(), s["vertices"].get<std::size_t>(),
+                s["triangles"].get<std::size_t>(), s["area_mm2"].get<double>());
+  }
+  if (several) {
+    std::printf("\n  material   area mm2\n");
+    for (std::size_t m = 0; m < out["materials"].size(); ++m) {
+      const json& material = out["materials"][m];
+      std::printf("  %8zu %10.2f  %s\n", m, material["area_mm2"].get<double>(),
+                  json_text(material["name"]).c_str());
+    }
+  }
+  for (const json& s : out["surfaces"]) {
+    std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",
+                s["material"].get<int>(), s["triangles"].get<std::size_t>(),
+                s["distance_p99_mm"].get<double>());
   }
   return 0;
 }
 
-int export_to(const fs::path& file, const fs::path& folder) {
+int export_to(const fs::path& file, const fs::path& folder, bool surface) {
   const auto asset = read_asset(file);
   if (!asset) return fail(asset.error());
   // Only a valid asset is exported: other programs may not detect what is wrong.
   if (const auto proved = verify_asset(*asset, file.string()); !proved) return fail(proved.error());
   stop_on_signals();
+  if (surface) {
+    const auto done = export_surfaces(*asset, folder, &stop_requested);
+    if (done) return 0;
+    const bool is_file = done.error().code == ExitCode::kRefused;
+    return fail({done.error().code, (is_file ? file.string() + ": " : "") + done.error().message});
+  }
   const auto others = export_asset(*asset, folder, &stop_requested);
   if (!others) return fail(others.error());
   if (!others->empty()) {
@@ -368,20 +501,29 @@ int run(int argc, char** argv) {
   bool as_json = false;
   CLI::App* list_command = app.add_subcommand("list", "show the scans in a folder");
   list_command->add_option("FOLDER", study, "of a study, with its sub-folders")->required();
+  CLI::App* preview_command =
+      app.add_subcommand("preview", "show what a run with the same options would mesh");
+  preview_command->get_formatter()->column_width(46);
+  Arguments previewed;
+  add_preview_options(*preview_command, previewed);
   CLI::App* verify_command = app.add_subcommand("verify", "check an asset's invariants");
   CLI::App* info_command = app.add_subcommand("info", "show what is in an asset");
   CLI::App* export_command =
-      app.add_subcommand("export", "write each slice as .poly, .obj and .svg");
+      app.add_subcommand("export", "write each slice as .poly, .obj and .svg, or the surface");
   std::vector<fs::path> assets;
-  bool independent = false;
+  Checks checks;
   verify_command->add_option("ASSET", assets, "the .glb, or several")->required();
-  verify_command->add_flag("--independent", independent,
+  verify_command->add_flag("--private", checks.private_too,
+                           "also refuse what could tell whose scan it was");
+  verify_command->add_flag("--independent", checks.independent,
                            "also compare with CGAL's triangulation, which is not Trocar's code");
   for (CLI::App* command : {info_command, export_command})
     command->add_option("ASSET", asset, "the .glb")->required();
   for (CLI::App* command : {list_command, verify_command, info_command})
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
+  bool surface = false;
+  export_command->add_flag("--surface", surface, "the surface as .stl, .ply and .obj instead");
 
   const std::vector<std::string> words = with_preset_options(
       with_repeated("--seed", is_place, with_repeated("--labels", is_labels, {argv, argv + argc})));
@@ -396,10 +538,11 @@ int run(int argc, char** argv) {
     return mesh(a);
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
+  if (*preview_command) return preview(previewed);
   if (*list_command) return list(study, as_json);
-  if (*verify_command) return verify_all(assets, independent, as_json);
+  if (*verify_command) return verify_all(assets, checks, as_json);
   if (*info_command) return info(asset, as_json);
-  return export_to(asset, folder);
+  return export_to(asset, folder, surface);
 }
 
 // Too little memory is a property of the input, not a bug.

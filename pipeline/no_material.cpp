@@ -62,7 +62,7 @@ std::string place(const SliceStack& stack, int first, int last) {
   return input + (input.empty() ? "" : ", ") + named_ranges("slice", slices);
 }
 
-std::string reason(const Found& found, const MeshOptions& options) {
+std::string reason(const Found& found, const MeshOptions& options, const LabelNames& names) {
   if (found.has_material)
     return "all pieces of material are smaller than --min-region " +
            text_of(options.min_region_mm2) + " mm^2";
@@ -70,20 +70,20 @@ std::string reason(const Found& found, const MeshOptions& options) {
     return "nothing is at or above the threshold of " + text_of(threshold->value);
   if (const auto* paper = std::get_if<Equalize>(&options.segmentation))
     return "nothing is at or above the level of " + text_of(paper->level) + " after equalisation";
-  const auto& [wanted, all] = std::get<Labels>(options.segmentation);
+  const auto& [wanted, all, joined] = std::get<Labels>(options.segmentation);
   if (all) return "nothing is labelled";
-  return "the " + named_ranges("label", wanted) + (wanted.size() == 1 ? " is" : " are") +
-         " not there";
+  return "the " + names.list(wanted) + (wanted.size() == 1 ? " is" : " are") + " not there";
 }
 
-std::string values(const Found& found, const SliceStack& stack, bool as_labels) {
+std::string values(const Found& found, const SliceStack& stack, bool as_labels,
+                   const LabelNames& names) {
   if (found.low > found.high) return "there is no value that is a number";
   std::string out = "the values found are ";
   out += found.low == found.high ? "all " + text_of(found.low)
                                  : text_of(found.low) + " to " + text_of(found.high);
   if (as_labels) {
-    return out + (found.labels.empty() ? ", so there is no label"
-                                       : ", the " + named_ranges("label", found.labels));
+    return out +
+           (found.labels.empty() ? ", so there is no label" : ", the " + names.list(found.labels));
   }
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
   return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
@@ -118,7 +118,8 @@ std::string input_name(const SliceStack& stack) {
   return (stack.files.size() == 1 ? file : folder).string();
 }
 
-Error no_material(const SliceStack& stack, int first, int last, const MeshOptions& options) {
+Error no_material(const SliceStack& stack, int first, int last, const MeshOptions& options,
+                  const LabelNames& names) {
   const auto found = look_again(stack, first, last, options);
   if (!found) return found.error();
   // Without --labels, what looks like a label map has none below 0, as a CT has.
@@ -132,8 +133,8 @@ Error no_material(const SliceStack& stack, int first, int last, const MeshOption
   add(options.crop.has_value(), "a larger --crop");
   add(first > 0 || last + 1 < stack.size(), "other --slices");
   add(tries.empty(), "another scan");
-  return refused(place(stack, first, last) + ": " + reason(*found, options) + "; " +
-                 values(*found, stack, as_labels) + "; try " + tries);
+  return refused(place(stack, first, last) + ": " + reason(*found, options, names) + "; " +
+                 values(*found, stack, as_labels, names) + "; try " + tries);
 }
 
 }  // namespace trocar::pipeline

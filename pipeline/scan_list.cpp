@@ -62,6 +62,32 @@ void add_shape(json& scan, const std::array<double, 2>& spacing_mm, const StackS
   scan["tilt_deg"] = shape.is_tilted() ? shape.tilt_deg : 0;
 }
 
+// A segmentation, which is a label map of its own.
+void add_segmentation(json& scan, const DicomFile& file, const ScanFolder& found) {
+  scan["segments"] = json::array();
+  for (const auto& [label, name] : file.segments.names)
+    scan["segments"].push_back({{"label", label}, {"name", text_or_null(name)}});
+  const auto stack = open_segmentation(file, {});
+  if (!stack) {
+    scan["usable"] = false;
+    scan["problem"] = without_prefix(stack.error().message, found.where);
+    return;
+  }
+  scan["slices"] = (*stack)->size();
+  scan["width_px"] = (*stack)->width();
+  scan["height_px"] = (*stack)->height();
+  const SlicePlane& plane = (*stack)->plane(0);
+  add_shape(scan, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(**stack));
+}
+
+// The series' segmentation; null if it is none, or one that cannot be read.
+const DicomFile* segmentation_of(const DicomSeries& series, const ScanFolder& found) {
+  const auto file = std::find_if(found.dicom.begin(), found.dicom.end(), [&](const DicomFile& f) {
+    return f.kind == DicomFile::Kind::kSegmentation && f.file == series.files[0];
+  });
+  return file == found.dicom.end() ? nullptr : &*file;
+}
+
 json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const ScanFolder& found) {
   const DicomSeries& series = all[index];
   const SeriesInfo& info = series.info;
@@ -78,12 +104,17 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
   out["files"] = series.files.size();
   out["slices"] = series.is_localiser() ? series.localisers : series.images();
 
+  if (const DicomFile* labels = segmentation_of(series, found)) {
+    add_segmentation(out, *labels, found);
+    return out;
+  }
   std::vector<Warning> ignored;
   const auto unusable = [&](const std::string& why) {
     out["usable"] = false;
     out["problem"] = without_prefix(why, found.where);
   };
-  if (series.is_localiser() || series.content.kind == ImageContent::Kind::kOther)
+  const bool is_other = series.content.kind == ImageContent::Kind::kOther;
+  if (series.is_localiser() || (is_other && !series.content.is_segmentation()))
     unusable(why_not_ct(series.content));
   if (series.is_localiser()) return out;
   auto slices = slices_of(all, {index, {}}, found.where, ignored);
@@ -239,6 +270,19 @@ std::string aligned(const std::vector<Row>& rows) {
   return out;
 }
 
+// "1 L1, 2 L2": the segments of a DICOM segmentation.
+std::string segments_of(const json& scan) {
+  constexpr std::size_t kMost = 12;
+  const json& segments = scan["segments"];
+  std::string out;
+  for (std::size_t i = 0; i < std::min(segments.size(), kMost); ++i) {
+    out += (i == 0 ? "" : ", ") + segments[i]["label"].dump();
+    if (const std::string name = cell(segments[i], "name"); name != "-") out += " " + name;
+  }
+  if (segments.size() > kMost) out += " and " + std::to_string(segments.size() - kMost) + " more";
+  return out;
+}
+
 std::string name_of(const json& scan) {
   std::string path = cell(scan, "path");
   if (scan["kind"] != "dicom" || scan["number"].is_null()) return path;
@@ -318,6 +362,10 @@ std::string scan_table(const json& list, const std::string& folder) {
   for (const json& scan : list["scans"]) {
     if (scan["usable"].get<bool>()) continue;
     out += name_of(scan) + " cannot be used: " + problem_of(scan) + "\n";
+  }
+  for (const json& scan : list["scans"]) {
+    if (scan.contains("segments"))
+      out += name_of(scan) + " is a label map, for --labels: " + segments_of(scan) + "\n";
   }
   const auto taken = std::find_if(list["scans"].begin(), list["scans"].end(),
                                   [](const json& scan) { return scan["taken"].get<bool>(); });

@@ -18,8 +18,9 @@ namespace trocar::pipeline {
 /// the folder), `slices`, `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`,
 /// `tilt_deg`, `usable`, `problem` (why it is not), `taken` (by meshing the folder without
 /// --series); a series also `uid`, `study_uid`, `study_date`, `number`, `description`, `kernel`,
-/// `modality`, `image_type`, `localiser`, `files`. What is not known is null. No pixels are read.
-/// A file is listed as the only one of a folder. Errors (refused): no such folder, nothing in it.
+/// `modality`, `image_type`, `localiser`, `files`; a segmentation `segments` (`label`, `name`), and
+/// is usable with --labels. What is not known is null. No pixels are read. A file is listed as the
+/// only one of a folder. Errors (refused): no such folder, nothing in it.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 

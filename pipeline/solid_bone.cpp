@@ -10,6 +10,7 @@
 
 #include "pipeline/for_each_piece.h"
 #include "pipeline/label_guess.h"
+#include "pipeline/read/same_grid.h"
 #include "pipeline/solid/nearest_seed.h"
 #include "pipeline/solid/plane_flood.h"
 #include "pipeline/solid/voxel_pieces.h"
@@ -141,34 +142,6 @@ void fill(const VoxelGrid& grid, const SolidOptions& options, const Bytes& flags
     if (times[i] >= 2 && (flags[i] & kFillable) != 0) material[i] = 1;
 }
 
-Result<void> check_same_grid(const SliceStack& stack, const SliceStack& mask,
-                             const std::string& file) {
-  constexpr double kApart_mm = 0.01;
-  if (mask.size() != stack.size() || mask.width() != stack.width() ||
-      mask.height() != stack.height()) {
-    const auto size = [](const SliceStack& s) {
-      return std::to_string(s.width()) + " x " + std::to_string(s.height()) + " x " +
-             std::to_string(s.size());
-    };
-    return refused(file + ": has " + size(mask) + " voxels and the scan " + size(stack) +
-                   "; --mask needs a label map on the scan's grid");
-  }
-  for (int k = 0; k < stack.size(); ++k) {
-    const SlicePlane &a = stack.plane(k), &b = mask.plane(k);
-    const auto corner = [&](const SlicePlane& p) -> Eigen::Vector3d {
-      return p.T_lps_plane * Eigen::Vector3d(p.spacing_u_mm * (stack.width() - 1),
-                                             p.spacing_v_mm * (stack.height() - 1), 0);
-    };
-    if ((a.T_lps_plane.translation() - b.T_lps_plane.translation()).norm() > kApart_mm ||
-        (corner(a) - corner(b)).norm() > kApart_mm) {
-      return refused(mask.name(k) +
-                     ": lies elsewhere than the scan's slice; --mask needs a label "
-                     "map on the scan's grid");
-    }
-  }
-  return {};
-}
-
 // Step 3. A voxel stays if its centre is within the margin of a wanted voxel's.
 Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
                             std::optional<SliceAxis> axis, const SolidOptions& options,
@@ -178,7 +151,10 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   open.as_labels = true;
   const auto mask = open_nifti(options.mask_file, open);
   if (!mask) return mask.error();
-  if (auto ok = check_same_grid(stack, **mask, options.mask_file); !ok) return ok;
+  if (const auto differs = grid_difference(**mask, stack)) {
+    return refused((differs->slice < 0 ? options.mask_file : (*mask)->name(differs->slice)) +
+                   ": its " + differs->what + "; --mask needs a label map on the scan's grid");
+  }
   ValueTally tally;
   for (int k = 0; k < (*mask)->size(); ++k) {
     const auto image = (*mask)->read(k);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The asset: one .glb for a scan, one mesh and node for each slice. Triangles are compressed by
-// Draco, outlines are an uncompressed LINES primitive, everything else is in `extras.trocar`.
-// Lattice coordinates are stored without loss. An index at the start of the binary chunk
-// (asset_index.h) lets a reader take some slices without the rest. The format to the byte:
-// asset.md.
+// The asset: one .glb for a scan, one primitive for each material of each slice. Triangles, and
+// the HU at their vertices, are compressed by Draco; everything else is in the JSON. Lattice
+// coordinates are stored without loss, and once: the outline is the boundary of the mesh. An index
+// at the start of the binary chunk (asset_index.h) lets a reader take some slices without the rest.
+// The format to the byte: asset.md. Files of schema 1 are read, and not written.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -19,10 +19,13 @@
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/slice_mesh.h"
+#include "formats/geometry/triangle_surface.h"
 
 namespace trocar {
 
-inline constexpr int kAssetSchema = 1;
+inline constexpr int kAssetSchema = 2;  ///< that is written; 1 is read, too
+/// What every asset says of its use.
+inline constexpr const char* kAssetUse = "for training, not for planning";
 /// Lattice extent (max - min over the whole scan) that a float32 position and
 /// Draco's quantiser carry exactly.
 inline constexpr std::int64_t kMaxAssetExtent = (1 << 24) - 1;
@@ -35,33 +38,59 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline: exactly the mesh's boundary edges
   SliceMesh mesh;  ///< empty if there is no material in the slice
-  /// Per-slice figures (area, angles, mean HU ...; asset.md lists them): a JSON object as text.
+  /// Figures of the slice: a JSON object as text. Schema 2 keeps of them `mean_hu` only, and that
+  /// only where `hu` is empty; schema 1 has more (asset.md).
   std::string measures_json = "{}";
+  int material = 0;            ///< place in Asset::materials
+  std::vector<float> hu = {};  ///< at each vertex of the mesh; empty if unknown
+};
+
+struct AssetMaterial {
+  std::string name;
+  std::optional<int> label;  ///< of the label map
+};
+
+/// For viewers, printing and other simulators; trocar-run does not use it.
+struct AssetSurface {
+  int material = 0;
+  TriangleSurface surface;  ///< in the patient's frame (LPS)
+  double distance_mm = 0;   ///< 99 % of it are nearer to the bound of the scan's material
 };
 
 struct Asset {
   Lattice lattice;
-  std::vector<AssetSlice> slices;      ///< in ascending index
+  std::vector<AssetSlice> slices;      ///< ascending by index, then material
   std::string generator;               ///< program and version
   std::string parameters_json = "{}";  ///< what it was made with: a JSON object as text
-  std::string input_digest;  ///< of the input (slice_stack.h says how), hex; empty if unknown
+  /// Of the input, hex; empty if unknown. Schema 1 only: it identifies the scan.
+  std::string input_digest = {};
+  std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
+  /// Digest of the input (slice_stack.h says how) with the user's key, hex; empty without a key.
+  std::string input_key_digest = {};
+  std::vector<AssetSurface> surfaces = {};
+  bool lines = false;         ///< does the file hold the outlines as lines, for viewers?
+  bool colours = false;       ///< does it hold the HU as colours of the vertices, for viewers?
+  int schema = kAssetSchema;  ///< of the file that it was read from
 };
 
 /// The labels of the label map that the asset was made from (`labels` in its parameters); empty if
 /// it was made by a threshold. Numbers that are no int are left out.
 std::vector<int> labels_of(const Asset& asset);
-/// Mean HU of the slice's material (`mean_hu` in its measures), if it is known.
+/// Mean HU of the slice's material, if it is known: of its field over its mesh, without a field
+/// `mean_hu` of its measures.
 std::optional<double> mean_hu_of(const AssetSlice& slice);
 
 /// Where an asset's bytes go.
 struct AssetSizes {
   std::uint64_t json_bytes = 0, index_bytes = 0, triangle_bytes = 0, outline_bytes = 0;
+  std::uint64_t surface_bytes = 0;  ///< of surfaces for display; not in the two numbers beside it
   std::uint64_t triangles = 0;
 };
 
 /// The .glb's bytes. decode_asset() gives the same asset again, except for the order of a mesh's
-/// vertices and triangles. Fails (bug) if a slice or its JSON text is not valid, (refused)
-/// if the asset exceeds kMaxAssetExtent. `sizes`, if not null, is set to what asset_sizes() gives.
+/// vertices and triangles, and of rings; HU are rounded (stored_hu()). `input_digest` is left out.
+/// Fails (bug) if a slice or its JSON text is not valid, (refused) if the asset exceeds
+/// kMaxAssetExtent. `sizes`, if not null, is set to what asset_sizes() gives.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 
 // The same in three steps, for scans of thousands of slices: encode_slice() may run on several
@@ -81,6 +110,9 @@ struct EncodedSlice {
   std::vector<std::uint8_t> draco;
   std::size_t vertices = 0, triangles = 0;
   LatticeBox bounds;  ///< of the vertices
+  int material = 0;
+  bool has_hu = false, has_colours = false;
+  std::size_t draco_z_at = 0;  ///< of the vertices' z in `draco`, which is 0 so far
 };
 /// Fails (bug) if the slice is not valid or not within the grid's box.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);
@@ -108,19 +140,27 @@ Result<Asset> read_asset(const std::filesystem::path& file);
 /// Some slices of a file.
 struct AssetPart {
   Asset asset;                   ///< with the requested slices only; its generator may be empty
-  std::size_t asset_slices = 0;  ///< number of slices in the file
+  std::size_t asset_slices = 0;  ///< number of slices in the file, each counted once
   std::uint64_t file_bytes = 0, read_bytes = 0;
 };
-/// The slices with these AssetSlice::index. Only their bytes are read: time, memory and bytes read
-/// do not depend on how many others the file has (asset_index.h). A file without a slice index is
-/// read whole. Refused, naming the file: a slice that is not there, and a slice that decode_asset()
-/// would refuse.
+/// The slices with these AssetSlice::index, all materials of each. Only their bytes are read: time,
+/// memory and bytes read do not depend on how many others the file has (asset_index.h). A file
+/// without a slice index is read whole. Refused, naming the file: a slice that is not there, and a
+/// slice that decode_asset() would refuse.
 Result<AssetPart> read_asset_part(const std::filesystem::path& file,
                                   std::vector<int> slice_indices);
 Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
                                     std::vector<int> slice_indices);
 
-/// Proves the invariants of every slice (mesh_validity.h), or names the slice and the place.
+/// The entries of the slice whose first one is `asset.slices[first]`: one for each of its
+/// materials.
+std::span<const AssetSlice> materials_of_slice(const Asset& asset, std::size_t first);
+/// Each counted once, whatever its materials.
+std::size_t slice_count(const Asset& asset);
+
+/// Proves the invariants of every mesh (mesh_validity.h) and surface (triangle_surface.h), and that
+/// the materials of a slice do not overlap and share their borders (check_shared_borders() of
+/// shared_borders.h), or names it and the place.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
 
 }  // namespace trocar

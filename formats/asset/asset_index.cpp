@@ -34,11 +34,26 @@ std::uint32_t checksum_of(std::span<const std::uint8_t> bytes, std::uint32_t bef
   return static_cast<std::uint32_t>(crc32_z(before, bytes.data(), bytes.size()));
 }
 
-std::uint32_t checksum_of(SliceRecord record, const SliceBytes& bytes) {
-  record.checksum = 0;
-  std::array<std::uint8_t, sizeof record> own{};
-  std::memcpy(own.data(), &record, sizeof record);
-  std::uint32_t sum = checksum_of(own);
+// The record as the file has it, with this checksum.
+std::vector<std::uint8_t> record_bytes(const IndexedFile& file, const SliceRecord& r,
+                                       std::uint32_t checksum) {
+  std::vector<std::uint8_t> out(file.record_bytes());
+  if (file.is_schema_1()) {
+    SliceRecord1 record = r;
+    record.checksum = checksum;
+    std::memcpy(out.data(), &record, sizeof record);
+  } else {
+    const EntryRecord record{r.index,    r.node_offset,  static_cast<std::uint16_t>(r.node_bytes),
+                             r.material, r.draco_offset, r.draco_bytes,
+                             checksum};
+    std::memcpy(out.data(), &record, sizeof record);
+  }
+  return out;
+}
+
+std::uint32_t checksum_of(const IndexedFile& file, const SliceRecord& record,
+                          const SliceBytes& bytes) {
+  std::uint32_t sum = checksum_of(record_bytes(file, record, 0));
   for (const auto* part : {&bytes.node, &bytes.draco, &bytes.outline, &bytes.segments})
     sum = checksum_of(*part, sum);
   return sum;
@@ -63,7 +78,7 @@ Result<SliceBytes> unchecked_bytes(ByteSource& source, const IndexedFile& file,
     return {};
   };
   if (auto ok = take(out.node, file.json_at + r.node_offset, r.node_bytes); !ok) return ok.error();
-  if (r.triangles == 0) return out;
+  if (r.is_empty()) return out;
   if (auto ok = take(out.draco, file.binary_at + r.draco_offset, r.draco_bytes); !ok)
     return ok.error();
   if (auto ok = take(out.outline, file.binary_at + r.outline_offset, r.outline_bytes()); !ok)
@@ -73,25 +88,36 @@ Result<SliceBytes> unchecked_bytes(ByteSource& source, const IndexedFile& file,
   return out;
 }
 
-std::uint64_t record_at(const IndexedFile& file, std::uint32_t place) {
-  return file.binary_at + sizeof(IndexHeader) + std::uint64_t{place} * sizeof(SliceRecord);
+Result<DocumentTexts> unchecked_texts(ByteSource& source, const IndexedFile& file) {
+  const IndexHeader& h = file.header;
+  auto extras = read_bytes(source, file.json_at + h.extras_offset, h.extras_bytes);
+  if (!extras) return extras.error();
+  auto frame = read_bytes(source, file.json_at + h.frame_offset, h.frame_bytes);
+  if (!frame) return frame.error();
+  return DocumentTexts{std::move(*extras), std::move(*frame)};
 }
 
-bool is_consistent(const SliceRecord& r, const IndexHeader& header) {
-  const std::uint64_t binary = header.binary_bytes;
-  if (!lies_within(r.node_offset, r.node_bytes, header.json_bytes)) return false;
-  if (r.triangles == 0) {
-    SliceRecord empty;
-    empty.index = r.index;
-    empty.node_offset = r.node_offset;
-    empty.node_bytes = r.node_bytes;
-    empty.checksum = r.checksum;
-    return r == empty;
+std::uint32_t checksum_of(const DocumentTexts& texts) {
+  return checksum_of(texts.frame, checksum_of(texts.extras));
+}
+
+std::uint64_t record_at(const IndexedFile& file, std::uint32_t place) {
+  return file.binary_at + file.header_bytes() + place * file.record_bytes();
+}
+
+bool is_consistent(const SliceRecord& r, const IndexedFile& file) {
+  const std::uint64_t binary = file.header.binary_bytes;
+  if (!lies_within(r.node_offset, r.node_bytes, file.header.json_bytes)) return false;
+  if (r.is_empty()) {
+    return r.draco_offset == 0 && r.vertices == 0 && r.triangles == 0 && r.low == LatticePoint{} &&
+           r.high == LatticePoint{} && r.outline_offset == 0 && r.outline_vertices == 0 &&
+           r.segments_offset == 0 && r.segment_index_bytes == 0;
   }
-  return (r.segment_index_bytes == 2 || r.segment_index_bytes == 4) &&
-         lies_within(r.draco_offset, r.draco_bytes, binary) &&
-         lies_within(r.outline_offset, r.outline_bytes(), binary) &&
-         lies_within(r.segments_offset, r.segments_bytes(), binary);
+  if (!lies_within(r.draco_offset, r.draco_bytes, binary)) return false;
+  return !file.is_schema_1() ||
+         (r.triangles > 0 && (r.segment_index_bytes == 2 || r.segment_index_bytes == 4) &&
+          lies_within(r.outline_offset, r.outline_bytes(), binary) &&
+          lies_within(r.segments_offset, r.segments_bytes(), binary));
 }
 
 }  // namespace
@@ -114,70 +140,106 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source) {
   const auto json_bytes = json_bytes_of(source);
   if (!json_bytes) return json_bytes.error();
   IndexedFile file{{}, kGlbHeader, kGlbHeader + std::uint64_t{*json_bytes} + kGlbChunkHeader};
-  if (!lies_within(file.binary_at, sizeof(IndexHeader), source.size()))
+  if (!lies_within(file.binary_at, kIndexHeader1Bytes, source.size()))
     return std::optional<IndexedFile>();
   struct Found {
     std::uint32_t binary_bytes, binary_type;
-    IndexHeader header;
+    std::array<std::uint8_t, kIndexHeader1Bytes> header;
   };
   const auto found = read_as<Found>(source, file.binary_at - kGlbChunkHeader);
   if (!found) return found.error();
-  file.header = found->header;
-  const IndexHeader& h = file.header;
+  IndexHeader& h = file.header;
+  std::memcpy(&h, found->header.data(), found->header.size());
   const bool ours = found->binary_type == kGlbBinary && h.magic == kIndexMagic &&
-                    h.version == kIndexVersion && h.json_bytes == *json_bytes &&
-                    h.binary_bytes == found->binary_bytes &&
+                    (h.version == kIndexVersion || h.version == kIndexVersion1) &&
+                    h.json_bytes == *json_bytes && h.binary_bytes == found->binary_bytes &&
                     file.binary_at + found->binary_bytes == source.size();
   if (!ours) return std::optional<IndexedFile>();
-  if (h.slices > kMaxSlices ||
-      !lies_within(sizeof h, std::uint64_t{h.slices} * sizeof(SliceRecord), h.binary_bytes) ||
-      !lies_within(h.extras_offset, h.extras_bytes, h.json_bytes)) {
-    return refused("its slice index does not fit in the file");
+  const Error misfit = refused("its slice index does not fit in the file");
+  if (!file.is_schema_1()) {
+    if (!lies_within(0, sizeof h, h.binary_bytes)) return misfit;
+    const auto whole = read_as<IndexHeader>(source, file.binary_at);
+    if (!whole) return whole.error();
+    h = *whole;
+  }
+  if (h.entries > kMaxSlices || !lies_within(0, file.bytes(), h.binary_bytes) ||
+      !lies_within(h.extras_offset, h.extras_bytes, h.json_bytes) ||
+      !lies_within(h.frame_offset, h.frame_bytes, h.json_bytes)) {
+    return misfit;
   }
   return std::optional(file);
 }
 
 Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t place) {
-  auto record = read_as<SliceRecord>(source, record_at(file, place));
-  if (record && !is_consistent(*record, file.header)) {
-    return refused("slice " + std::to_string(record->index) +
+  SliceRecord out;
+  if (file.is_schema_1()) {
+    const auto record = read_as<SliceRecord1>(source, record_at(file, place));
+    if (!record) return record.error();
+    static_cast<SliceRecord1&>(out) = *record;
+  } else {
+    const auto record = read_as<EntryRecord>(source, record_at(file, place));
+    if (!record) return record.error();
+    out.index = record->index;
+    out.node_offset = record->node_offset;
+    out.node_bytes = record->node_bytes;
+    out.draco_offset = record->draco_offset;
+    out.draco_bytes = record->draco_bytes;
+    out.checksum = record->checksum;
+    out.material = record->material;
+  }
+  if (!is_consistent(out, file)) {
+    return refused("slice " + std::to_string(out.index) +
                    ": the slice index points outside the file");
   }
-  return record;
+  return out;
 }
 
-// Slices mostly follow each other without a gap, so that the first place tried is the right one.
-// After that: bisection.
-Result<std::optional<SliceRecord>> find_record(ByteSource& source, const IndexedFile& file,
-                                               int index) {
+// The slices of one material mostly follow each other without a gap, so that the first place tried
+// is the right one. After that: bisection. From any record of the slice its others are next to it.
+Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
+                                              int index) {
   const IndexHeader& h = file.header;
-  std::int64_t low = 0, high = std::int64_t{h.slices} - 1;
+  const std::int64_t end = h.entries;
+  std::int64_t low = 0, high = end - 1;
   std::int64_t place = std::int64_t{index} - h.first_index;
-  while (low <= high) {
+  std::vector<SliceRecord> found;
+  while (found.empty() && low <= high) {
     place = std::clamp(place, low, high);
     const auto record = read_record(source, file, static_cast<std::uint32_t>(place));
     if (!record) return record.error();
-    if (record->index == index) return std::optional(*record);
-    (record->index < index ? low : high) = record->index < index ? place + 1 : place - 1;
-    place = low + (high - low) / 2;
+    if (record->index == index) {
+      found.push_back(*record);
+    } else {
+      (record->index < index ? low : high) = record->index < index ? place + 1 : place - 1;
+      place = low + (high - low) / 2;
+    }
   }
-  return std::optional<SliceRecord>();
+  if (found.empty() || file.is_schema_1()) return found;
+  for (const int step : {-1, 1}) {
+    for (std::int64_t at = place + step; at >= 0 && at < end; at += step) {
+      const auto record = read_record(source, file, static_cast<std::uint32_t>(at));
+      if (!record) return record.error();
+      if (record->index != index) break;
+      found.push_back(*record);
+    }
+    if (step < 0) std::reverse(found.begin(), found.end());
+  }
+  return found;
 }
 
 Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
                                     const SliceRecord& record) {
   auto bytes = unchecked_bytes(source, file, record);
-  if (bytes && checksum_of(record, *bytes) != record.checksum)
+  if (bytes && checksum_of(file, record, *bytes) != record.checksum)
     return refused("its bytes are corrupted (checksum)");
   return bytes;
 }
 
-Result<std::vector<std::uint8_t>> read_extras(ByteSource& source, const IndexedFile& file) {
-  const IndexHeader& h = file.header;
-  auto text = read_bytes(source, file.json_at + h.extras_offset, h.extras_bytes);
-  if (text && checksum_of(*text) != h.extras_checksum)
+Result<DocumentTexts> read_document_texts(ByteSource& source, const IndexedFile& file) {
+  auto texts = unchecked_texts(source, file);
+  if (texts && checksum_of(*texts) != file.header.checksum)
     return refused("its extras are corrupted (checksum)");
-  return text;
+  return texts;
 }
 
 void write_index_checksums(std::span<std::uint8_t> glb) {
@@ -185,16 +247,15 @@ void write_index_checksums(std::span<std::uint8_t> glb) {
   const auto found = find_index(source);
   if (!found || !*found) return;
   IndexedFile file = **found;
-  const auto text =
-      read_bytes(source, file.json_at + file.header.extras_offset, file.header.extras_bytes);
-  if (text) file.header.extras_checksum = checksum_of(*text);
-  std::memcpy(glb.data() + file.binary_at, &file.header, sizeof file.header);
-  for (std::uint32_t place = 0; place < file.header.slices; ++place) {
-    auto record = read_record(source, file, place);
+  if (const auto texts = unchecked_texts(source, file)) file.header.checksum = checksum_of(*texts);
+  std::memcpy(glb.data() + file.binary_at, &file.header, file.header_bytes());
+  for (std::uint32_t place = 0; place < file.header.entries; ++place) {
+    const auto record = read_record(source, file, place);
     if (!record) continue;
     const auto bytes = unchecked_bytes(source, file, *record);
-    if (bytes) record->checksum = checksum_of(*record, *bytes);
-    std::memcpy(glb.data() + record_at(file, place), &*record, sizeof(SliceRecord));
+    if (!bytes) continue;
+    const auto sealed = record_bytes(file, *record, checksum_of(file, *record, *bytes));
+    std::memcpy(glb.data() + record_at(file, place), sealed.data(), sealed.size());
   }
 }
 

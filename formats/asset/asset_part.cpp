@@ -19,20 +19,38 @@ Error no_such_slice(int index, std::size_t slices, int first, int last) {
 }
 
 Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
-                              const SliceRecord& record, const Lattice& lattice) {
+                              const SliceRecord& record, const Lattice& lattice,
+                              const Eigen::Affine3d& frame) {
   const auto bytes = read_slice_bytes(source, file, record);
   if (!bytes) return bytes.error();
   const auto node = parse_json_text(bytes->node);
   if (!node) return node.error();
-  auto slice = slice_of_node(*node);
-  if (!slice) return slice;
-  if (slice->index != record.index) return refused("the slice index and the JSON differ");
-  if (record.triangles == 0) return slice;
-  if (auto ok = decode_slice_geometry(record, {bytes->draco, bytes->outline, bytes->segments},
-                                      lattice, *slice);
-      !ok) {
-    return ok.error();
+  if (file.is_schema_1()) {
+    auto slice = slice_of_node_1(*node);
+    if (!slice) return slice;
+    if (slice->index != record.index) return refused("the slice index and the JSON differ");
+    if (record.is_empty()) return slice;
+    if (auto ok = decode_slice_geometry_1(record, {bytes->draco, bytes->outline, bytes->segments},
+                                          lattice, *slice);
+        !ok) {
+      return ok.error();
+    }
+    return slice;
   }
+  const auto entry = entry_of_node(*node, lattice);
+  if (!entry) return entry.error();
+  AssetSlice geometry;
+  std::int32_t z = 0;
+  if (!record.is_empty()) {
+    const auto decoded = decode_slice_geometry(bytes->draco, geometry);
+    if (!decoded) return decoded.error();
+    z = decoded->z;
+  }
+  auto slice = slice_of_entry(*entry, record.index, record.material, frame, lattice.to_mm(z));
+  if (!slice) return slice;
+  slice->mesh = std::move(geometry.mesh);
+  slice->pslg = std::move(geometry.pslg);
+  slice->hu = std::move(geometry.hu);
   return slice;
 }
 
@@ -40,25 +58,40 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
                                 const std::vector<int>& slice_indices, const std::string& name) {
   const IndexHeader& header = file.header;
   AssetPart part;
-  part.asset_slices = header.slices;
-  const auto text = read_extras(source, file);
+  const auto text = read_document_texts(source, file);
   if (!text) return refused(name + ": " + text.error().message);
-  const auto extras = parse_json_text(*text);
+  const auto extras = parse_json_text(text->extras);
   if (!extras) return refused(name + ": " + extras.error().message);
-  if (auto ok = read_document_extras(*extras, part.asset, name); !ok) return ok.error();
+  const auto slices = read_document_extras(*extras, part.asset, name);
+  if (!slices) return slices.error();
+  if (file.is_schema_1() != (part.asset.schema == 1))
+    return refused(name + ": its slice index is of another schema");
+  part.asset_slices = file.is_schema_1() ? header.entries : *slices;
+  Eigen::Affine3d frame = Eigen::Affine3d::Identity();
+  if (!file.is_schema_1()) {
+    const auto node = parse_json_text(text->frame);
+    const auto transform =
+        node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());
+    if (!transform) return refused(name + ": " + transform.error().message);
+    frame = *transform;
+  }
   for (const int index : slice_indices) {
-    const auto record = find_record(source, file, index);
-    if (!record) return refused(name + ": " + record.error().message);
-    if (!*record) {
+    const auto records = find_records(source, file, index);
+    if (!records) return refused(name + ": " + records.error().message);
+    if (records->empty()) {
       const Error missing =
-          no_such_slice(index, header.slices, header.first_index, header.last_index);
+          no_such_slice(index, header.entries, header.first_index, header.last_index);
       return refused(name + ": " + missing.message);
     }
-    auto slice = read_slice(source, file, **record, part.asset.lattice);
-    if (!slice) {
-      return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
+    for (const SliceRecord& record : *records) {
+      auto slice = record.material < part.asset.materials.size()
+                       ? read_slice(source, file, record, part.asset.lattice, frame)
+                       : refused("the slice index names a material that is not there");
+      if (!slice) {
+        return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
+      }
+      part.asset.slices.push_back(std::move(*slice));
     }
-    part.asset.slices.push_back(std::move(*slice));
   }
   return part;
 }
@@ -70,18 +103,20 @@ Result<AssetPart> read_whole(ByteSource& source, const std::vector<int>& slice_i
   auto asset = decode_asset(glb, name, {false, slice_indices});
   if (!asset) return asset.error();
   AssetPart part;
-  part.asset_slices = asset->slices.size();
+  for (std::size_t i = 0; i < asset->slices.size(); ++i)
+    part.asset_slices += i == 0 || asset->slices[i].index != asset->slices[i - 1].index ? 1 : 0;
   std::vector<AssetSlice> all = std::exchange(asset->slices, {});
   part.asset = std::move(*asset);
   for (const int index : slice_indices) {
-    const auto found = std::find_if(
-        all.begin(), all.end(), [index](const AssetSlice& slice) { return slice.index == index; });
+    auto found = std::find_if(all.begin(), all.end(),
+                              [index](const AssetSlice& slice) { return slice.index == index; });
     if (found == all.end()) {
       const Error missing = no_such_slice(index, all.size(), all.empty() ? 0 : all.front().index,
                                           all.empty() ? 0 : all.back().index);
       return refused(name + ": " + missing.message);
     }
-    part.asset.slices.push_back(std::move(*found));
+    for (; found != all.end() && found->index == index; ++found)
+      part.asset.slices.push_back(std::move(*found));
   }
   return part;
 }

@@ -25,8 +25,13 @@ int GltfWriter::Array::add(const json& element) {
   return count++;
 }
 
+int GltfWriter::add_accessor(const nlohmann::json& accessor) {
+  const auto [known, is_new] = known_accessors_.emplace(json_text(accessor), accessors_.count);
+  return is_new ? accessors_.add(accessor) : known->second;
+}
+
 GltfWriter::View GltfWriter::add_view(const void* data, std::size_t size, int target) {
-  buffer_.resize(padded(buffer_.size()));
+  if (target != kNoTarget) buffer_.resize(padded(buffer_.size()));
   const Range range{buffer_.size(), size};
   json view = {{"buffer", 0}, {"byteOffset", range.offset}, {"byteLength", size}};
   if (target != kNoTarget) view["target"] = target;

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -25,15 +26,20 @@ class GltfWriter {
   struct Range {
     std::uint64_t offset = 0, size = 0;
   };
+  /// Bytes at the start of the buffer that no view covers.
+  void add_bytes(const std::vector<std::uint8_t>& bytes) {
+    buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
+  }
   struct View {
     int number = 0;
     Range bytes;
   };
-  /// 4-byte aligned.
+  /// 4-byte aligned if it has a target: other views are no numbers that a GPU reads.
   View add_view(const void* data, std::size_t size, int target);
 
-  // Each returns the index of the new element.
-  int add_accessor(const nlohmann::json& accessor) { return accessors_.add(accessor); }
+  // Each returns the index of the new element. Equal accessors are one: those of Draco's payloads
+  // state counts only.
+  int add_accessor(const nlohmann::json& accessor);
   int add_mesh(const nlohmann::json& mesh) { return meshes_.add(mesh); }
   int add_node(const nlohmann::json& node) { return nodes_.add(node); }
 
@@ -56,6 +62,7 @@ class GltfWriter {
     int add(const nlohmann::json& element);
   };
   Array views_, accessors_, meshes_, nodes_;
+  std::map<std::string, int> known_accessors_;
   std::vector<std::uint8_t> buffer_;
 };
 

@@ -15,6 +15,7 @@ namespace trocar {
 namespace {
 
 constexpr int kMaxJsonDepth = 64;
+constexpr std::size_t kMaxMaterials = 65'535;
 
 template <typename T>
 std::vector<T> elements(std::span<const std::uint8_t> bytes) {
@@ -23,24 +24,27 @@ std::vector<T> elements(std::span<const std::uint8_t> bytes) {
   return out;
 }
 
-Result<SliceMesh> decode_triangles(const SliceRecord& record, std::span<const std::uint8_t> draco,
-                                   const Lattice& lattice) {
-  auto mesh = decode_draco(draco, lattice, record.vertices, record.triangles);
-  if (!mesh) return mesh;
-  if (mesh->vertices.size() != record.vertices || mesh->triangles.size() != record.triangles)
-    return refused("Draco payload and accessor counts differ");
-  LatticePoint low = mesh->vertices.empty() ? LatticePoint{} : mesh->vertices.front(), high = low;
-  for (const LatticePoint p : mesh->vertices) {
-    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
-    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
-  }
-  if (record.low != low || record.high != high)
-    return refused("accessor bounds differ from the vertices");
-  return mesh;
+LatticeBox box_of(const SliceMesh& mesh) {
+  return mesh.vertices.empty() ? LatticeBox{} : box_around(mesh.vertices);
 }
 
-Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
-                          const Lattice& lattice) {
+Result<SliceMesh> decode_triangles(const SliceRecord& record, std::span<const std::uint8_t> draco,
+                                   const Lattice& lattice) {
+  auto out = decode_draco(draco, record.vertices, record.triangles, lattice.bits);
+  if (!out) return out.error();
+  if (out->mesh.vertices.size() != record.vertices ||
+      out->mesh.triangles.size() != record.triangles)
+    return refused("Draco payload and accessor counts differ");
+  const auto [low, high] = box_of(out->mesh);
+  if (record.low != low || record.high != high)
+    return refused("accessor bounds differ from the vertices");
+  if (out->z != 0 || !out->hu.empty()) return refused("Draco: not a payload of schema 1");
+  return std::move(out->mesh);
+}
+
+// In units of 2^-bits mm, at z.
+Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes, int bits,
+                          float z) {
   const std::size_t count = record.outline_vertices;
   const auto xyz = elements<float>(bytes.outline);
   std::vector<std::uint32_t> indices;
@@ -57,10 +61,10 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   Ring ring;
   std::size_t first = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const double x = std::ldexp(static_cast<double>(xyz[3 * i]), lattice.bits);
-    const double y = std::ldexp(static_cast<double>(xyz[3 * i + 1]), lattice.bits);
+    const double x = std::ldexp(static_cast<double>(xyz[3 * i]), bits);
+    const double y = std::ldexp(static_cast<double>(xyz[3 * i + 1]), bits);
     if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
-        y != std::rint(y) || xyz[3 * i + 2] != 0.0F) {
+        y != std::rint(y) || xyz[3 * i + 2] != z) {
       return refused("outline vertex " + std::to_string(i) + " is off the lattice");
     }
     ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
@@ -101,8 +105,19 @@ std::vector<int> labels_of(const Asset& asset) {
 }
 
 std::optional<double> mean_hu_of(const AssetSlice& slice) {
-  const nlohmann::json mean_hu = value_of(slice.measures_json, "mean_hu");
-  return mean_hu.is_number() ? std::optional(mean_hu.get<double>()) : std::nullopt;
+  if (slice.hu.empty()) {
+    const nlohmann::json mean_hu = value_of(slice.measures_json, "mean_hu");
+    return mean_hu.is_number() ? std::optional(mean_hu.get<double>()) : std::nullopt;
+  }
+  // The mean of a linear function over a triangle is the mean of its corners.
+  double sum = 0, area = 0;
+  for (const Triangle& t : slice.mesh.triangles) {
+    const auto& p = slice.mesh.vertices;
+    const auto doubled = static_cast<double>(orient2d(p[t[0]], p[t[1]], p[t[2]]));
+    sum += doubled * (double{slice.hu[t[0]]} + slice.hu[t[1]] + slice.hu[t[2]]) / 3;
+    area += doubled;
+  }
+  return area > 0 ? std::optional(sum / area) : std::nullopt;
 }
 
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
@@ -130,24 +145,50 @@ nlohmann::json trocar_extras(const nlohmann::json& extras) {
   return extras.is_object() && extras.contains("trocar") ? extras["trocar"] : nullptr;
 }
 
-Result<void> read_document_extras(const nlohmann::json& extras, Asset& asset,
-                                  const std::string& name) {
+Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& asset,
+                                         const std::string& name) {
   const nlohmann::json ours = trocar_extras(extras);
-  if (!ours.is_object() || ours.value("schema", nlohmann::json()) != kAssetSchema) {
-    return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
+  const nlohmann::json schema =
+      ours.is_object() ? ours.value("schema", nlohmann::json()) : nlohmann::json();
+  if (schema != 1 && schema != kAssetSchema) {
+    return refused(name + ": not a Trocar asset of schema 1 or " + std::to_string(kAssetSchema));
   }
+  asset.schema = schema.get<int>();
   const nlohmann::json bits = ours.value("lattice_bits", nlohmann::json());
   if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits) {
     return refused(name + ": lattice_bits missing or out of range");
   }
   asset.lattice.bits = bits.get<int>();
   asset.parameters_json = json_text(ours.value("parameters", nlohmann::json::object()));
-  const nlohmann::json digest = ours.value("input_digest", nlohmann::json());
-  if (digest.is_string()) asset.input_digest = digest.get<std::string>();
-  return {};
+  if (asset.schema == 1) {
+    const nlohmann::json digest = ours.value("input_digest", nlohmann::json());
+    if (digest.is_string()) asset.input_digest = digest.get<std::string>();
+    return std::size_t{0};
+  }
+  const nlohmann::json digest = ours.value("input_key_digest", nlohmann::json());
+  if (digest.is_string()) asset.input_key_digest = digest.get<std::string>();
+  if (const auto step = ours.find("hu_step"); step != ours.end() && *step != kHuStep)
+    return refused(name + ": hu_step is not " + std::to_string(kHuStep));
+  const nlohmann::json materials = ours.value("materials", nlohmann::json());
+  if (!materials.is_array() || materials.empty() || materials.size() > kMaxMaterials)
+    return refused(name + ": no list of materials, or too many");
+  asset.materials.clear();
+  for (const nlohmann::json& material : materials) {
+    if (!material.is_object() || !material.contains("name") || !material["name"].is_string())
+      return refused(name + ": a material without a name");
+    const nlohmann::json label = material.value("label", nlohmann::json());
+    asset.materials.push_back({material["name"].get<std::string>(), {}});
+    if (label.is_number_integer() &&
+        std::abs(label.get<double>()) <= std::numeric_limits<int>::max())
+      asset.materials.back().label = label.get<int>();
+  }
+  const nlohmann::json slices = ours.value("slices", nlohmann::json());
+  if (!slices.is_number_unsigned() || slices > kMaxSlices)
+    return refused(name + ": the number of its slices is missing or too large");
+  return slices.get<std::size_t>();
 }
 
-Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
+Result<AssetSlice> slice_of_node_1(const nlohmann::json& node) {
   const nlohmann::json ours =
       node.is_object() && node.contains("extras") ? trocar_extras(node["extras"]) : nullptr;
   if (!ours.is_object() || !ours.contains("index") || !ours["index"].is_number_integer() ||
@@ -174,14 +215,130 @@ Result<AssetSlice> slice_of_node(const nlohmann::json& node) {
   return slice;
 }
 
-Result<void> decode_slice_geometry(const SliceRecord& record, const GeometryBytes& bytes,
-                                   const Lattice& lattice, AssetSlice& slice) {
+Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice) {
+  const auto finite_numbers = [](const nlohmann::json& list, std::size_t count) {
+    return list.is_array() && list.size() == count &&
+           std::all_of(list.begin(), list.end(), [](const nlohmann::json& number) {
+             return number.is_number() && std::isfinite(number.get<double>());
+           });
+  };
+  Eigen::Affine3d out = Eigen::Affine3d::Identity();
+  const bool has_matrix = node.contains("matrix"), moves = node.contains("translation");
+  if ((has_matrix && (moves || !finite_numbers(node["matrix"], 16))) ||
+      (moves && !finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
+      node.contains("scale")) {
+    return refused("a node without a finite translation or matrix");
+  }
+  if (has_matrix) {
+    std::array<double, 16> column_major{};
+    std::transform(node["matrix"].begin(), node["matrix"].end(), column_major.begin(),
+                   [](const nlohmann::json& number) { return number.get<double>(); });
+    out.matrix() = Eigen::Map<const Eigen::Matrix4d>(column_major.data());
+  } else if (moves) {
+    for (std::size_t i = 0; i < 3; ++i)
+      out.translation()[static_cast<int>(i)] = node["translation"][i].get<double>();
+  }
+  out.translation() *= lattice.step_mm();
+  return out;
+}
+
+Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice) {
+  if (!node.is_object()) return refused("a node that is no object");
+  EntryNode out;
+  const auto transform = transform_of_node(node, lattice);
+  if (!transform) return transform.error();
+  out.transform = *transform;
+  if (!node.contains("extras")) return out;
+  const nlohmann::json ours = trocar_extras(node["extras"]);
+  if (!ours.is_object()) return refused("a node with other extras");
+  if (const auto index = ours.find("index"); index != ours.end()) {
+    if (!index->is_number_integer() ||
+        std::abs(index->get<double>()) > std::numeric_limits<int>::max())
+      return refused("a slice index out of range");
+    out.index = index->get<int>();
+  }
+  if (const auto z_mm = ours.find("z_mm"); z_mm != ours.end()) {
+    if (!z_mm->is_number()) return refused("a node whose z_mm is no number");
+    out.z_mm = z_mm->get<double>();
+  }
+  if (const auto mean_hu = ours.find("mean_hu"); mean_hu != ours.end()) {
+    if (!mean_hu->is_array() || mean_hu->empty() || mean_hu->size() > kMaxNodeEntries ||
+        !std::all_of(mean_hu->begin(), mean_hu->end(), [](const auto& n) { return n.is_number(); }))
+      return refused("a node whose mean_hu is not a number for each slice");
+    out.mean_hu = mean_hu->get<std::vector<double>>();
+    if (out.mean_hu.size() > 1 && !out.index) return refused("a node with mean_hu and no index");
+  }
+  return out;
+}
+
+Eigen::Affine3d plane_of(const Eigen::Affine3d& frame, const Eigen::Affine3d& transform,
+                         double z_mm) {
+  Eigen::Affine3d out = Eigen::Affine3d::Identity();
+  const Eigen::Vector3d origin = transform.linear().col(2) * z_mm + transform.translation();
+  out.linear() = frame.linear() * transform.linear();
+  out.translation() = frame.linear() * origin + frame.translation();
+  return out;
+}
+
+double z_of_plane(const Eigen::Affine3d& T_lps_plane) {
+  return T_lps_plane.translation().dot(T_lps_plane.linear().col(2));
+}
+
+Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material,
+                                  const Eigen::Affine3d& frame, double z_mm) {
+  AssetSlice slice;
+  slice.index = index;
+  slice.material = material;
+  slice.T_lps_plane = plane_of(frame, node.transform, z_mm);
+  slice.z_mm = node.z_mm ? *node.z_mm : z_of_plane(slice.T_lps_plane);
+  if (!slice.T_lps_plane.matrix().allFinite() || !std::isfinite(slice.z_mm))
+    return refused("its plane is not finite");
+  const std::int64_t place = node.index ? std::int64_t{index} - *node.index : 0;
+  const std::size_t places = node.mean_hu.empty() ? kMaxNodeEntries : node.mean_hu.size();
+  if (place < 0 || static_cast<std::size_t>(place) >= places)
+    return refused("the slice index and the JSON differ");
+  if (!node.mean_hu.empty())
+    slice.measures_json = json_text({{"mean_hu", node.mean_hu[static_cast<std::size_t>(place)]}});
+  return slice;
+}
+
+Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
+                                     const Lattice& lattice, AssetSlice& slice) {
   auto mesh = decode_triangles(record, bytes.draco, lattice);
   if (!mesh) return mesh.error();
-  auto pslg = decode_lines(record, bytes, lattice);
+  auto pslg = decode_lines(record, bytes, lattice.bits, 0);
   if (!pslg) return pslg.error();
   slice.mesh = std::move(*mesh);
   slice.pslg = std::move(*pslg);
+  return {};
+}
+
+Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice) {
+  constexpr std::uint64_t kMax = std::numeric_limits<std::uint32_t>::max();
+  auto out = decode_draco(draco, kMax, kMax);
+  if (!out) return out.error();
+  if (out->mesh.triangles.empty()) return refused("Draco: no triangles");
+  slice.mesh = std::move(out->mesh);
+  slice.hu = std::move(out->hu);
+  slice.pslg = boundary_rings(slice.mesh);
+  return PayloadFacts{out->z, out->has_colours};
+}
+
+Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice) {
+  if (slice.mesh.vertices.size() != stated.vertices ||
+      slice.mesh.triangles.size() != stated.triangles || has_hu == slice.hu.empty())
+    return refused("Draco payload and accessor counts differ");
+  const auto [low, high] = box_of(slice.mesh);
+  if (stated.low != low || stated.high != high)
+    return refused("accessor bounds differ from the vertices");
+  return {};
+}
+
+Result<void> compare_lines(const SliceRecord& record, const GeometryBytes& bytes, std::int32_t z,
+                           const AssetSlice& slice) {
+  const auto pslg = decode_lines(record, bytes, 0, static_cast<float>(z));
+  if (!pslg) return pslg.error();
+  if (pslg->rings != slice.pslg.rings) return refused("the lines are not the outline of its mesh");
   return {};
 }
 

@@ -34,6 +34,9 @@ std::int64_t doubled_area(const Pslg& pslg);
 /// Sum over the triangles. Exact.
 std::int64_t doubled_area(const SliceMesh& mesh);
 
+/// Appends the closed path, split into simple rings where it returns to a point.
+void split_at_pinches(const Ring& path, std::vector<Ring>& out);
+
 /// The boundary of a valid mesh as simple rings with the material on the left (a boundary that
 /// meets itself in a pinch becomes rings that touch), each starting at its smallest vertex, in
 /// ascending order: they do not depend on the order of the triangles. O(n log n).

@@ -15,18 +15,19 @@ namespace {
 constexpr double kShare = 2e-10;
 constexpr int kMostHalvings = 40;
 
-// A ring to which distances are measured, in groups of consecutive edges with a box around each.
+// A ring, or a line, to which distances are measured, in groups of consecutive edges with a box
+// around each.
 class Target {
  public:
-  explicit Target(const Ring& ring) {
+  Target(const Ring& ring, bool is_open) : is_open_(is_open) {
     for (const LatticePoint p : ring)
       points_.push_back(point(p));
-    points_.push_back(points_.front());
+    if (!is_open) points_.push_back(points_.front());
     group_ = std::max<std::size_t>(
         4, static_cast<std::size_t>(std::sqrt(static_cast<double>(ring.size()))));
-    for (std::size_t i = 0; i < ring.size(); i += group_) {
+    for (std::size_t i = 0; i < edges(); i += group_) {
       Box box{points_[i], points_[i]};
-      for (std::size_t k = i; k <= std::min(i + group_, ring.size()); ++k) {
+      for (std::size_t k = i; k <= std::min(i + group_, edges()); ++k) {
         const Point p = points_[k];
         box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
         box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
@@ -34,6 +35,8 @@ class Target {
       boxes_.push_back(box);
     }
   }
+
+  std::size_t edges() const { return points_.size() - 1; }
 
   struct Nearest {
     double d2;
@@ -61,7 +64,8 @@ class Target {
   // to edge i and b to edge j, then so is the whole piece to the path between: the points of the
   // piece that are nearest to the path's run from one end of it to the other.
   bool is_path_near(std::size_t i, std::size_t j, Point a, Point b, double d2) const {
-    const std::size_t n = points_.size() - 1;
+    const std::size_t n = edges();
+    if (is_open_ && j < i) return false;
     for (std::size_t steps = 0; i != j; ++steps) {
       i = i + 1 < n ? i + 1 : 0;
       if (2 * steps > n || segment_distance2(a, b, points_[i]) > d2) return false;
@@ -79,6 +83,7 @@ class Target {
   std::vector<Point> points_;
   std::vector<Box> boxes_;
   std::size_t group_;
+  bool is_open_;
 };
 
 // An end of a piece with an edge that is near it, hardly ever not the nearest.
@@ -117,15 +122,15 @@ void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2
   raise_by_piece(to, m, b, halvings + 1, worst2);
 }
 
-void raise_by_ring(const Ring& from, const Ring& ring, double& worst2) {
-  const Target to(ring);
+void raise_by_ring(const Ring& from, const Ring& ring, bool is_open, double& worst2) {
+  const Target to(ring, is_open);
   // Both rings run the same way round, so that the nearest edge is often the last one's or the
   // next.
   const auto end_at = [&](LatticePoint at, std::size_t& edge) {
     const Point p = point(at);
     Target::Nearest near{to.to_edge(p, edge), edge};
     for (int k = 0; k < 3; ++k) {
-      edge = edge + 1 < ring.size() ? edge + 1 : 0;
+      edge = edge + 1 < to.edges() ? edge + 1 : 0;
       const double d2 = to.to_edge(p, edge);
       if (d2 < near.d2) near = {d2, edge};
     }
@@ -137,7 +142,7 @@ void raise_by_ring(const Ring& from, const Ring& ring, double& worst2) {
   std::size_t edge = to.nearest(point(from[0]), 0).edge;
   const End first = end_at(from[0], edge);
   End a = first;
-  for (std::size_t i = 1; i <= from.size(); ++i) {
+  for (std::size_t i = 1; i < from.size() + (is_open ? 0 : 1); ++i) {
     const End b = i < from.size() ? end_at(from[i], edge) : first;
     raise_by_piece(to, a, b, 0, worst2);
     a = b;
@@ -146,11 +151,13 @@ void raise_by_ring(const Ring& from, const Ring& ring, double& worst2) {
 
 }  // namespace
 
-double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice) {
+double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice,
+                    const std::vector<bool>& is_open) {
   double worst2 = 0;
   for (std::size_t r = 0; r < contours.rings.size(); ++r) {
-    raise_by_ring(contours.rings[r], rings.rings[r], worst2);
-    raise_by_ring(rings.rings[r], contours.rings[r], worst2);
+    const bool open = !is_open.empty() && is_open[r];
+    raise_by_ring(contours.rings[r], rings.rings[r], open, worst2);
+    raise_by_ring(rings.rings[r], contours.rings[r], open, worst2);
   }
   return std::sqrt(worst2) * lattice.step_mm();
 }

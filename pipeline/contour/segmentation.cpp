@@ -29,24 +29,24 @@ void equalize(Image& image, PixelUnit unit) {
 
 }  // namespace
 
-std::optional<double> mean_of_material(const Field& field) {
+std::optional<double> mean_of_material(const Field& field, const Image& of) {
   // Eight partial sums: vector units add them at once, and the order is always the same.
   constexpr std::size_t kLanes = 8;
   std::array<double, kLanes> sum{};
   std::array<std::int32_t, kLanes> count{};
-  const std::vector<float>& values = field.image.values;
+  const std::vector<float>&levels = field.image.values, &values = of.values;
   const float iso = field.iso;
   std::size_t i = 0;
   for (; i + kLanes <= values.size(); i += kLanes) {
     for (std::size_t k = 0; k < kLanes; ++k) {
-      const float value = values[i + k];
-      sum[k] += value >= iso ? static_cast<double>(value) : 0.0;
-      count[k] += value >= iso ? 1 : 0;
+      const bool is_material = levels[i + k] >= iso;
+      sum[k] += is_material ? static_cast<double>(values[i + k]) : 0.0;
+      count[k] += is_material ? 1 : 0;
     }
   }
   for (; i < values.size(); ++i) {
-    sum[0] += values[i] >= iso ? static_cast<double>(values[i]) : 0.0;
-    count[0] += values[i] >= iso ? 1 : 0;
+    sum[0] += levels[i] >= iso ? static_cast<double>(values[i]) : 0.0;
+    count[0] += levels[i] >= iso ? 1 : 0;
   }
   const std::int64_t pixels = std::accumulate(count.begin(), count.end(), std::int64_t{0});
   if (pixels == 0) return std::nullopt;
@@ -61,7 +61,7 @@ Field segment(Image image, PixelUnit unit, const Segmentation& how) {
     equalize(field.image, unit);
     field.iso = static_cast<float>(paper->level);
   } else {
-    const auto& [labels, all] = std::get<Labels>(how);
+    const auto& [labels, all, joined] = std::get<Labels>(how);
     float last = 0;
     for (float& v : field.image.values) {
       const float nearest = std::rint(v);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <tuple>
 
@@ -14,9 +15,10 @@ namespace trocar::pipeline {
 namespace {
 
 // A contour and which of its vertices are kept. A span runs from one kept vertex to the next,
-// round the end of the ring.
+// round the end of the ring unless the contour is open.
 struct Simplified {
   const Ring* contour;
+  bool is_open;
   std::vector<std::uint32_t> kept;  // ascending
 
   std::uint32_t size() const { return static_cast<std::uint32_t>(contour->size()); }
@@ -32,6 +34,7 @@ struct Simplified {
     return best;
   }
 
+  std::size_t spans() const { return kept.size() - (is_open ? 1 : 0); }
   std::uint32_t span_end(std::size_t k) const {
     return k + 1 < kept.size() ? kept[k + 1] : kept[0] + size();
   }
@@ -94,8 +97,16 @@ std::vector<std::uint32_t> extreme_vertices(const Ring& contour) {
   return out;
 }
 
+Simplified simplify_line(const Ring& contour, double tolerance2) {
+  const std::uint32_t last = static_cast<std::uint32_t>(contour.size()) - 1;
+  Simplified s{&contour, true, {0, last}};
+  keep_between(s, 0, last, tolerance2, s.kept);
+  std::sort(s.kept.begin(), s.kept.end());
+  return s;
+}
+
 Simplified simplify_ring(const Ring& contour, double tolerance2) {
-  Simplified s{&contour, extreme_vertices(contour)};
+  Simplified s{&contour, false, extreme_vertices(contour)};
   const std::vector<std::uint32_t> from = s.kept;
   for (std::size_t k = 0; k < from.size(); ++k) {
     const std::uint32_t to = k + 1 < from.size() ? from[k + 1] : from[0] + s.size();
@@ -114,7 +125,7 @@ struct Chord {
 bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
   std::vector<Chord> chords;
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
-    for (std::uint32_t k = 0; k < rings[r].kept.size(); ++k) {
+    for (std::uint32_t k = 0; k < rings[r].spans(); ++k) {
       chords.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
     }
   }
@@ -188,10 +199,32 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
   return any;
 }
 
-Pslg douglas_peucker(const Pslg& contours, double tolerance) {
+bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>& rings,
+             std::vector<std::vector<char>>& marks) {
+  std::vector<Ring> now;
+  now.reserve(rings.size());
+  for (const Simplified& s : rings)
+    now.push_back(s.ring());
+  std::vector<char> is_misplaced(rings.size(), 0);
+  mark_misplaced(now, is_misplaced);
+  bool any = false;
+  for (std::size_t r = 0; r < rings.size(); ++r) {
+    if (is_misplaced[r] == 0) continue;
+    std::fill(marks[r].begin(), marks[r].end(), char{1});
+    any = true;
+  }
+  return any;
+}
+
+// Open where `is_open` says so, which then comes with `mark_misplaced`.
+Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<bool>& is_open,
+                     const MarkMisplaced& mark_misplaced) {
   std::vector<Simplified> rings;
-  for (const Ring& contour : contours.rings)
-    rings.push_back(simplify_ring(contour, tolerance * tolerance));
+  for (std::size_t r = 0; r < contours.rings.size(); ++r) {
+    const bool open = !is_open.empty() && is_open[r];
+    rings.push_back(open ? simplify_line(contours.rings[r], tolerance * tolerance)
+                         : simplify_ring(contours.rings[r], tolerance * tolerance));
+  }
 
   // Split every span that is part of a violation at its farthest vertex, until there is none. At
   // the latest this ends with the contours themselves, which are valid.
@@ -202,6 +235,7 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance) {
       marks.emplace_back(s.kept.size(), char{0});
     bool any = false;
     for (std::size_t r = 0; r < rings.size(); ++r) {
+      if (rings[r].is_open) continue;
       const bool collapsed = rings[r].kept.size() < 3 || (doubled_area(rings[r].ring()) > 0) !=
                                                              (doubled_area(*rings[r].contour) > 0);
       if (collapsed) {
@@ -210,13 +244,14 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance) {
       }
     }
     any = mark_crossings(rings, marks) || any;
-    if (!any) any = mark_jumps(rings, marks);
+    if (!any)
+      any = mark_misplaced ? mark_by(mark_misplaced, rings, marks) : mark_jumps(rings, marks);
     if (!any) break;
     bool split = false;
     for (std::size_t r = 0; r < rings.size(); ++r) {
       Simplified& s = rings[r];
       const std::vector<std::uint32_t> before = s.kept;
-      for (std::size_t k = 0; k < before.size(); ++k) {
+      for (std::size_t k = 0; k + (s.is_open ? 1 : 0) < before.size(); ++k) {
         if (marks[r][k] == 0) continue;
         const std::uint32_t i = before[k],
                             j = k + 1 < before.size() ? before[k + 1] : before[0] + s.size();
@@ -241,11 +276,25 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance) {
 
 }  // namespace
 
+double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options) {
+  return options.method == SimplificationMethod::kArea && options.tolerance_mm > 0
+             ? left_for_refinement(options.tolerance_mm / lattice.step_mm())
+             : std::numeric_limits<double>::infinity();
+}
+
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
   const double tolerance = options.tolerance_mm / lattice.step_mm();
   return options.method == SimplificationMethod::kArea && tolerance > 0
              ? collapse_segments(contours, tolerance)
-             : douglas_peucker(contours, tolerance);
+             : douglas_peucker(contours, tolerance, {}, {});
+}
+
+Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
+                    const SimplificationOptions& options, const MarkMisplaced& mark_misplaced) {
+  const double tolerance = options.tolerance_mm / lattice.step_mm();
+  return options.method == SimplificationMethod::kArea && tolerance > 0
+             ? collapse_segments(lines, tolerance, is_open)
+             : douglas_peucker(lines, tolerance, is_open, mark_misplaced);
 }
 
 }  // namespace trocar::pipeline

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
@@ -40,6 +41,14 @@ struct RefinementOptions {
   /// Round the points on boundary edges to either side, so that the area within each closed
   /// boundary stays, and not always to the material's.
   bool keep_area = false;
+  /// Split outline edges that coincide in opposite directions together (pipeline/mesh/regions.h).
+  bool shared_borders = false;
+  /// A split that would lie as far as this, in lattice steps, from the input segment is not made.
+  double farthest_steps = kFarthestFromOutline_steps;
+  /// Largest area of a triangle by the place of its centroid, mm^2, besides max_area_mm2. Where it
+  /// is below least_area_mm2 > 0, that counts: refinement then ends as with that area everywhere.
+  std::function<double(LatticePoint)> area_mm2_at = {};
+  double least_area_mm2 = 0;
 };
 
 enum class RefinementOutcome {
@@ -81,12 +90,12 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 
 /// The result is valid and constrained Delaunay, like that of triangulate(). Each boundary edge of
 /// the input becomes a chain of edges whose inner vertices lie on it or, where no lattice point
-/// does, on its material side less than three steps away (each split rounds by less than 1.5 steps
-/// and inherits a part of the deviation of the edge that it splits; a split that would reach three
-/// steps is not made). With keep_area, points of edges with enough void beside them also lie up to
-/// one step on the void's side, so that each loop of the boundary keeps its area but for about one
-/// rounding. Moved by lattice steps or rotated by right angles, an outline gives the same
-/// mesh, moved and rotated, unless a rotation maps it onto itself.
+/// does, on its material side less than `farthest_steps` away (each split rounds by less than 1.5
+/// steps and inherits a part of the deviation of the edge that it splits). With keep_area, points
+/// of edges with enough void beside them also lie up to one step on the void's side, so that each
+/// loop of the boundary keeps its area but for about one rounding. Moved by lattice steps or
+/// rotated by right angles, an outline gives the same mesh, moved and rotated, unless a rotation
+/// maps it onto itself.
 Refined refine(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options);
 
 }  // namespace trocar::pipeline

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/split_places.h"
@@ -54,6 +55,7 @@ bool are_near(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
 
 void RefinementOutline::clear(std::size_t vertices) {
   segments_.clear();
+  twins_.clear();
   into_.assign(vertices, -1);
   angle_deg_.assign(vertices, 360);
 }
@@ -78,20 +80,61 @@ void RefinementOutline::close(const std::vector<LatticePoint>& points) {
   }
 }
 
-void RefinementOutline::find_room(const std::vector<LatticePoint>& points) {
-  const std::size_t n = segments_.size();
+void RefinementOutline::find_twins(const std::vector<LatticePoint>& points) {
+  const auto n = static_cast<std::uint32_t>(segments_.size());
+  struct Item {
+    LatticePoint low, high;
+    std::uint32_t segment;
+    auto ends() const { return std::pair{low, high}; }
+  };
+  std::vector<Item> items;
+  for (std::uint32_t s = 0; s < n; ++s) {
+    const auto [low, high] = std::minmax(points[segments_[s].from], points[segments_[s].to]);
+    items.push_back({low, high, s});
+  }
+  std::sort(items.begin(), items.end(),
+            [](const Item& a, const Item& b) { return a.ends() < b.ends(); });
+  twins_.assign(n, kNoTwin);
+  for (std::uint32_t k = 0; k + 1 < n; ++k) {
+    const std::uint32_t s = items[k].segment, t = items[k + 1].segment;
+    if (items[k].ends() == items[k + 1].ends()) twins_[s] = t, twins_[t] = s;
+  }
+}
+
+// Of two shared segments: are they neighbours on the other side too?
+bool RefinementOutline::is_one_loop_with_previous(std::uint32_t segment) const {
+  const std::uint32_t here = twin(segment),
+                      before = twin(static_cast<std::uint32_t>(segments_[segment].previous));
+  if (here == kNoTwin || before == kNoTwin) return here == before;
+  return segments_[before].previous == static_cast<std::int32_t>(here);
+}
+
+void RefinementOutline::find_loops() {
+  const auto n = static_cast<std::uint32_t>(segments_.size());
   constexpr std::uint32_t kNone = 0xffffffff;
-  has_room_.assign(n, 1);
   loop_.assign(n, kNone);
   lost_.clear();
-  for (std::size_t first = 0; first < n; ++first) {
+  for (std::uint32_t first = 0; first < n; ++first) {
     if (loop_[first] != kNone) continue;
     const auto loop = static_cast<std::uint32_t>(lost_.size());
     lost_.push_back(0);
-    for (std::size_t s = first; loop_[s] == kNone;
-         s = static_cast<std::size_t>(segments_[s].previous))
+    std::uint32_t s = first;
+    loop_[s] = loop;
+    while (twins_.empty() || is_one_loop_with_previous(s)) {
+      s = static_cast<std::uint32_t>(segments_[s].previous);
+      if (loop_[s] != kNone) break;
       loop_[s] = loop;
+    }
+    // The rest of a part that was entered in its middle before.
+    for (std::uint32_t t = first; loop_[s] != loop && loop_[t] == loop;
+         t = static_cast<std::uint32_t>(segments_[t].previous))
+      loop_[t] = loop_[s];
   }
+}
+
+void RefinementOutline::find_room(const std::vector<LatticePoint>& points) {
+  const std::size_t n = segments_.size();
+  has_room_.assign(n, 1);
   const auto previous = [this](std::size_t s) {
     return static_cast<std::size_t>(segments_[s].previous);
   };
@@ -137,8 +180,9 @@ std::uint32_t RefinementOutline::small_corner_of_two(std::int32_t s, std::int32_
 double RefinementOutline::shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                                          const std::vector<LatticePoint>& points) const {
   double fraction = 0.5, nearest = std::numeric_limits<double>::max();
-  for (const std::uint32_t corner : {segments_[segment].from, segments_[segment].to}) {
-    if (!is_acute(corner)) continue;
+  for (const bool is_from : {true, false}) {
+    if (!(is_from ? is_acute_from(segment) : is_acute_to(segment))) continue;
+    const std::uint32_t corner = is_from ? segments_[segment].from : segments_[segment].to;
     const double da = edge_length(a, points[corner]), db = edge_length(b, points[corner]);
     const double near = std::min(da, db), far = std::max(da, db);
     if (near >= nearest) continue;

@@ -100,8 +100,8 @@ std::optional<std::string> read_geometry(const Places& at, const GivenSpacing& g
 }
 
 // Reads size and sample format, the same for all frames of a file. Returns what is wrong, or
-// nothing.
-std::optional<std::string> read_format(DcmItem& data, DicomFrame& h) {
+// nothing. `is_binary`: one bit a pixel is possible, too.
+std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame& h) {
   h.rows = dicom_integer(&data, DCM_Rows, 0);
   h.columns = dicom_integer(&data, DCM_Columns, 0);
   if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1) {
@@ -116,7 +116,12 @@ std::optional<std::string> read_format(DcmItem& data, DicomFrame& h) {
   h.bits_stored = dicom_integer(&data, DCM_BitsStored, h.bits_allocated);
   h.high_bit = dicom_integer(&data, DCM_HighBit, h.bits_stored - 1);
   h.is_signed = dicom_integer(&data, DCM_PixelRepresentation, 0) == 1;
-  if ((h.bits_allocated != 8 && h.bits_allocated != 16) || h.bits_stored < 1 ||
+  const bool is_bit = is_binary && h.bits_allocated == 1;
+  if (is_bit) {  // some writers say that the high bit is 1
+    h.bits_stored = 1;
+    h.high_bit = 0;
+  }
+  if ((!is_bit && h.bits_allocated != 8 && h.bits_allocated != 16) || h.bits_stored < 1 ||
       h.high_bit < h.bits_stored - 1 || h.high_bit >= h.bits_allocated) {
     return std::to_string(h.bits_stored) + " bits up to bit " + std::to_string(h.high_bit) +
            " in " + std::to_string(h.bits_allocated) + "; 8 and 16 bits allocated are read";
@@ -133,13 +138,23 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   DcmPixelData* pixels = dicom_pixel_data(format);
   if (pixels == nullptr) return "its PixelData element is of another kind";
   const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
-  if (DcmXfer(syntax).isEncapsulated()) return {};
-  const int bytes_each = h.bits_allocated / 8;
-  const double want = static_cast<double>(h.rows) * h.columns * bytes_each * h.frames;
+  if (DcmXfer(syntax).isEncapsulated()) {
+    if (h.bits_allocated == 1) return "compressed pixels of one bit, which are not read";
+    return {};
+  }
+  // Frames of one bit a pixel follow each other without padding.
+  const double bits = static_cast<double>(h.rows) * h.columns * h.bits_allocated * h.frames;
+  const double want = std::ceil(bits / 8);
   const double have = pixels->getLength(syntax);
   if (have < want) {
     return "truncated: " + std::to_string(static_cast<long>(have)) +
            " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
+  }
+  // Faulty writers pad each frame, so that only the first would be where it is read.
+  if (h.bits_allocated == 1 && have > want + 1) {
+    return std::to_string(static_cast<long>(have)) + " bytes of pixels, more than the " +
+           std::to_string(static_cast<long>(want)) +
+           " of its frames; they must follow each other without padding";
   }
   return {};
 }
@@ -164,6 +179,51 @@ SeriesInfo read_series(DcmDataset& data) {
   return out;
 }
 
+// The segment's own label, else what it is.
+std::string segment_name(DcmDataset& data, DcmItem& segment) {
+  std::string label = dicom_utf8(data, DCM_SegmentLabel, &segment);
+  if (!label.empty()) return label;
+  DcmItem* type = nullptr;
+  segment.findAndGetSequenceItem(DCM_SegmentedPropertyTypeCodeSequence, type);
+  return type == nullptr ? "" : dicom_utf8(data, DCM_CodeMeaning, type);
+}
+
+// Reads what a segmentation says of its segments. Returns what is wrong, or nothing.
+std::optional<std::string> read_segments(DcmDataset& data, DicomSegments& out) {
+  const std::string type = dicom_text(&data, DCM_SegmentationType);
+  if (type == "FRACTIONAL") {
+    out.max_fraction = dicom_integer(&data, DCM_MaximumFractionalValue, 0);
+    if (out.max_fraction == 0) return "a FRACTIONAL segmentation without MaximumFractionalValue";
+  } else if (type != "BINARY") {
+    return "its SegmentationType is '" + type.substr(0, 16) + "'; BINARY and FRACTIONAL are read";
+  }
+  DcmSequenceOfItems* segments = nullptr;
+  data.findAndGetSequence(DCM_SegmentSequence, segments);
+  if (segments == nullptr || segments->card() == 0) return "no segments (SegmentSequence)";
+  for (DcmObject* object = nullptr; (object = segments->nextInContainer(object)) != nullptr;) {
+    auto* segment = dynamic_cast<DcmItem*>(object);
+    const int number = dicom_integer(segment, DCM_SegmentNumber, 0);
+    if (segment == nullptr || number == 0)
+      return "a segment without a number (SegmentNumber) from 1 on";
+    if (!out.names.emplace(number, segment_name(data, *segment)).second)
+      return "segment " + std::to_string(number) + " is there twice";
+  }
+  return {};
+}
+
+// Reads which segment the frame is of. Returns what is wrong, or nothing.
+std::optional<std::string> read_segment_of(const Places& at, const DicomSegments& segments,
+                                           DicomFrame& h) {
+  h.slope = 1;
+  h.intercept = 0;
+  h.segment = dicom_integer(at.find(DCM_SegmentIdentificationSequence, DCM_ReferencedSegmentNumber),
+                            DCM_ReferencedSegmentNumber, 0);
+  if (h.segment == 0) return "it names no segment (ReferencedSegmentNumber)";
+  if (!segments.names.contains(h.segment))
+    return "its segment " + std::to_string(h.segment) + " is not in the SegmentSequence";
+  return {};
+}
+
 // Reads all frames of a file that has pixels. Returns what is wrong, or nothing.
 std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
                                        DicomExtent extent, DicomFile& out) {
@@ -172,7 +232,14 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
   common.file = out.file;
   common.sop_uid = dicom_text(&data, DCM_SOPInstanceUID);
   common.frame_of_reference = dicom_text(&data, DCM_FrameOfReferenceUID);
-  if (auto wrong = read_format(data, common)) return wrong;
+  const bool is_segmentation = out.kind == DicomFile::Kind::kSegmentation;
+  if (is_segmentation) {
+    if (auto wrong = read_segments(data, out.segments)) return wrong;
+  }
+  const bool is_binary = is_segmentation && out.segments.max_fraction == 0;
+  if (auto wrong = read_format(data, is_binary, common)) return wrong;
+  if (is_binary && common.bits_allocated != 1)
+    return "a BINARY segmentation of " + std::to_string(common.bits_allocated) + " bits a pixel";
   Sint32 frames = 1;
   if (data.tagExists(DCM_NumberOfFrames) &&
       (data.findAndGetSint32(DCM_NumberOfFrames, frames).bad() || frames < 1)) {
@@ -191,6 +258,10 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
 
   Places at{nullptr, nullptr, &data};
   data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
+  if (is_segmentation &&
+      !dicom_numbers(at.find(DCM_PixelMeasuresSequence, DCM_SpacingBetweenSlices),
+                     DCM_SpacingBetweenSlices, &out.segments.step_mm, 1))
+    out.segments.step_mm = 0;
   DcmObject* item = nullptr;
   for (int i = 0; i < frames; ++i) {
     if (groups != nullptr) {
@@ -199,8 +270,9 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
     }
     DicomFrame frame = common;
     frame.frame = i;
-    if (auto wrong = read_geometry(at, given, frame))
-      return frames == 1 ? *wrong : "frame " + std::to_string(i + 1) + ": " + *wrong;
+    auto wrong = read_geometry(at, given, frame);
+    if (!wrong && is_segmentation) wrong = read_segment_of(at, out.segments, frame);
+    if (wrong) return frames == 1 ? *wrong : "frame " + std::to_string(i + 1) + ": " + *wrong;
     out.frames.push_back(std::move(frame));
   }
   return {};
@@ -264,14 +336,20 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   if (!data.tagExists(whole ? DCM_PixelData : DCM_Rows)) return out;
   out.content = image_content(data);
   const bool is_localiser = out.content.kind == ImageContent::Kind::kLocaliser;
-  out.kind = is_localiser ? DicomFile::Kind::kLocaliser : DicomFile::Kind::kImages;
+  const bool is_segmentation = out.content.is_segmentation();
+  out.kind = is_localiser      ? DicomFile::Kind::kLocaliser
+             : is_segmentation ? DicomFile::Kind::kSegmentation
+                               : DicomFile::Kind::kImages;
   out.is_capture = dicom_integer(&data, DCM_SamplesPerPixel, 1) != 1 ||
                    (dicom_text(&data, DCM_SOPClassUID) == UID_SecondaryCaptureImageStorage &&
                     !data.tagExists(DCM_ImagePositionPatient));
-  if (!any_modality && (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
+  if (!any_modality && !is_segmentation &&
+      (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
     unusable(why_not_ct(out.content));
   } else if (auto wrong = read_frames(format, spacing_mm, extent, out)) {
     unusable(*wrong);
+  } else if (is_segmentation) {
+    out.problem = file.string() + ": " + why_not_ct(out.content);
   }
   if (is_localiser) out.kind = DicomFile::Kind::kLocaliser;
   return out;

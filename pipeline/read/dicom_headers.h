@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -25,6 +26,7 @@ struct DicomFrame {
   bool has_spacing = false;         ///< given by the file
   double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
   bool has_rescale = false;         ///< both given by the file
+  int segment = 0;                  ///< Segment Number; of a segmentation only
   int rows = 0, columns = 0;
   int bits_allocated = 16, bits_stored = 16, high_bit = 15;
   bool is_signed = false;
@@ -32,12 +34,20 @@ struct DicomFrame {
   std::string name() const;  ///< the file, and the frame if there are several
 };
 
+/// What a segmentation (SEG) says of its segments.
+struct DicomSegments {
+  std::map<int, std::string> names;  ///< of every Segment Number, in UTF-8; empty: it has none
+  double step_mm = 0;                ///< from slice to slice; 0: not said
+  int max_fraction = 0;              ///< MaximumFractionalValue of a FRACTIONAL one; 0: BINARY
+};
+
 struct DicomFile {
   enum class Kind {
     kNotImage,   ///< not DICOM, or DICOM without pixels
     kLocaliser,  ///< a scout view; `problem` says why it is no slice
     kImages,
-    kUnusable,  ///< `problem` says why
+    kSegmentation,  ///< a label map; `problem` says why it is no slice
+    kUnusable,      ///< `problem` says why
   };
   std::filesystem::path file;
   Kind kind = Kind::kNotImage;
@@ -46,6 +56,7 @@ struct DicomFile {
   bool is_capture = false;  ///< of a screen, for example: never a slice
   ImageContent content;
   std::vector<DicomFrame> frames;
+  DicomSegments segments;  ///< of a segmentation
 };
 
 /// The text with ? for its control characters: messages and tables keep their lines.
@@ -65,7 +76,7 @@ enum class DicomExtent {
 
 /// Never fails: problems are in the result. `spacing_mm`, if given, is for frames without a
 /// pixel spacing of their own. Images of another modality than CT are kUnusable, and localisers
-/// have no frames, unless `any_modality`.
+/// have no frames, unless `any_modality`; segmentations are kSegmentation either way.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
                              bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);

@@ -101,9 +101,10 @@ std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
   return without_control(value.c_str());
 }
 
-std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag) {
+std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item) {
   OFString value, set, converted;
-  if (data.findAndGetOFString(tag, value).bad()) return {};
+  DcmItem& holder = item != nullptr ? *item : data;
+  if (holder.findAndGetOFString(tag, value).bad()) return {};
   data.findAndGetOFStringArray(DCM_SpecificCharacterSet, set);
   DcmSpecificCharacterSet charset;
   if (!set.empty() && charset.selectCharacterSet(set).good() &&

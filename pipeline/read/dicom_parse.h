@@ -26,8 +26,9 @@ OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& 
 
 /// The element's text, empty if there is none. `item` may be null in all that take one.
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag);
-/// The element's text, which may have letters beyond ASCII, as UTF-8, without spaces around it.
-std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag);
+/// The element's text, which may have letters beyond ASCII, as UTF-8, without spaces around it: of
+/// the dataset, or of one of its items.
+std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item = nullptr);
 /// `count` finite numbers; false if they are not there.
 bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count);
 int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise);

@@ -163,8 +163,10 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
     return refused(h.name() + ": its frames are not of " + std::to_string(bytes) + " bytes");
   }
   words.resize(std::max(count, (static_cast<std::size_t>(frame_size) + 1) / 2));
+  // DCMTK wants an even size, also for a frame of an odd one.
+  const auto buffer_size = static_cast<Uint32>(words.size() * sizeof(std::uint16_t));
   const OFCondition done = pixels->getUncompressedFrame(
-      &data, static_cast<Uint32>(h.frame), fragment, words.data(), frame_size, colour_model);
+      &data, static_cast<Uint32>(h.frame), fragment, words.data(), buffer_size, colour_model);
   if (done.bad()) {
     const bool known =
         DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit) || sequence == nullptr;

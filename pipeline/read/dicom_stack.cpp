@@ -3,46 +3,16 @@
 // scan and in which order (dicom_series), pixels when a slice is asked for (dicom_pixels).
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <mutex>
 #include <set>
 
 #include "pipeline/read/dicom_headers.h"
+#include "pipeline/read/dicom_parsed_files.h"
 #include "pipeline/read/dicom_pixels.h"
 #include "pipeline/read/dicom_series.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
-
-// Parsed multi-frame files that no thread is using, so that a file is not parsed again for each of
-// its frames. take() hands a file to the calling thread: there are never more of them than threads.
-class ParsedFiles {
- public:
-  Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {
-    {
-      const std::lock_guard lock(mutex_);
-      for (auto it = idle_.begin(); it != idle_.end(); ++it) {
-        if (it->first != h.file) continue;
-        auto out = std::move(it->second);
-        idle_.erase(it);
-        return out;
-      }
-      if (!idle_.empty()) idle_.erase(idle_.begin());
-    }
-    auto format = std::make_unique<DcmFileFormat>();
-    if (load_dicom(h.file, *format).bad()) return refused(h.name() + ": cannot be read");
-    return format;
-  }
-  void give_back(const DicomFrame& h, std::unique_ptr<DcmFileFormat> format) {
-    if (h.frames == 1) return;
-    const std::lock_guard lock(mutex_);
-    idle_.emplace_back(h.file, std::move(format));
-  }
-
- private:
-  std::mutex mutex_;
-  std::vector<std::pair<std::filesystem::path, std::unique_ptr<DcmFileFormat>>> idle_;
-};
 
 class DicomStack final : public SliceStack {
  public:
@@ -93,6 +63,43 @@ Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
                  " is not one)");
 }
 
+// The segmentation that is meant where labels are wanted: that of the series, or the only one; null
+// if there is none. Errors: (usage) several.
+Result<const DicomFile*> chosen_segmentation(const std::vector<DicomFile>& headers,
+                                             const std::string& uid, const std::string& where) {
+  std::vector<const DicomFile*> found;
+  for (const DicomFile& file : headers) {
+    const bool is_meant = uid.empty() || file.series.uid == uid;
+    if (file.content.is_segmentation() && is_meant) found.push_back(&file);
+  }
+  if (found.size() < 2) return found.empty() ? nullptr : found[0];
+  constexpr std::size_t kMost = 8;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(found.size(), kMost); ++i)
+    names += (i == 0 ? "" : ", ") + found[i]->file.string();
+  if (found.size() > kMost) names += " and " + std::to_string(found.size() - kMost) + " more";
+  return usage(where + ": holds " + std::to_string(found.size()) +
+               " segmentations, give one of them: " + names);
+}
+
+Result<std::unique_ptr<SliceStack>> open_labels(const DicomFile& file,
+                                                const std::vector<DicomFile>& headers,
+                                                const std::string& where,
+                                                const OpenOptions& options) {
+  if (file.kind != DicomFile::Kind::kSegmentation) return refused(file.problem);
+  auto stack = open_segmentation(file, options);
+  const auto others = std::count_if(headers.begin(), headers.end(), [](const DicomFile& other) {
+    return other.kind != DicomFile::Kind::kNotImage;
+  });
+  if (stack && others > 1) {
+    (*stack)->warnings.push_back({"other_series", where,
+                                  "the segmentation " + file.file.filename().string() +
+                                      " is taken for --labels; left out: " +
+                                      std::to_string(others - 1) + " other DICOM files"});
+  }
+  return stack;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
@@ -118,6 +125,11 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
     const auto wanted = named_series(before, options.series);
     if (!wanted) return wanted.error();
     uid = *wanted;
+  }
+  if (options.as_labels) {
+    const auto labels = chosen_segmentation(headers, uid, where);
+    if (!labels) return labels.error();
+    if (*labels != nullptr) return open_labels(**labels, headers, where, options);
   }
   if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
   const auto series = group_series(headers, stack->warnings);

@@ -140,8 +140,8 @@ std::string why_not_ct(const ImageContent& content) {
   }
   const std::string_view words = look_up(kWords, content.name);
   const std::string named = what + (words.empty() ? "" : " (" + std::string(words) + ")");
-  if (content.name == "SEG")
-    return named + ", not HU; convert it to a NIfTI label map and give that with --labels";
+  if (content.is_segmentation())
+    return named + ", not HU; mesh its segments with --labels N, or --labels all";
   return named + ", so its values are not HU; give a CT" + kAsItIs;
 }
 
@@ -151,7 +151,7 @@ Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string&
   DicomFile* first = nullptr;
   for (DicomFile& file : files) {
     if (!wanted.empty() && file.series.uid != wanted) continue;
-    if (file.kind == Kind::kImages || file.kind == Kind::kUnusable) return {};
+    if (file.kind != Kind::kLocaliser && file.kind != Kind::kNotImage) return {};
     if (file.kind == Kind::kLocaliser && first == nullptr) first = &file;
   }
   if (first == nullptr) return {};

@@ -31,6 +31,9 @@ struct ImageContent {
   /// The modality, then the value of ImageType that decided: "CT", "MR MOSAIC", "CT LOCALIZER".
   /// Empty if unknown. At most 33 characters: A to Z, 0 to 9, _, spaces, and ? for others.
   std::string name;
+
+  /// A label map in DICOM (SEG).
+  bool is_segmentation() const { return kind == Kind::kOther && name == "SEG"; }
 };
 
 ImageContent image_content(DcmItem& data);

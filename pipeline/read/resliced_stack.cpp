@@ -65,6 +65,7 @@ Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, 
   (*out)->series = std::move(stack->series);
   (*out)->modality = std::move(stack->modality);
   (*out)->files = std::move(stack->files);
+  (*out)->label_names = std::move(stack->label_names);
   return out;
 }
 

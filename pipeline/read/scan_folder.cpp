@@ -173,7 +173,7 @@ Result<std::vector<fs::path>> files_below(const fs::path& folder, std::vector<Wa
 
 ScanFolder::Kind ScanFolder::kind() const {
   const auto is_slice = [](const DicomFile& file) {
-    return file.kind == DicomFile::Kind::kImages ||
+    return file.kind == DicomFile::Kind::kImages || file.kind == DicomFile::Kind::kSegmentation ||
            (file.kind == DicomFile::Kind::kUnusable && !file.is_capture);
   };
   if (std::any_of(dicom.begin(), dicom.end(), is_slice)) return Kind::kDicom;

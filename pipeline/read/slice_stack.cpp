@@ -43,11 +43,12 @@ Result<std::string> digest_file(const fs::path& file) {
   return hex_digest(state);
 }
 
-std::string digest_input(const std::vector<std::string>& file_digests) {
-  if (file_digests.empty()) return {};
-  if (file_digests.size() == 1) return file_digests[0];
+std::string digest_input(const std::vector<std::string>& file_digests,
+                         const std::vector<std::uint8_t>& key) {
+  static_assert(kLeastKeyBytes == crypto_generichash_KEYBYTES_MIN &&
+                kMostKeyBytes == crypto_generichash_KEYBYTES_MAX);
   crypto_generichash_state state;
-  crypto_generichash_init(&state, nullptr, 0, crypto_generichash_BYTES);
+  crypto_generichash_init(&state, key.data(), key.size(), crypto_generichash_BYTES);
   for (const std::string& digest : file_digests) {
     crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(digest.data()),
                               digest.size());

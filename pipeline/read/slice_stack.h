@@ -5,9 +5,12 @@
 
 #include <Eigen/Geometry>
 #include <array>
+#include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -28,6 +31,7 @@ struct Warning {
   std::string code;   ///< stable, for scripts
   std::string where;  ///< files or slices
   std::string sentence;
+  std::string shared = {};  ///< for reports, where the sentence could tell whose scan it is
 };
 
 /// What a DICOM series says of itself, in UTF-8; empty where it says nothing.
@@ -75,6 +79,8 @@ class SliceStack {
   std::string modality;                         ///< "MR", for example, of kUncalibrated; else empty
   /// All that the slices come from, in order: see digest_input().
   std::vector<std::filesystem::path> files;
+  /// What the input itself calls its labels: of a DICOM segmentation, in UTF-8 as it is stored.
+  std::map<int, std::string> label_names;
 };
 
 /// The anatomical axis that slices are stacked along. Each view has DICOM's usual directions:
@@ -84,9 +90,13 @@ enum class SliceAxis { kTransverse, kCoronal, kSagittal };
 
 struct OpenOptions {
   std::optional<std::array<double, 3>> spacing_mm;  ///< x, y, z; for input that has none
-  std::string series;             ///< UID, number or description, as of named_series()
+  std::string series;    ///< UID, number or description, as of named_series()
+  std::set<int> labels;  ///< of as_labels: those wanted, which must not overlap; empty: all
+  /// The CT that a DICOM segmentation was made on, as it is stored: its slices are the
+  /// segmentation's, most of which may have no frame.
+  const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< none: as stored; of a NIfTI volume transverse
-  bool as_labels = false;         ///< image levels are labels: as stored, not 0..255
+  bool as_labels = false;         ///< image levels are labels: as stored, not 0..255; takes SEG
   bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
 };
 
@@ -114,6 +124,12 @@ Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem
 Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);
+/// A DICOM segmentation (SEG) as a label map: the labels are its segments' numbers. `file` is of
+/// read_dicom_headers(). Slices without a frame are empty. Errors (refused): frames that do not fit
+/// each other or options.segmented_ct; on reading, wanted segments that overlap. Warnings:
+/// frames_left_out, uneven_spacing.
+Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
+                                                      const OpenOptions& options);
 /// The volume of a stack, sliced along an axis as a NIfTI volume is. Its voxels are written to a
 /// temporary file. Errors (refused): its slices are tilted, not evenly spaced, or a single one.
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
@@ -125,9 +141,10 @@ inline constexpr long kMaxSlicePixels = 1L << 26;
 
 /// BLAKE2b-256 of a file's bytes, hex.
 Result<std::string> digest_file(const std::filesystem::path& file);
-/// An input's digest: that of its file, or of several the BLAKE2b-256 of their digests one after
-/// the other (b2sum -l 256 FILES | cut -c-64 | tr -d '\n' | b2sum -l 256), so that files can be
-/// digested in parallel. Empty if there are none.
-std::string digest_input(const std::vector<std::string>& file_digests);
+inline constexpr std::size_t kLeastKeyBytes = 16, kMostKeyBytes = 64;
+/// An input's digest with a key of kLeastKeyBytes to kMostKeyBytes: BLAKE2b-256, keyed, of the
+/// digests of its files (hex) one after the other, so that files can be digested in parallel. Hex.
+std::string digest_input(const std::vector<std::string>& file_digests,
+                         const std::vector<std::uint8_t>& key);
 
 }  // namespace trocar::pipeline

@@ -21,12 +21,12 @@ namespace trocar::runtime {
 
 /// Kept between ticks.
 struct ShaftState {
-  bool in_hole = false;
   Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< the axis in the sheet, on entering
+  double last_m = 0;                                 ///< inserted length in the last tick
+  double spring_m = 0;                               ///< within +-presliding_m
+  double viscous_N = 0;                              ///< along the axis, in the last tick
+  bool in_hole = false;
   bool has_last = false;
-  double last_m = 0;     ///< inserted length in the last tick
-  double spring_m = 0;   ///< within +-presliding_m
-  double viscous_N = 0;  ///< along the axis, in the last tick
 };
 
 /// Where the axis meets the sheet's plane in {B}, its direction (unit, up the shaft), and how much

@@ -40,7 +40,8 @@ install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONEN
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
   formats/session/frames.schema.json formats/session/sheets.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-runtime)
-install(FILES formats/session/list.schema.json formats/session/report.schema.json
+install(FILES formats/session/list.schema.json formats/session/preview.schema.json
+  formats/session/report.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-mesh)
 install(FILES formats/session/device_link.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)

@@ -28,8 +28,10 @@ _trocar() {
             --compensate) COMPREPLY=($(compgen -W "none friction weight both" -- "$cur")) ;;
             --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
             --asset) _filedir glb ;;
+            --names) COMPREPLY=($(compgen -W "verse totalsegmentator" -- "$cur")) && _filedir json ;;
+            --hu) _filedir ;;
             --black-box) _filedir -d ;;
-            -o | --output) if [[ $subcommand == export ]]; then _filedir -d; else _filedir glb; fi ;;
+            -o | --output) if [[ $subcommand == export ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
         esac
@@ -45,6 +47,8 @@ _trocar() {
         trocar-mesh)
             if [[ $subcommand == list ]]; then
                 _filedir -d
+            elif [[ $subcommand == preview ]]; then
+                _filedir
             elif [[ -n $subcommand ]]; then
                 _filedir glb
             else

@@ -90,7 +90,8 @@ std::unique_ptr<Outlines> outlines_of(const std::string& name, const SliceStack&
     const Field field = segment(upsampled(*image, factor), stack.pixel_unit(), Threshold{kBone_HU});
     out->full.push_back(
         drop_small_rings(contours(field, grid, ContourKind::kSubpixel), kMinRegion_mm2, kLattice));
-    out->simple.push_back(simplify(out->full.back(), kLattice, {tolerance_mm}));
+    out->simple.push_back(simplify(out->full.back(), kLattice,
+                                   {tolerance_mm, SimplificationMethod::kDouglasPeucker}));
   }
   for (const Pslg& pslg : out->simple)
     out->for_cgal.push_back(prepare(pslg));
@@ -261,7 +262,9 @@ int main(int argc, char** argv) {
                                                                       benchmark::State& state) {
       for (auto _ : state) {
         for (const auto& full : o.full)
-          benchmark::DoNotOptimize(trocar::pipeline::simplify(full, kLattice, {o.tolerance_mm}));
+          benchmark::DoNotOptimize(trocar::pipeline::simplify(
+              full, kLattice,
+              {o.tolerance_mm, trocar::pipeline::SimplificationMethod::kDouglasPeucker}));
       }
     })->Unit(benchmark::kMillisecond);
     benchmark::RegisterBenchmark(("cdt_ours/" + o->name).c_str(), [&o = *o](

@@ -227,7 +227,8 @@ json simplifier_rows(const SweepScan& scan, const std::vector<double>& tolerance
       std::vector<Pslg> ours(full.size()), theirs(full.size());
       const double ours_ms = median_ms(repetitions, [&] {
         for (std::size_t k = 0; k < full.size(); ++k)
-          ours[k] = simplify(full[k], lattice, {tolerance_mm});
+          ours[k] =
+              simplify(full[k], lattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
       });
       const double theirs_ms = median_ms(repetitions, [&] {
         for (std::size_t k = 0; k < full.size(); ++k)

@@ -34,6 +34,9 @@ Result<MeshOptions> mesh_options(const json& point, double min_region_mm2) {
   out.contour = contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.segmentation = Threshold{kIso_HU};
   out.simplification.tolerance_mm = point.at("tolerance_mm");
+  const auto simplify = point.value("simplify", std::string("area"));
+  if (simplify != "area" && simplify != "dp") return usage("simplify: area or dp, not " + simplify);
+  if (simplify == "dp") out.simplification.method = SimplificationMethod::kDouglasPeucker;
   out.refinement.min_angle_deg = point.at("min_angle_deg");
   out.refinement.max_area_mm2 = point.at("max_area_mm2");
   out.lattice.bits = point.at("lattice_bits");
@@ -47,10 +50,13 @@ struct Stage {
   const char* name;
   double StageTimes::*ms;
 };
-constexpr Stage kStages[] = {
-    {"segment", &StageTimes::segment_ms},   {"contour", &StageTimes::contour_ms},
-    {"simplify", &StageTimes::simplify_ms}, {"triangulate", &StageTimes::triangulate_ms},
-    {"refine", &StageTimes::refine_ms},     {"check", &StageTimes::check_ms}};
+constexpr Stage kStages[] = {{"segment", &StageTimes::segment_ms},
+                             {"contour", &StageTimes::contour_ms},
+                             {"simplify", &StageTimes::simplify_ms},
+                             {"triangulate", &StageTimes::triangulate_ms},
+                             {"refine", &StageTimes::refine_ms},
+                             {"check", &StageTimes::check_ms},
+                             {"hu", &StageTimes::hu_ms}};
 
 // For each stage the median over the repetitions of each slice, then the mean over the slices. All
 // slices are encoded in one call, which is long enough to be interrupted: its time is CPU time.
@@ -83,7 +89,7 @@ struct Counts {
   double min_angle_deg = 180, simplification_error_mm = 0;
   bool out_of_vertices = false;
 
-  void add(const MeshedSlice& m) {
+  void add(const MeshedMaterial& m) {
     rings += m.contours.rings.size();
     for (const Ring& ring : m.contours.rings)
       contour_vertices += ring.size();
@@ -155,13 +161,15 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
       if (!meshed) return meshed.error();
       times[static_cast<std::size_t>(k)].push_back(meshed->times);
       if (i + 1 < repetitions) continue;
+      MeshedMaterial& only = meshed->materials[0];
       // Sampled eight times a pixel.
-      add_errors(as_section(meshed->outline, options->lattice), scan.truths[k], scan.pixel_mm / 8,
+      add_errors(as_section(only.outline, options->lattice), scan.truths[k], scan.pixel_mm / 8,
                  errors);
-      counts.add(*meshed);
+      counts.add(only);
       const SlicePlane& plane = scan.stack.plane(k);
-      asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-                              std::move(meshed->refined.mesh)});
+      asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(only.outline),
+                              std::move(only.refined.mesh), "{}", 0,
+                              only.hu ? std::move(only.hu->values) : std::vector<float>()});
     }
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");
@@ -176,8 +184,8 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
   row["triangle_bytes"] = sizes.triangle_bytes;
   row["outline_bytes"] = sizes.outline_bytes;
   row["json_bytes"] = sizes.json_bytes;
-  row["bytes_per_triangle"] = static_cast<double>(sizes.triangle_bytes) /
-                              std::max(1.0, static_cast<double>(sizes.triangles));
+  row["bytes_per_triangle"] =
+      static_cast<double>(glb->size()) / std::max(1.0, static_cast<double>(sizes.triangles));
   row.update(stage_times(times, encode_ms / scan.stack.size()));
   return row;
 }

@@ -199,6 +199,10 @@ def presets_are_their_options(programs, scan, work):
     check("every pixel is material" in said.get("all_material", ""), f"all_material: {said}")
     label_map(scan, work / "small.nii.gz", [[1]])
     refuses(3, "needs a label map on the scan's grid", mesh, volume, *out, "--mask", f"{work / 'small.nii.gz'}:1")
+    aside = bytearray(gzip.decompress(volume.read_bytes()))
+    struct.pack_into("<f", aside, 292, struct.unpack_from("<f", aside, 292)[0] + 0.01)  # the origin's x, mm
+    (work / "aside.nii").write_bytes(aside)
+    refuses(3, "its origin is (", mesh, volume, *out, "--mask", f"{work / 'aside.nii'}:1")
 
 
 def names_what_is_no_number(programs, scan, work):
@@ -446,6 +450,8 @@ def main():
     check(made[0] == made[1], "an asset beside its slices changes the result")
 
     # An invalid asset is not exported: the first two points of an outline are swapped.
+    run(mesh, *slices, "-o", work / "lines.glb", *grey, "--lines")
+    asset = (work / "lines.glb").read_bytes()
     broken = bytearray(asset)
     length = int.from_bytes(asset[12:16], "little")
     gltf = json.loads(asset[20:20 + length])

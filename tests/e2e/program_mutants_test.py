@@ -67,7 +67,8 @@ def main():
         if kind == "glb":
             order = [mesh, rng.choice(("verify", "info")), source]
         else:
-            order = [mesh, source, "-o", asset, "--quiet", "--jobs", "1", "--threshold", "60"]
+            material = ["--labels", "all"] if seed.name.startswith("seg_") else ["--threshold", "60"]
+            order = [mesh, source, "-o", asset, "--quiet", "--jobs", "1", *material]
             if kind == "image":
                 order += ["--spacing", "1,1,1"]
         code, said = run(order)

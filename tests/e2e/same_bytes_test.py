@@ -20,14 +20,14 @@ def scans(sample):
     yield "sample, PNG", sample / "png", grey
     yield "sample, PNG, paper", sample / "png", (*grey[:2], "--preset", "paper")
     yield "sample, DICOM", sample / "dicom", ()
-    yield "sample, DICOM, areas", sample / "dicom", ("--simplify", "area")
+    yield "sample, DICOM, Douglas-Peucker", sample / "dicom", ("--simplify", "dp")
     yield "sample, NIfTI", sample / "sample.nii.gz", ()
     l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3"
     yield "L3", l3 / "sub-ct_label-22_ct.nii.gz", ()
     yield "L3, labels", l3 / "sub-ct_seg-vert_label-22_msk.nii.gz", ("--labels", "22")
     head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
     yield "head", head, ()
-    yield "head, areas", head, ("--simplify", "area")
+    yield "head, Douglas-Peucker", head, ("--simplify", "dp")
 
 
 def main():

@@ -15,7 +15,8 @@ using trocar::AssetSlice;
 bool same(const AssetSlice& a, const AssetSlice& b) {
   return a.index == b.index && a.z_mm == b.z_mm && a.measures_json == b.measures_json &&
          a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
-         a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles;
+         a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles &&
+         a.material == b.material && a.hu == b.hu;
 }
 
 }  // namespace
@@ -35,12 +36,16 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   if (const auto ok = trocar::verify_asset(*asset, "input.glb"); !ok)
     trocar::fuzz::expect_refusal(ok.error());
-  for (const AssetSlice& slice : asset->slices) {
-    const auto part = trocar::decode_asset_part({data, size}, "input.glb", {slice.index});
-    if (!part || part->asset.slices.size() != 1 || !same(part->asset.slices.front(), slice) ||
-        part->asset_slices != asset->slices.size()) {
-      std::abort();
+  std::size_t at = 0, slices = 0;
+  while (at < asset->slices.size()) {
+    const int index = asset->slices[at].index;
+    const auto part = trocar::decode_asset_part({data, size}, "input.glb", {index});
+    if (!part || part->asset.slices.empty()) std::abort();
+    for (const AssetSlice& slice : part->asset.slices) {
+      if (at == asset->slices.size() || !same(slice, asset->slices[at++])) std::abort();
     }
+    if (at < asset->slices.size() && asset->slices[at].index == index) std::abort();
+    if (slices++; slices > part->asset_slices) std::abort();
   }
   return 0;
 }

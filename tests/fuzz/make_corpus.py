@@ -17,8 +17,10 @@ tests = pathlib.Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(tests / "e2e"), str(tests / "pipeline" / "read")]
 import device_link  # noqa: E402
 import dicom_variants_test as dicom  # noqa: E402
+import dicom_segmentation_test as segmentation  # noqa: E402
 
 dicom.COLUMNS, dicom.ROWS, dicom.SLICES = 17, 12, 3
+segmentation.WIDTH, segmentation.HEIGHT, segmentation.SLICES = 17, 12, 6
 
 
 def write_dicom(folder):
@@ -33,6 +35,16 @@ def write_dicom(folder):
                 done = subprocess.run([*tool, original, folder / f"{kind}_{name}.dcm"], check=False, capture_output=True)
                 if done.returncode:
                     print(kind, name, done.stdout[-200:], done.stderr[-200:])
+
+
+def write_segmentations(folder):
+    labels = segmentation.label_map()
+    for name, kind, tool in (("binary", "BINARY", ("dcmconv", "+te")), ("binary_big_endian", "BINARY", ("dcmconv", "+tb")),
+                             ("fractional", "FRACTIONAL", ("dcmconv", "+ti")), ("fractional_rle", "FRACTIONAL", ("dcmcrle",))):
+        with tempfile.TemporaryDirectory() as work:
+            original = pathlib.Path(work) / "original"
+            segmentation.make_seg(labels, kind=kind).save_as(original, write_like_original=False)
+            subprocess.run([*tool, original, folder / f"seg_{name}.dcm"], check=True)
 
 
 def write_nifti(folder):
@@ -214,6 +226,7 @@ def main():
         folders[kind] = corpus / kind
         folders[kind].mkdir(parents=True, exist_ok=True)
     write_dicom(folders["dicom"])
+    write_segmentations(folders["dicom"])
     write_nifti(folders["nifti"])
     write_images(folders["image"])
     write_packets(folders["packet"])

@@ -217,5 +217,31 @@ TEST(SecondOpinion, FindsEachKindOfDamage) {
   }
 }
 
+TEST(SecondOpinion, FindsASurfaceThatIntersectsItself) {
+  // Two tetrahedra, first apart, then one with a corner in the other.
+  for (const std::int32_t shift : {100, 3}) {
+    AssetSurface one;
+    for (const std::int32_t by : {0, shift}) {
+      const auto first = static_cast<std::uint32_t>(one.surface.vertices.size());
+      one.surface.vertices.insert(
+          one.surface.vertices.end(),
+          {{by, by, by}, {10 + by, by, by}, {by, 10 + by, by}, {by, by, 10 + by}});
+      one.surface.triangles.insert(one.surface.triangles.end(), {{first, first + 2, first + 1},
+                                                                 {first, first + 1, first + 3},
+                                                                 {first + 1, first + 2, first + 3},
+                                                                 {first, first + 3, first + 2}});
+    }
+    Asset asset;
+    asset.surfaces = {one};
+    ASSERT_TRUE(verify_asset(asset, "a.glb"));
+    const auto ok = confirm_by_cgal(asset, "a.glb");
+    EXPECT_EQ(static_cast<bool>(ok), shift == 100);
+    if (ok) continue;
+    EXPECT_EQ(ok.error().code, ExitCode::kRefused);
+    EXPECT_TRUE(ok.error().message.starts_with("a.glb, surface of material 0: "))
+        << ok.error().message;
+  }
+}
+
 }  // namespace
 }  // namespace trocar::pipeline

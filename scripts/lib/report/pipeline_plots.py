@@ -7,7 +7,7 @@ from style import GREY, HOLE, LINE, OUTER, THRESHOLD, plt
 COLOURS = {"phantom": OUTER, "phantom 12 HU": "#7fb0d8", "L3": THRESHOLD, "head": "#b07a1e"}
 KINDS = {"subpixel": (OUTER, "o", "sub-pixel contour"), "pixel": (HOLE, "s", "pixel chains (cv::findContours)")}
 STAGES = {"segment": "#c9c9c9", "contour": OUTER, "simplify": "#7fb0d8", "triangulate": THRESHOLD, "refine": "#9fce9f",
-          "check": "#d9b36a", "encode": HOLE}
+          "check": "#d9b36a", "hu": "#b07a1e", "encode": HOLE}
 CHOSEN = "#e0a100"
 
 
@@ -140,7 +140,7 @@ def parameter(curves, key, name, log, default, no_bound):
                           ("smallest_angle_deg", "smallest angle (deg)")),
         "max_area_mm2": (("triangles", "triangles per slice"), ("asset_bytes", "asset bytes per slice"),
                          ("total_ms_per_slice", "ms per slice")),
-        "lattice_bits": (("mean_distance_mm", "mean distance (mm)"), ("bytes_per_triangle", "bytes per triangle, without outline"),
+        "lattice_bits": (("mean_distance_mm", "mean distance (mm)"), ("bytes_per_triangle", "bytes per triangle of the whole file"),
                          ("triangles_below_min_angle", "triangles below 30\N{DEGREE SIGN} a slice")),
     }[key]
     captions = {

@@ -46,13 +46,20 @@ function bounds(geometry) {
   return { min: min.toArray(), max: max.toArray() };
 }
 
-/** What one node of the scene holds. Positions are as stored: mm in the slice plane. */
-function describe(node) {
+/** [HU, red, green, blue] of each vertex, colours from 0 to 255; null without. */
+function colours_with_hu(geometry) {
+  const hu = geometry.getAttribute('_hu'), colour = geometry.getAttribute('color');
+  if (!colour) return null;
+  return Array.from({ length: hu.count }, (_, i) => [8 * hu.getX(i), ...['getX', 'getY', 'getZ'].map(
+    (component) => Math.round(255 * colour[component](i)))]);
+}
+
+/** What some objects of the scene hold. Positions are as stored: lattice steps. */
+function describe(index, objects) {
   const slice = {
-    name: node.name, index: node.userData.trocar?.index ?? null,
-    triangles: 0, vertices: 0, line_segments: 0, bounds_mm: null, matrix: node.matrix.toArray(),
+    index, triangles: 0, vertices: 0, line_segments: 0, bounds: null, has_hu: false, colours: null,
   };
-  node.traverse((object) => {
+  for (const top of objects) top.traverse((object) => {
     const geometry = object.geometry;
     if (!geometry) return;
     const positions = geometry.getAttribute('position');
@@ -64,10 +71,12 @@ function describe(node) {
     if (object.isMesh) {
       slice.triangles += elements / 3;
       slice.vertices += positions.count;
-      slice.bounds_mm = bounds(geometry);
+      slice.bounds = bounds(geometry);
+      slice.has_hu = geometry.hasAttribute('_hu');
+      slice.colours = colours_with_hu(geometry);
     } else if (object.isLineSegments) {
       slice.line_segments += elements / 2;
-      slice.lines_bounds_mm = bounds(geometry);
+      slice.lines_bounds = bounds(geometry);
     } else {
       throw new Error(`unexpected object of type ${object.type}`);
     }
@@ -86,25 +95,33 @@ server.listen(0, '127.0.0.1', async () => {
     gltf.scene.updateMatrixWorld(true);
     const box = new three.Box3().setFromObject(gltf.scene, true);
 
-    // A slice is the topmost node that carries our metadata.
-    const slices = [];
-    const visit = (node) => {
-      if (node.userData.trocar && Number.isInteger(node.userData.trocar.index)) {
-        slices.push(describe(node));
-      } else {
-        node.children.forEach(visit);
-      }
-    };
-    visit(gltf.scene);
+    // Node 2's children hold the slices: triangles, which their lines may follow. Indices ascend by 1
+    // where a node does not say otherwise. Surfaces for display say so.
+    const slices = [], surfaces = [];
+    let next = 0;
+    for (const number of gltf.parser.json.nodes[2].children ?? []) {
+      const node = await gltf.parser.getDependency('node', number);
+      next = node.userData.trocar?.index ?? next;
+      const objects = node.isMesh || node.children.length === 0 ? [node] : node.children;
+      objects.forEach((object, i) => {
+        if (object.isLineSegments) return;
+        const lines = objects[i + 1]?.isLineSegments ? [objects[i + 1]] : [];
+        slices.push(describe(next++, [object, ...lines]));
+      });
+    }
+    gltf.scene.traverse((node) => {
+      if (Number.isInteger(node.userData.trocar?.surface)) surfaces.push(describe(null, [node]));
+    });
     if (complaints.length) throw new Error('the loaders complained');
-    const drawn = describe(gltf.scene);
-    const total = (field) => slices.reduce((sum, slice) => sum + slice[field], 0);
-    if (slices.length === 0) throw new Error('no node carries extras.trocar.index');
+    const drawn = describe(null, [gltf.scene]);
+    const sum_of = (list, field) => list.reduce((sum, one) => sum + one[field], 0);
+    const total = (field) => sum_of(slices, field);
+    if (slices.length === 0) throw new Error('no slices');
     for (const field of ['triangles', 'vertices', 'line_segments']) {
-      if (total(field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
+      if (total(field) + sum_of(surfaces, field) !== drawn[field]) throw new Error(`${field} outside of the slices`);
     }
     const result = {
-      three: three.REVISION, node: process.version, slices,
+      three: three.REVISION, node: process.version, slices, surfaces,
       triangles: total('triangles'), vertices: total('vertices'),
       line_segments: total('line_segments'),
       world_bounds_m: { min: box.min.toArray(), max: box.max.toArray() },

@@ -5,7 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <random>
 
 #include "formats/asset/draco_mesh.h"
@@ -46,14 +49,14 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
   asset.lattice.bits = bits;
   asset.generator = "asset_test";
   asset.parameters_json = R"({"labels":[20,22],"threshold":226.5})";
-  asset.input_digest = "0123abcd";
+  asset.input_key_digest = "0123abcd";
   for (int i = 0; i < 3; ++i) {
     AssetSlice slice;
     slice.index = 2 * i + 1;
     slice.z_mm = 0.1 * i;
     slice.T_lps_plane = Eigen::Translation3d(1.25, -3.1, 0.1 * i) *
                         Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
-    slice.measures_json = R"({"area_mm2":0.3333333333333333,"mean_hu":431.25})";
+    slice.measures_json = R"({"area_mm2":0.3333333333333333,"mean_hu":431.28})";
     if (i != 1) {
       slice.mesh = jittered_grid(13 + i, 7, 97, origin, 5 + static_cast<std::uint64_t>(i));
       slice.pslg = boundary_rings(slice.mesh);
@@ -88,13 +91,14 @@ TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
   EXPECT_TRUE(verify_asset(*out, "test"));
   EXPECT_EQ(out->lattice, in.lattice);
   EXPECT_EQ(out->parameters_json, in.parameters_json);
-  EXPECT_EQ(out->input_digest, in.input_digest);
+  EXPECT_EQ(out->input_key_digest, in.input_key_digest);
+  EXPECT_EQ(out->schema, 2);
   EXPECT_EQ(out->generator, in.generator);
   ASSERT_EQ(out->slices.size(), in.slices.size());
   for (std::size_t i = 0; i < in.slices.size(); ++i) {
     EXPECT_EQ(out->slices[i].index, in.slices[i].index);
     EXPECT_EQ(out->slices[i].z_mm, in.slices[i].z_mm);
-    EXPECT_EQ(out->slices[i].measures_json, in.slices[i].measures_json);
+    EXPECT_EQ(out->slices[i].measures_json, R"({"mean_hu":431.3})");
     EXPECT_EQ(out->slices[i].T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
     EXPECT_EQ(out->slices[i].pslg.rings, in.slices[i].pslg.rings);
     EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
@@ -110,7 +114,7 @@ TEST(Asset, SizesFromEncodingEqualThoseOfTheFile) {
   ASSERT_TRUE(found);
   EXPECT_EQ(stated.json_bytes, found->json_bytes);
   EXPECT_EQ(stated.index_bytes, found->index_bytes);
-  EXPECT_EQ(stated.index_bytes, 44U + 3 * 64);
+  EXPECT_EQ(stated.index_bytes, 52U + 3 * 24);
   EXPECT_EQ(stated.triangle_bytes, found->triangle_bytes);
   EXPECT_EQ(stated.outline_bytes, found->outline_bytes);
   EXPECT_EQ(stated.triangles, found->triangles);
@@ -120,7 +124,7 @@ TEST(Asset, SizesFromEncodingEqualThoseOfTheFile) {
 TEST(Asset, LabelsAndMeanHuComeFromTheJsonText) {
   const Asset asset = make_asset(8);
   EXPECT_EQ(labels_of(asset), (std::vector<int>{20, 22}));
-  EXPECT_EQ(mean_hu_of(asset.slices[0]), 431.25);
+  EXPECT_EQ(mean_hu_of(asset.slices[0]), 431.28);
   for (const char* text : {"{}", "[]", "", R"({"labels":22,"mean_hu":"400"})"}) {
     Asset other;
     other.parameters_json = text;
@@ -142,12 +146,317 @@ TEST(Asset, ParametersAndMeasuresThatAreNotJsonAreABug) {
   asset = make_asset(8);
   asset.slices[1].measures_json = "not JSON";
   ASSERT_FALSE(encode_asset(asset));
-  EXPECT_EQ(encode_asset(asset).error().message, "slice 3: its measures are not JSON");
+  EXPECT_EQ(encode_asset(asset).error().message, "slice 3: its measures are not a JSON object");
+}
+
+// HU by place, so that they can be compared after Draco's reordering.
+float hu_at(LatticePoint p) {
+  return static_cast<float>(0.37 * p.x - 0.21 * p.y + 300);
+}
+
+Asset with_hu(Asset asset) {
+  for (AssetSlice& slice : asset.slices) {
+    for (const LatticePoint p : slice.mesh.vertices)
+      slice.hu.push_back(hu_at(p));
+  }
+  return asset;
+}
+
+TEST(Asset, HuComeBackOnTheirStep) {
+  const Asset in = with_hu(make_asset(8));
+  const auto out = decode_asset(*encode_asset(in), "test");
+  ASSERT_TRUE(out) << out.error().message;
+  for (const AssetSlice& slice : out->slices) {
+    ASSERT_EQ(slice.hu.size(), slice.mesh.vertices.size());
+    for (std::size_t v = 0; v < slice.hu.size(); ++v) {
+      const double exact = std::clamp(hu_at(slice.mesh.vertices[v]), -8192.0F, 24568.0F);
+      EXPECT_LE(std::abs(slice.hu[v] - exact), 4) << v;
+      EXPECT_EQ(std::fmod(slice.hu[v], 8.0F), 0);
+    }
+    if (slice.hu.empty()) continue;
+    EXPECT_EQ(slice.measures_json, "{}");
+    EXPECT_TRUE(mean_hu_of(slice));
+  }
+  Asset wrong = with_hu(make_asset(8));
+  wrong.slices[0].hu.pop_back();
+  EXPECT_EQ(encode_asset(wrong).error().code, ExitCode::kBug);
+  wrong.slices[0].hu.push_back(std::numeric_limits<float>::quiet_NaN());
+  EXPECT_EQ(encode_asset(wrong).error().code, ExitCode::kBug);
+}
+
+// The mean over the mesh of the linear field is not the mean over its vertices.
+TEST(Asset, MeanHuIsTheFieldsMeanOverTheArea) {
+  AssetSlice slice;
+  slice.mesh = {{{0, 0}, {300, 0}, {0, 300}, {100, 300}}, {{0, 1, 2}, {1, 3, 2}}};
+  for (const LatticePoint p : slice.mesh.vertices)
+    slice.hu.push_back(static_cast<float>(2 * p.x + 50));
+  // Areas 45000 and 15000, centroids at x = 100 and 400 / 3.
+  EXPECT_NEAR(*mean_hu_of(slice), 50 + 2 * (45000 * 100 + 15000 * 400.0 / 3) / 60000, 1e-4);
+  slice.measures_json = R"({"mean_hu":7})";
+  EXPECT_GT(*mean_hu_of(slice), 200);
+}
+
+// Two slices of two materials each, one of one, and one without material.
+Asset two_materials() {
+  Asset asset = make_asset(8);
+  asset.materials = {{"L3", 22}, {"marrow", {}}};
+  AssetSlice marrow = asset.slices[0];
+  marrow.material = 1;
+  marrow.mesh = jittered_grid(3, 4, 55, {3000, -100}, 9);
+  marrow.pslg = boundary_rings(marrow.mesh);
+  asset.slices.insert(asset.slices.begin() + 1, marrow);
+  asset.slices.back().material = 1;
+  asset.slices.push_back(asset.slices[0]);
+  asset.slices.back().index = 6;
+  marrow.index = 6;
+  asset.slices.push_back(marrow);
+  return asset;
+}
+
+TEST(Asset, MaterialsOfASliceAreEntriesOfItsIndex) {
+  const Asset in = with_hu(two_materials());
+  const auto glb = encode_asset(in);
+  ASSERT_TRUE(glb) << glb.error().message;
+  const auto out = decode_asset(*glb, "test");
+  ASSERT_TRUE(out) << out.error().message;
+  ASSERT_EQ(out->materials.size(), 2U);
+  EXPECT_EQ(out->materials[0].name, "L3");
+  EXPECT_EQ(out->materials[0].label, 22);
+  EXPECT_EQ(out->materials[1].name, "marrow");
+  EXPECT_FALSE(out->materials[1].label);
+  ASSERT_EQ(out->slices.size(), 6U);
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(out->slices[i].index, (std::array{1, 1, 3, 5, 6, 6}[i]));
+    EXPECT_EQ(out->slices[i].material, (std::array{0, 1, 0, 1, 0, 1}[i]));
+    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+  }
+  std::vector<std::uint8_t> rewritten = *glb;  // without its index
+  std::uint32_t json_bytes = 0;
+  std::memcpy(&json_bytes, glb->data() + 12, 4);
+  rewritten[28 + json_bytes] ^= 0xFF;
+  for (const auto& file : {*glb, rewritten}) {
+    const auto part = decode_asset_part(file, "test", {6, 3});
+    ASSERT_TRUE(part) << part.error().message;
+    EXPECT_EQ(part->asset_slices, 4U);
+    ASSERT_EQ(part->asset.slices.size(), 3U);
+    EXPECT_EQ(part->asset.slices[1].material, 0);
+    EXPECT_EQ(part->asset.slices[2].material, 1);
+    EXPECT_EQ(part->asset.slices[2].mesh.vertices, out->slices[5].mesh.vertices);
+    EXPECT_EQ(part->asset.slices[2].hu, out->slices[5].hu);
+    EXPECT_EQ(part->asset.materials.size(), 2U);
+  }
+  Asset wrong = in;
+  std::swap(wrong.slices[0], wrong.slices[1]);
+  EXPECT_EQ(encode_asset(wrong).error().message,
+            "slice 1: slices do not ascend by index and material");
+  wrong = in;
+  wrong.slices[1].material = 2;
+  EXPECT_EQ(encode_asset(wrong).error().code, ExitCode::kBug);
+}
+
+// Colours for viewers are those of the HU, and change nothing else.
+TEST(Asset, ColoursAreThoseOfTheHu) {
+  EXPECT_EQ(hu_colour(-8192), (HuColour{15, 0, 23}));
+  EXPECT_EQ(hu_colour(-200), (HuColour{15, 0, 23}));
+  EXPECT_EQ(hu_colour(56), (HuColour{16, 6, 50}));
+  EXPECT_EQ(hu_colour(184), (HuColour{14, 14, 58}));  // half way: 13.5, 13.5, 57.5
+  EXPECT_EQ(hu_colour(1848), (HuColour{250, 204, 4}));
+  EXPECT_EQ(hu_colour(24568), (HuColour{250, 204, 4}));
+  Asset in = with_hu(two_materials());
+  const auto plain = decode_asset(*encode_asset(in), "test");
+  in.colours = true;
+  const std::vector<std::uint8_t> glb = *encode_asset(in);
+  const std::string text(glb.begin(), glb.end());
+  EXPECT_NE(text.find(R"("COLOR_0":2)"), std::string::npos);
+  const auto out = decode_asset(glb, "test");
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_TRUE(out->colours);
+  EXPECT_FALSE(plain->colours);
+  const auto part = decode_asset_part(glb, "test", {6});
+  ASSERT_TRUE(part) << part.error().message;
+  EXPECT_EQ(part->asset.slices[1].hu, out->slices[5].hu);
+  for (std::size_t i = 0; i < in.slices.size(); ++i) {
+    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+    EXPECT_EQ(mean_hu_of(out->slices[i]), mean_hu_of(plain->slices[i]));
+  }
+  // Without HU there are none.
+  for (AssetSlice& slice : in.slices)
+    slice.hu.clear();
+  const auto bare = decode_asset(*encode_asset(in), "test");
+  ASSERT_TRUE(bare) << bare.error().message;
+  EXPECT_FALSE(bare->colours);
+}
+
+// Planes above each other share a frame; others have each their own. Both come back bit for bit.
+TEST(Asset, EveryPlaneComesBackBitForBit) {
+  Eigen::Matrix3d prone;
+  prone << -1, 0, 0, 0, 0, 1, 0, 1, 0;
+  const Eigen::Matrix3d tilted =
+      Eigen::AngleAxisd(0.31, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  for (const double spacing : {1.5, 0.7, 0.8000011, 0.00390625}) {
+    for (const Eigen::Matrix3d& R : {Eigen::Matrix3d(Eigen::Matrix3d::Identity()), prone, tilted}) {
+      for (const bool shears : {false, true}) {
+        Asset in = make_asset(8);
+        for (std::size_t i = 0; i < in.slices.size(); ++i) {
+          const double z = -103.19998168945312 + spacing * static_cast<double>(i);
+          in.slices[i].T_lps_plane.linear() = R;
+          in.slices[i].T_lps_plane.translation() =
+              R * Eigen::Vector3d(-30.1, shears ? 135 - 0.13 * z : 135.2, z);
+        }
+        const auto glb = encode_asset(in);
+        ASSERT_TRUE(glb);
+        const auto out = decode_asset(*glb, "test");
+        ASSERT_TRUE(out) << out.error().message;
+        for (std::size_t i = 0; i < in.slices.size(); ++i) {
+          const auto part = decode_asset_part(*glb, "test", {in.slices[i].index});
+          ASSERT_TRUE(part);
+          for (const AssetSlice& slice : {out->slices[i], part->asset.slices[0]}) {
+            EXPECT_EQ(slice.T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
+            EXPECT_EQ(slice.z_mm, in.slices[i].z_mm);
+          }
+        }
+      }
+    }
+  }
+}
+
+// Nothing is stored twice: outlines are in the file for viewers only, on request.
+TEST(Asset, LinesAreTheOutlineAndChangeNothingElse) {
+  Asset in = two_materials();
+  AssetSizes plain, lined;
+  const auto without = decode_asset(*encode_asset(in, &plain), "test");
+  in.lines = true;
+  const std::vector<std::uint8_t> glb = *encode_asset(in, &lined);
+  const auto with = decode_asset(glb, "test");
+  ASSERT_TRUE(with) << with.error().message;
+  EXPECT_FALSE(without->lines);
+  EXPECT_TRUE(with->lines);
+  EXPECT_EQ(plain.outline_bytes, 0U);
+  EXPECT_EQ(plain.triangle_bytes, lined.triangle_bytes);
+  EXPECT_GT(lined.outline_bytes, 0U);
+  for (std::size_t i = 0; i < in.slices.size(); ++i) {
+    EXPECT_EQ(with->slices[i].pslg.rings, boundary_rings(in.slices[i].mesh).rings);
+    EXPECT_EQ(without->slices[i].pslg.rings, with->slices[i].pslg.rings);
+  }
+  // A line that is moved: the file is refused. Its last bytes are indices of lines.
+  std::vector<std::uint8_t> moved = glb;
+  moved[moved.size() - 4] ^= 1;
+  EXPECT_FALSE(decode_asset(moved, "test"));
+}
+
+// A slice costs at most 360 bytes beside its triangles and HU.
+TEST(Asset, ASliceCostsLittleJson) {
+  const auto overhead = [](int slices, bool hu) {
+    Asset asset = make_asset(8);
+    const AssetSlice one = asset.slices[0];
+    asset.slices.assign(static_cast<std::size_t>(slices), one);
+    for (int i = 0; i < slices; ++i) {
+      asset.slices[static_cast<std::size_t>(i)].index = i;
+      asset.slices[static_cast<std::size_t>(i)].T_lps_plane =
+          Eigen::Translation3d(-79.84375, -54.84375, -17 + 1.5 * i);
+      asset.slices[static_cast<std::size_t>(i)].z_mm = -17 + 1.5 * i;
+      asset.slices[static_cast<std::size_t>(i)].measures_json = "{}";
+    }
+    if (hu) asset = with_hu(asset);
+    AssetSizes sizes;
+    const std::size_t bytes = encode_asset(asset, &sizes)->size();
+    return bytes - sizes.triangle_bytes;
+  };
+  EXPECT_LE(overhead(40, false) - overhead(10, false), 30U * 360);
+  EXPECT_LE(overhead(40, true) - overhead(10, true), 30U * 430);
+  EXPECT_LE(overhead(1, false), 420U + 1100);
+}
+
+// Seventy slices above each other, and two more after a gap; without HU, so that nodes hold means.
+Asset tower() {
+  Asset asset = make_asset(8);
+  const AssetSlice one = asset.slices[0];
+  asset.slices.clear();
+  for (int i = 0; i < 72; ++i) {
+    AssetSlice slice = one;
+    slice.index = i < 70 ? i : i + 5;
+    slice.T_lps_plane = Eigen::Translation3d(-79.84375, -54.84375, -17 + 1.5 * slice.index);
+    slice.z_mm = -17 + 1.5 * slice.index;
+    slice.measures_json = "{\"mean_hu\":" + std::to_string(400 + i) + "}";
+    asset.slices.push_back(slice);
+  }
+  return asset;
+}
+
+std::string json_of(const std::vector<std::uint8_t>& glb) {
+  std::uint32_t bytes = 0;
+  std::memcpy(&bytes, glb.data() + 12, sizeof bytes);
+  return {glb.begin() + 20, glb.begin() + 20 + bytes};
+}
+
+// The file with another JSON text and without its index.
+std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::string text) {
+  text.resize((text.size() + 3) & ~std::size_t{3}, ' ');
+  const std::size_t before = 20, after = before + json_of(glb).size();
+  std::vector<std::uint8_t> out(glb.size() - after + before + text.size());
+  std::memcpy(out.data(), glb.data(), before);
+  std::memcpy(out.data() + before, text.data(), text.size());
+  std::memcpy(out.data() + before + text.size(), glb.data() + after, glb.size() - after);
+  const auto size = static_cast<std::uint32_t>(out.size()),
+             bytes = static_cast<std::uint32_t>(text.size());
+  std::memcpy(out.data() + 8, &size, sizeof size);
+  std::memcpy(out.data() + 12, &bytes, sizeof bytes);
+  out[28 + text.size()] ^= 0xFF;
+  return out;
+}
+
+TEST(Asset, SlicesThatFollowEachOtherShareANode) {
+  const std::vector<std::uint8_t> glb = *encode_asset(tower());
+  const std::string text = json_of(glb);
+  std::size_t nodes = 0;
+  for (std::size_t at = 0; (at = text.find(R"("mesh":)", at)) != std::string::npos; ++at)
+    ++nodes;
+  EXPECT_EQ(nodes, 4U);  // of 32, 32, 6 and 2 slices
+  const auto whole = decode_asset(glb, "test");
+  ASSERT_TRUE(whole) << whole.error().message;
+  ASSERT_EQ(whole->slices.size(), 72U);
+  for (std::size_t i = 0; i < 72; ++i) {
+    const AssetSlice& slice = whole->slices[i];
+    EXPECT_EQ(slice.index, static_cast<int>(i < 70 ? i : i + 5));
+    EXPECT_EQ(mean_hu_of(slice), 400 + static_cast<double>(i));
+    const auto part = decode_asset_part(glb, "test", {slice.index});
+    ASSERT_TRUE(part) << part.error().message;
+    EXPECT_EQ(part->asset.slices[0].measures_json, slice.measures_json);
+    EXPECT_EQ(part->asset.slices[0].T_lps_plane.matrix(), slice.T_lps_plane.matrix());
+    EXPECT_EQ(part->asset.slices[0].mesh.vertices, slice.mesh.vertices);
+  }
+}
+
+TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
+  const std::vector<std::uint8_t> glb = *encode_asset(tower());
+  const std::string text = json_of(glb);
+  ASSERT_TRUE(decode_asset(with_json(glb, text), "same"));
+  const std::string primitive =
+      text.substr(text.find(R"([{"attributes")") + 1,
+                  text.find(R"(,{"attributes")") - text.find(R"([{"attributes")"));
+  for (const auto& [from, to, said] : std::vector<std::array<std::string, 3>>{
+           {"400,401,", "400,", "its figures are not one for each slice"},
+           {"400,401,", "[],401,", "mean_hu is not a number for each slice"},
+           {R"("index":0,)", "", "mean_hu and no index"},
+           {R"("index":32,)", R"("index":31,)", "slice indices do not ascend"},
+           {R"("index":75,)", R"("index":2147483647,)", "too many slices in its node"},
+           {R"("index":0,)", R"("index":0,"z_mm":1,)", "its figures are not one for each slice"},
+           {R"({"primitives":[)", R"({"primitives":[)" + primitive, "too many slices in its node"},
+       }) {
+    std::string changed = text;
+    const std::size_t at = changed.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    changed.replace(at, from.size(), to);
+    const auto out = decode_asset(with_json(glb, changed), "test");
+    ASSERT_FALSE(out) << from << " to " << to;
+    EXPECT_EQ(out.error().code, ExitCode::kRefused);
+    EXPECT_NE(out.error().message.find(said), std::string::npos) << out.error().message;
+  }
 }
 
 TEST(Asset, DecodesOnlyTheRequestedSlices) {
   const auto glb = encode_asset(make_asset(8));
-  const auto out = decode_asset(*glb, "test", {false, {5}});
+  const auto out = decode_asset(*glb, "test", {.all = false, .slice_indices = {5}});
   ASSERT_TRUE(out);
   ASSERT_EQ(out->slices.size(), 3U);
   EXPECT_TRUE(out->slices[0].mesh.triangles.empty());
@@ -201,13 +510,13 @@ TEST(Asset, ADracoHeaderWithTooLargeCountsIsRefused) {
   const DracoGrid grid{{8}, {0, 0}, 16};
   const std::vector<std::uint8_t> good = *encode_draco(mesh, grid);
   const std::uint64_t vertices = mesh.vertices.size(), triangles = mesh.triangles.size();
-  ASSERT_TRUE(decode_draco(good, grid.lattice, vertices, triangles));
-  EXPECT_FALSE(decode_draco(good, grid.lattice, vertices - 1, triangles));
-  EXPECT_FALSE(decode_draco(good, grid.lattice, vertices, triangles - 1));
+  ASSERT_TRUE(decode_draco(good, vertices, triangles));
+  EXPECT_FALSE(decode_draco(good, vertices - 1, triangles));
+  EXPECT_FALSE(decode_draco(good, vertices, triangles - 1));
   for (std::size_t at = 0; at < 11; ++at) {
     std::vector<std::uint8_t> bytes = good;
     bytes[at] ^= 1;
-    EXPECT_FALSE(decode_draco(bytes, grid.lattice, vertices, triangles)) << at;
+    EXPECT_FALSE(decode_draco(bytes, vertices, triangles)) << at;
   }
   // 112 vertices and 182 triangles, a varint of one byte and one of two, after twelve other bytes.
   ASSERT_EQ(good[12], vertices);
@@ -217,12 +526,12 @@ TEST(Asset, ADracoHeaderWithTooLargeCountsIsRefused) {
     for (std::uint32_t left = many; left > 0; left >>= 7)
       bytes.push_back(static_cast<std::uint8_t>(left > 0x7f ? (left & 0x7f) | 0x80 : left));
     bytes.insert(bytes.end(), good.begin() + 15, good.end());
-    const auto out = decode_draco(bytes, grid.lattice, vertices, many);
+    const auto out = decode_draco(bytes, vertices, many);
     ASSERT_FALSE(out);
     EXPECT_EQ(out.error().message, "Draco: more triangles than its bytes can hold") << many;
   }
   for (std::size_t size = 0; size < 20; ++size)
-    EXPECT_FALSE(decode_draco({good.data(), size}, grid.lattice, vertices, triangles)) << size;
+    EXPECT_FALSE(decode_draco({good.data(), size}, vertices, triangles)) << size;
 }
 
 // The mesh that Draco compresses best.
@@ -231,13 +540,15 @@ TEST(Asset, APerfectGridIsNotRefused) {
   const DracoGrid grid{{8}, {0, 0}, 16};
   const std::vector<std::uint8_t> bytes = *encode_draco(mesh, grid);
   EXPECT_GT(mesh.triangles.size(), 64 * bytes.size());
-  const auto out = decode_draco(bytes, grid.lattice, mesh.vertices.size(), mesh.triangles.size());
+  const auto out = decode_draco(bytes, mesh.vertices.size(), mesh.triangles.size());
   ASSERT_TRUE(out) << out.error().message;
-  EXPECT_EQ(canonical(*out), canonical(mesh));
+  EXPECT_EQ(canonical(out->mesh), canonical(mesh));
 }
 
 TEST(Asset, HostileBytesAreRefusedOrDecoded) {
-  const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
+  Asset asset = with_hu(two_materials());
+  asset.lines = true;
+  const std::vector<std::uint8_t> glb = *encode_asset(asset);
   std::mt19937_64 rng(11);
   int refused_count = 0;
   for (int i = 0; i < 3000; ++i) {

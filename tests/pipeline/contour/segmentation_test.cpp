@@ -32,6 +32,17 @@ TEST(Segmentation, MeanOfMaterialIsOverValuesAtOrAboveTheThreshold) {
   }
 }
 
+TEST(Segmentation, MeanOfAnotherImagesValuesOverTheMaterial) {
+  std::vector<float> labels(13, 0), hu(13, -500);
+  for (const std::size_t i : {1, 2, 11}) {
+    labels[i] = 7;
+    hu[i] = 100.0F * static_cast<float>(i);
+  }
+  const Field field = segment(image_of(13, 1, labels), PixelUnit::kUncalibrated, Labels{{7}});
+  ASSERT_TRUE(mean_of_material(field, image_of(13, 1, hu)));
+  EXPECT_EQ(*mean_of_material(field, image_of(13, 1, hu)), 1400.0 / 3);
+}
+
 TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
   const Field field = segment(image_of(2, 2, {1, 2, 3, 4}), PixelUnit::kHounsfield, Threshold{100});
   EXPECT_FALSE(mean_of_material(field));

@@ -28,7 +28,8 @@ void expect_sound(const Pslg& full, double tolerance_mm, Cost& cost, const std::
   const auto sound = check_pslg(full);
   ASSERT_TRUE(sound) << what << ", before: " << sound.error().message;
   const auto start = std::chrono::steady_clock::now();
-  const Pslg simple = simplify(full, kLattice, {tolerance_mm});
+  const Pslg simple =
+      simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
   cost.ms +=
       std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   ++cost.slices;

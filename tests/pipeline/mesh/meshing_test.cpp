@@ -57,7 +57,8 @@ TEST_P(Simplification, StaysWithinItsBoundAndKeepsTheTopology) {
   const double tolerance_mm = tolerance_px * kGrid.spacing_u_mm;
   for (std::uint64_t seed = 100; seed < 120; ++seed) {
     const Pslg full = contours(noise_field(40, passes, seed), kGrid, kind);
-    const Pslg simple = simplify(full, kLattice, {tolerance_mm});
+    const Pslg simple =
+        simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
     const auto ok = check_pslg(simple);  // no crossing, no collapse, orientations nest
     ASSERT_TRUE(ok) << ok.error().message << " seed " << seed;
     ASSERT_EQ(simple.rings.size(), full.rings.size());
@@ -154,8 +155,9 @@ TEST(Refinement, GivesValidMeshesOnNoise) {
     for (std::uint64_t seed = 0; seed < 15; ++seed) {
       const Pslg full = drop_small_rings(
           contours(noise_field(64, passes, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
-      expect_valid_refinement(simplify(full, kLattice, {0.25}), {},
-                              "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
+      expect_valid_refinement(
+          simplify(full, kLattice, {0.25, SimplificationMethod::kDouglasPeucker}), {},
+          "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
     }
   }
 }
@@ -176,7 +178,7 @@ TEST(Refinement, EndsForLargeAngles) {
   for (std::uint64_t seed = 0; seed < 8; ++seed) {
     const Pslg full = drop_small_rings(
         contours(noise_field(48, 3, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
-    const Pslg pslg = simplify(full, kLattice, {0.25});
+    const Pslg pslg = simplify(full, kLattice, {0.25, SimplificationMethod::kDouglasPeucker});
     for (const double angle : {33.0, 36.0, 45.0, 59.0}) {
       RefinementOptions options;
       options.min_angle_deg = angle;
@@ -221,8 +223,9 @@ TEST(Refinement, EndsOnScans) {
       MeshOptions options;
       options.refinement.min_angle_deg = angle;
       for (int k = 0; k < (*stack)->size(); ++k) {
-        const auto slice = mesh_slice(**stack, k, options);
-        ASSERT_TRUE(slice) << slice.error().message;
+        const auto meshed = mesh_slice(**stack, k, options);
+        ASSERT_TRUE(meshed) << meshed.error().message;
+        const MeshedMaterial* const slice = &meshed->materials[0];
         EXPECT_EQ(slice->refined.outcome, RefinementOutcome::kRefined) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.negative_stiffness_edges, 0U) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.below_unexplained, 0U) << scan << " slice " << k;

@@ -11,7 +11,7 @@ import sys
 import nibabel
 import numpy as np
 
-from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, make_enhanced, make_slice  # exits with 77 without pydicom
+from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, item, make_enhanced, make_slice  # exits with 77 without pydicom
 
 MR, PT, SEG = "1.2.840.10008.5.1.4.1.1.4", "1.2.840.10008.5.1.4.1.1.128", "1.2.840.10008.5.1.4.1.1.66.4"
 ENHANCED_MR, CAPTURE = "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.7"
@@ -85,7 +85,9 @@ def segmentation(folder):
     ds.file_meta.MediaStorageSOPClassUID = SEG
     ds.BitsAllocated = ds.BitsStored = 1
     ds.HighBit = 0
-    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8 + 2)
+    ds.SegmentSequence = [item(SegmentNumber=1)]
+    ds.SharedFunctionalGroupsSequence[0].SegmentIdentificationSequence = [item(ReferencedSegmentNumber=1)]
+    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8)
     ds.save_as(folder / "seg.dcm", write_like_original=False)
     return folder
 
@@ -124,8 +126,9 @@ def other_modalities(t):
             check(others == ([] if "--threshold" in words else ["default_threshold"]), f"{name} {words}: {others}")
             for where in (report["parameters"], asset["extras"]["trocar"]["parameters"]):
                 check(where.get("modality") == name and where.get("values_are_hu") is False, f"{name}: {where}")
-            nodes = [node["extras"]["trocar"] for node in asset["nodes"][1:]]
-            check(len(nodes) == SLICES and all("mean_hu" not in node["measures"] for node in nodes), f"{name}: {nodes}")
+            meshes, nodes = asset["meshes"], asset["nodes"][3:]
+            check(sum(len(mesh["primitives"]) for mesh in meshes) == SLICES, f"{name}: {meshes}")
+            check("mean_hu" not in str(nodes) and "_HU" not in str(meshes), f"{name}: {nodes}")
     # Bytes of the file are not copied to messages and assets as they are.
     folder = series(t.folder(), value=300, Modality="M\u00dc\"R'")
     t.refused(folder, "M?", "--any-modality")
@@ -136,8 +139,8 @@ def other_modalities(t):
 def segmentations(t):
     """What they need is said: they are label maps."""
     folder = segmentation(t.folder())
-    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "NIfTI", "--labels")
-    t.refused(folder, "1 bits", words=("--any-modality",))
+    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "--labels")
+    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "--labels", words=("--any-modality",))
 
 
 def ct_is_ct(t):
@@ -147,7 +150,10 @@ def ct_is_ct(t):
     check(code == 0 and not lines and not report["warnings"], f"CT: exit {code}, {lines}")
     for where in (report["parameters"], asset["extras"]["trocar"]["parameters"]):
         check("modality" not in where and "values_are_hu" not in where, f"CT: {where}")
-    check(asset["nodes"][1]["extras"]["trocar"]["measures"].get("mean_hu") == 500, f"CT: {asset['nodes'][1]}")
+    check(all("_HU" in mesh["primitives"][0]["attributes"] for mesh in asset["meshes"]), f"CT: {asset['meshes']}")
+    _, _, _, bare, _ = t.run(folder, "--no-hu")
+    means = [mean for node in bare["nodes"][3:] for mean in node["extras"]["trocar"]["mean_hu"]]
+    check(means == [500] * SLICES, f"CT: {bare['nodes'][3:]}")
     code, lines, _, _, same = t.run(folder, "--any-modality")
     check(code == 0 and not lines and same == plain, f"CT with --any-modality: exit {code}, {lines}, same bytes: {same == plain}")
     for keys in ({"Modality": None}, {"Modality": "", "SOPClassUID": ENHANCED_CT}):

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // stack_dump OUT AXIS SPACING INPUT...: prints what the readers give, for tests in Python: every
-// slice's values as float32 in OUT, the rest as JSON on stdout. SPACING is X,Y,Z in mm, or - for
-// none. Errors and exit codes are those of trocar-mesh.
+// slice's values as float32 in OUT, the rest as JSON on stdout. AXIS is transverse, coronal,
+// sagittal, or labels: as stored, of a label map. SPACING is X,Y,Z in mm, or - for none. Errors and
+// exit codes are those of trocar-mesh.
 #include <array>
 #include <cstdio>
 #include <fstream>
@@ -21,6 +22,7 @@ int main(int argc, char** argv) {
   const std::string axis = argv[2];
   if (axis == "coronal") options.axis = SliceAxis::kCoronal;
   if (axis == "sagittal") options.axis = SliceAxis::kSagittal;
+  options.as_labels = axis == "labels";
   std::array<double, 3> mm{};
   if (std::sscanf(argv[3], "%lf,%lf,%lf", &mm[0], &mm[1], &mm[2]) == 3) options.spacing_mm = mm;
   const auto stack = open_stack({argv + 4, argv + argc}, options);

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <numbers>
+#include <vector>
 
 #include "tests/runtime/control/loop_fixture.h"
 #include "tests/support/device_workspace.h"
@@ -19,6 +20,14 @@ using testing_support::Random;
 using testing_support::random_workspace_pose;
 using testing_support::ScriptedDevice;
 using testing_support::Workspace;
+
+// From the first to the last value, both included.
+std::vector<double> steps(double first, double last, double step) {
+  std::vector<double> out(static_cast<std::size_t>((last - first) / step + 1e-6) + 1);
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = first + static_cast<double>(i) * step;
+  return out;
+}
 
 HandKeyframe keyframe(double t_s, const Eigen::Vector3d& tip_m, const Eigen::Vector3d& turn_rad) {
   return {t_s, {tip_m, from_rotation_vector(turn_rad)}};
@@ -143,7 +152,7 @@ TEST(Reach, HoldsWhatItStates) {
   const auto heights = reach_heights(device, limits, tool);
   ASSERT_TRUE(heights);
   EXPECT_GT(heights->max_m - heights->min_m, 0.15);
-  for (double z_m = heights->min_m; z_m <= heights->max_m; z_m += 5e-4)
+  for (const double z_m : steps(heights->min_m, heights->max_m, 5e-4))
     ASSERT_TRUE(is_good(0.01, -0.02, z_m)) << z_m;
   EXPECT_FALSE(is_good(0.01, -0.02, heights->min_m - 0.0021));
   EXPECT_FALSE(is_good(0.01, -0.02, heights->max_m + 0.0021));
@@ -154,13 +163,13 @@ TEST(Reach, HoldsWhatItStates) {
     EXPECT_LE(r->min_m.x(), 0.01 - 0.008);
     EXPECT_GE(r->max_m.y(), -0.02 + 0.008);
     bool beyond_is_good[4] = {true, true, true, true};
-    for (double x_m = r->min_m.x(); x_m <= r->max_m.x() + 1e-9; x_m += 1e-3) {
-      for (double y_m = r->min_m.y(); y_m <= r->max_m.y() + 1e-9; y_m += 1e-3)
+    for (const double x_m : steps(r->min_m.x(), r->max_m.x(), 1e-3)) {
+      for (const double y_m : steps(r->min_m.y(), r->max_m.y(), 1e-3))
         ASSERT_TRUE(is_good(x_m, y_m, z_m)) << x_m << ' ' << y_m << ' ' << z_m;
       beyond_is_good[0] = beyond_is_good[0] && is_good(x_m, r->min_m.y() - 0.0021, z_m);
       beyond_is_good[1] = beyond_is_good[1] && is_good(x_m, r->max_m.y() + 0.0021, z_m);
     }
-    for (double y_m = r->min_m.y(); y_m <= r->max_m.y() + 1e-9; y_m += 1e-3) {
+    for (const double y_m : steps(r->min_m.y(), r->max_m.y(), 1e-3)) {
       beyond_is_good[2] = beyond_is_good[2] && is_good(r->min_m.x() - 0.0021, y_m, z_m);
       beyond_is_good[3] = beyond_is_good[3] && is_good(r->max_m.x() + 0.0021, y_m, z_m);
     }

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/geometry/shared_borders.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "formats/geometry/mesh_validity.h"
+
+namespace trocar {
+namespace {
+
+std::string place(LatticePoint p) {
+  return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
+}
+
+// An edge of a region, and the stored edges that it became.
+struct Border {
+  LatticePoint from, to;
+  std::size_t region;
+  const Ring* stored;
+  std::size_t first, edges;  // in the stored ring
+  std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
+  // From 0, the start, to `edges`, the end.
+  LatticePoint point(std::size_t i) const { return (*stored)[(first + i) % stored->size()]; }
+};
+
+Result<void> add_borders(std::size_t region, const Ring& ring, const Ring& stored,
+                         std::vector<Border>& out) {
+  std::size_t at = 0;  // in `stored`
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const LatticePoint from = ring[i], to = ring[(i + 1) % ring.size()];
+    if (at == stored.size() || stored[at] != from)
+      return refused("the stored outline does not pass an input vertex " + place(from));
+    const std::size_t first = at++;
+    while (at < stored.size() && (i + 1 == ring.size() || stored[at] != to))
+      ++at;
+    out.push_back({from, to, region, &stored, first, at - first});
+  }
+  return {};
+}
+
+struct Edge {
+  LatticePoint from, to;
+  friend bool operator<(const Edge& e, const Edge& f) {
+    return std::pair{e.from, e.to} < std::pair{f.from, f.to};
+  }
+};
+
+// Seen from p, does the direction of a come before that of b when turning clockwise from that of
+// `start`?
+bool is_before_clockwise(LatticePoint p, LatticePoint start, LatticePoint a, LatticePoint b) {
+  const auto half = [p, start](LatticePoint q) {
+    const std::int64_t side = orient2d(p, start, q);
+    return side < 0 ? 0 : side > 0 ? 2 : diametral_dot(start, q, p) < 0 ? 1 : 3;
+  };
+  return half(a) != half(b) ? half(a) < half(b) : orient2d(p, a, b) < 0;
+}
+
+// Closed paths from directed edges with the material on their left. Where several meet in a point,
+// each stays with the material that it has come along.
+Result<Pslg> rings_of(std::vector<Edge> edges) {
+  std::sort(edges.begin(), edges.end());
+  std::vector<char> is_used(edges.size(), 0);
+  Pslg out;
+  for (std::size_t first = 0; first < edges.size(); ++first) {
+    Ring path;
+    for (std::size_t e = first; !is_used[e];) {
+      is_used[e] = 1;
+      const auto [from, to] = edges[e];
+      path.push_back(from);
+      if (to == edges[first].from) {
+        // Back at the start: the first edge is as good a continuation as any.
+        e = first;
+        continue;
+      }
+      const auto low = std::lower_bound(edges.begin(), edges.end(), to,
+                                        [](const Edge& f, LatticePoint p) { return f.from < p; });
+      std::size_t best = edges.size();
+      for (auto k = static_cast<std::size_t>(low - edges.begin());
+           k < edges.size() && edges[k].from == to; ++k) {
+        if (!is_used[k] &&
+            (best == edges.size() || is_before_clockwise(to, from, edges[k].to, edges[best].to)))
+          best = k;
+      }
+      if (best == edges.size()) return refused("the union's outline is open " + place(to));
+      e = best;
+    }
+    if (!path.empty()) split_at_pinches(path, out.rings);
+  }
+  for (Ring& ring : out.rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(out.rings.begin(), out.rings.end());
+  return out;
+}
+
+}  // namespace
+
+Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const Pslg> stored) {
+  if (regions.size() != stored.size())
+    return refused(std::to_string(stored.size()) + " stored outlines of " +
+                   std::to_string(regions.size()) + " regions");
+  std::vector<Border> borders;
+  std::uint64_t area = 0;  // modulo 2^64, as that of each region
+  for (std::size_t k = 0; k < regions.size(); ++k) {
+    if (regions[k].rings.size() != stored[k].rings.size())
+      return refused("region " + std::to_string(k) + " has " +
+                     std::to_string(stored[k].rings.size()) + " stored rings for " +
+                     std::to_string(regions[k].rings.size()));
+    for (std::size_t r = 0; r < regions[k].rings.size(); ++r) {
+      if (auto ok = add_borders(k, regions[k].rings[r], stored[k].rings[r], borders); !ok)
+        return ok.error();
+    }
+    area += static_cast<std::uint64_t>(doubled_area(stored[k]));
+  }
+  std::sort(borders.begin(), borders.end(),
+            [](const Border& b, const Border& c) { return b.ends() < c.ends(); });
+  std::vector<Edge> outer;
+  for (std::size_t i = 0; i < borders.size(); ++i) {
+    const Border& b = borders[i];
+    if (i > 0 && b.ends() == borders[i - 1].ends())
+      return refused("two regions lie on the same side of an edge " + place(b.from));
+    const auto twin =
+        std::lower_bound(borders.begin(), borders.end(), std::pair{b.to, b.from},
+                         [](const Border& c, const auto& ends) { return c.ends() < ends; });
+    if (twin == borders.end() || twin->ends() != std::pair{b.to, b.from}) {
+      for (std::size_t j = 0; j < b.edges; ++j)
+        outer.push_back({b.point(j), b.point(j + 1)});
+      continue;
+    }
+    if (twin->region == b.region)
+      return refused("a region lies on both sides of an edge " + place(b.from));
+    for (std::size_t j = 0; j <= b.edges; ++j) {
+      if (j > twin->edges || b.point(j) != twin->point(twin->edges - j))
+        return refused("two regions divide the edge that they share differently " +
+                       place(b.point(j)));
+    }
+  }
+  auto outline = rings_of(std::move(outer));
+  if (!outline) return outline;
+  if (auto ok = check_pslg(*outline); !ok)
+    return refused("the regions overlap: in the union's outline " + ok.error().message);
+  const auto excess =
+      static_cast<std::int64_t>(area - static_cast<std::uint64_t>(doubled_area(*outline)));
+  if (excess != 0)
+    return refused("the areas of the regions exceed that of their union by " +
+                   std::to_string(excess) + " half squared steps");
+  return outline;
+}
+
+}  // namespace trocar

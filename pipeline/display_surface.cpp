@@ -1,0 +1,672 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/display_surface.h"
+
+#include <CGAL/AABB_face_graph_triangle_primitive.h>
+#include <CGAL/AABB_traits.h>
+#include <CGAL/AABB_tree.h>
+#include <CGAL/Complex_2_in_triangulation_3.h>
+#include <CGAL/Implicit_surface_3.h>
+#include <CGAL/Surface_mesh.h>
+#include <CGAL/Surface_mesh_default_criteria_3.h>
+#include <CGAL/Surface_mesh_default_triangulation_3.h>
+#include <CGAL/make_surface_mesh.h>
+
+#include <OpenMesh/Core/Mesh/TriMesh_ArrayKernelT.hh>
+#include <OpenMesh/Tools/Decimater/DecimaterT.hh>
+#include <OpenMesh/Tools/Decimater/ModNormalFlippingT.hh>
+#include <OpenMesh/Tools/Decimater/ModQuadricT.hh>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <string>
+#include <tuple>
+#include <unordered_map>
+#include <utility>
+
+#include "pipeline/surface_proof.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using Eigen::Vector3d;
+using Clock = std::chrono::steady_clock;
+
+double lap_ms(Clock::time_point& start) {
+  const auto now = Clock::now();
+  return std::chrono::duration<double, std::milli>(now - std::exchange(start, now)).count();
+}
+
+bool stopped(const SurfaceOptions& options) {
+  return options.stop != nullptr && options.stop->load();
+}
+
+Error interrupted() {
+  return unwritable("interrupted; nothing was written");
+}
+
+/// Positions in the volume's frame.
+struct Soup {
+  std::vector<Vector3d> vertices;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+};
+
+// 1. CGAL's surface mesher ------------------------------------------------------------------------
+
+using MesherTriangulation = CGAL::Surface_mesh_default_triangulation_3;
+using MesherComplex = CGAL::Complex_2_in_triangulation_3<MesherTriangulation>;
+using MesherKernel = MesherTriangulation::Geom_traits;
+
+// Negative in the material.
+struct NegatedVolume {
+  const SurfaceVolume* volume;
+  double operator()(const MesherKernel::Point_3& p) const {
+    return -volume->at({p.x(), p.y(), p.z()});
+  }
+};
+
+using MesherSurface = CGAL::Implicit_surface_3<MesherKernel, NegatedVolume>;
+
+MesherKernel::Sphere_3 sphere_around(const SurfaceVolume& volume) {
+  Vector3d low = volume.place(0, 0, 0), high = low;
+  for (int z = 0; z < volume.size[2]; ++z) {
+    low = low.cwiseMin(volume.place(0, 0, z));
+    high = high.cwiseMax(volume.place(volume.size[0] - 1, volume.size[1] - 1, z));
+  }
+  const Vector3d centre = (low + high) / 2;
+  return {MesherKernel::Point_3(centre.x(), centre.y(), centre.z()),
+          1.01 * (high - low).squaredNorm() / 4};
+}
+
+// A triangulation of space, with each tetrahedron either material or not.
+struct Tetrahedra {
+  std::vector<Vector3d> vertices;
+  std::vector<std::array<std::uint32_t, 4>> corners, neighbours;  // opposite each corner
+  std::vector<bool> inside;
+};
+
+// A tetrahedron is material if its circumcentre is. The facets between the two kinds are the
+// restricted Delaunay triangulation of the surface, which the mesher refines.
+Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const SurfaceVolume& volume) {
+  constexpr auto kHash = CGAL::Handle_hash_function();
+  Tetrahedra out;
+  std::unordered_map<MesherTriangulation::Vertex_handle, std::uint32_t, decltype(kHash)> vertex;
+  for (auto v = triangulation.all_vertices_begin(); v != triangulation.all_vertices_end(); ++v) {
+    vertex.emplace(v, static_cast<std::uint32_t>(vertex.size()));
+    const auto& p = v->point();
+    out.vertices.emplace_back(p.x(), p.y(), p.z());
+  }
+  std::unordered_map<MesherTriangulation::Cell_handle, std::uint32_t, decltype(kHash)> number;
+  for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c)
+    number.emplace(c, static_cast<std::uint32_t>(number.size()));
+  for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c) {
+    std::array<std::uint32_t, 4> corners{}, neighbours{};
+    for (int i = 0; i < 4; ++i) {
+      corners.at(static_cast<std::size_t>(i)) = vertex.at(c->vertex(i));
+      neighbours.at(static_cast<std::size_t>(i)) = number.at(c->neighbor(i));
+    }
+    out.corners.push_back(corners);
+    out.neighbours.push_back(neighbours);
+    const bool finite = !triangulation.is_infinite(c);
+    const auto p = finite ? triangulation.dual(c) : MesherTriangulation::Point(CGAL::ORIGIN);
+    out.inside.push_back(finite && volume.at({p.x(), p.y(), p.z()}) >= 0);
+  }
+  return out;
+}
+
+// Makes the facets between material and the rest a manifold: at each vertex both kinds of
+// tetrahedra must be connected through facets at the vertex. Where the surface touches itself or
+// nearly does, no refinement would reach this. All but the largest connected set change sides; if
+// this does not end, they become material only, which must end.
+void make_manifold(Tetrahedra& tets) {
+  constexpr int kRounds = 100, kRoundsBothWays = 10;
+  std::vector<std::vector<std::uint32_t>> around(tets.vertices.size());
+  for (std::uint32_t c = 0; c < tets.corners.size(); ++c)
+    for (const std::uint32_t v : tets.corners[c])
+      around[v].push_back(c);
+  std::vector<std::uint32_t> set(tets.corners.size()), stack;  // of the cells at a vertex
+  std::vector<bool> look(tets.vertices.size(), true);
+  for (int round = 1; round <= kRounds; ++round) {
+    bool changed = false;
+    std::vector<bool> next(tets.vertices.size(), false);
+    for (std::uint32_t v = 0; v < around.size(); ++v) {
+      if (!look[v]) continue;
+      constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+      for (const std::uint32_t c : around[v])
+        set[c] = kNone;
+      std::vector<std::size_t> sizes;
+      std::vector<bool> inside;
+      for (const std::uint32_t first : around[v]) {
+        if (set[first] != kNone) continue;
+        const auto here = static_cast<std::uint32_t>(sizes.size());
+        sizes.push_back(0);
+        inside.push_back(tets.inside[first]);
+        set[first] = here;
+        stack.assign(1, first);
+        while (!stack.empty()) {
+          const std::uint32_t c = stack.back();
+          stack.pop_back();
+          ++sizes[here];
+          for (std::size_t i = 0; i < 4; ++i) {
+            const std::uint32_t other = tets.neighbours[c].at(i);
+            if (tets.corners[c].at(i) == v || tets.inside[other] != inside[here] ||
+                set[other] != kNone)
+              continue;
+            set[other] = here;
+            stack.push_back(other);
+          }
+        }
+      }
+      if (sizes.size() <= 1 || (sizes.size() == 2 && inside[0] != inside[1])) continue;
+      // Of each kind the largest stays; when only filling, all that is outside but the largest,
+      // or everything if there is only one such set.
+      std::array<std::size_t, 2> largest{sizes.size(), sizes.size()}, sets{};
+      for (std::size_t i = 0; i < sizes.size(); ++i) {
+        std::size_t& best = largest.at(inside[i] ? 1 : 0);
+        ++sets.at(inside[i] ? 1 : 0);
+        if (best == sizes.size() || sizes[i] > sizes[best]) best = i;
+      }
+      for (const std::uint32_t c : around[v]) {
+        const bool is_inside = tets.inside[c];
+        const bool fill_only = round > kRoundsBothWays;
+        if (fill_only && is_inside) continue;
+        if (set[c] == largest.at(is_inside ? 1 : 0) && !(fill_only && sets[0] == 1)) continue;
+        tets.inside[c] = !is_inside;
+        changed = true;
+        for (const std::uint32_t w : tets.corners[c])
+          next[w] = true;
+      }
+    }
+    if (!changed) return;
+    look = std::move(next);
+  }
+}
+
+Soup triangles_of(const Tetrahedra& tets) {
+  Soup out;
+  constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+  std::vector<std::uint32_t> number(tets.vertices.size(), kNone);
+  for (std::uint32_t c = 0; c < tets.corners.size(); ++c) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      if (tets.inside[c] || !tets.inside[tets.neighbours[c].at(i)]) continue;
+      std::array<std::uint32_t, 3> triangle{};
+      for (int k = 0; k < 3; ++k) {
+        // Counter-clockwise seen from this cell, which is outside the material.
+        const auto corner = static_cast<std::size_t>(
+            MesherTriangulation::vertex_triple_index(static_cast<int>(i), k));
+        const std::uint32_t v = tets.corners[c].at(corner);
+        if (number[v] == kNone) {
+          number[v] = static_cast<std::uint32_t>(out.vertices.size());
+          out.vertices.push_back(tets.vertices[v]);
+        }
+        triangle.at(static_cast<std::size_t>(k)) = number[v];
+      }
+      out.triangles.push_back(triangle);
+    }
+  }
+  return out;
+}
+
+struct MesherBounds {
+  double angle_deg = 0, radius_mm = 0, distance_mm = 0, bisection_mm = 0;
+  std::size_t most_vertices = 0;
+};
+
+// `points`: on the surface, to begin with.
+Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume& volume,
+                       const MesherBounds& bounds, const SurfaceOptions& options) {
+  CGAL::get_default_random() = CGAL::Random(0);
+  MesherTriangulation triangulation;
+  MesherComplex complex(triangulation);
+  const auto sphere = sphere_around(volume);
+  const MesherSurface surface(NegatedVolume{&volume}, sphere,
+                              bounds.bisection_mm / std::sqrt(sphere.squared_radius()));
+  // Far corners: no vertex of the surface is on the triangulation's hull.
+  std::vector<MesherTriangulation::Point> initial;
+  const double far = 4 * std::sqrt(sphere.squared_radius());
+  for (int k = 0; k < 8; ++k)
+    initial.push_back(sphere.center() + MesherKernel::Vector_3(k % 2 == 0 ? -far : far,
+                                                               k / 2 % 2 == 0 ? -far : far,
+                                                               k / 4 == 0 ? -far : far));
+  for (const Vector3d& p : points)
+    initial.emplace_back(p.x(), p.y(), p.z());
+  triangulation.insert(initial.begin(), initial.end());
+  const CGAL::Surface_mesh_default_criteria_3<MesherTriangulation> criteria(
+      bounds.angle_deg, bounds.radius_mm, bounds.distance_mm);
+
+  using Traits = CGAL::Surface_mesh_traits_generator_3<MesherSurface>::type;
+  using Mesher = CGAL::Surface_mesher_generator<MesherComplex, Traits, decltype(criteria),
+                                                CGAL::Non_manifold_tag,
+                                                CGAL::Surface_mesher::NOT_VERBOSE>::type;
+  const Traits traits;
+  Mesher mesher(complex, surface, traits, criteria);
+  mesher.init();
+  constexpr std::size_t kStepsBetweenChecks = 1024;
+  for (std::size_t step = 0; !mesher.is_algorithm_done(); ++step) {
+    CGAL::Null_mesh_visitor visitor;
+    mesher.one_step(visitor);
+    if (step % kStepsBetweenChecks != 0) continue;
+    if (stopped(options)) return interrupted();
+    if (triangulation.number_of_vertices() > bounds.most_vertices)
+      return refused("--surface: the surface mesher does not end; give --min-volume, or --crop");
+  }
+  Tetrahedra tets = tetrahedra_of(triangulation, volume);
+  make_manifold(tets);
+  return triangles_of(tets);
+}
+
+// Exact distances to a surface.
+class DistanceTo {
+ public:
+  explicit DistanceTo(const Soup& soup) {
+    for (const Vector3d& p : soup.vertices)
+      mesh_.add_vertex({p.x(), p.y(), p.z()});
+    for (const auto& t : soup.triangles)
+      mesh_.add_face(Mesh::Vertex_index(t[0]), Mesh::Vertex_index(t[1]), Mesh::Vertex_index(t[2]));
+    tree_.insert(faces(mesh_).first, faces(mesh_).second, mesh_);
+    tree_.accelerate_distance_queries();
+  }
+  double operator()(const Vector3d& p) const {
+    return std::sqrt(tree_.squared_distance({p.x(), p.y(), p.z()}));
+  }
+
+ private:
+  using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+  using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+  using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
+  Mesh mesh_;
+  CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>> tree_;
+};
+
+std::vector<Vector3d> points_on_zero(const SurfaceVolume& volume);
+
+// The mesher can miss a part of the surface that is small beside its triangles. It goes on from
+// points that it missed, until there is none farther than a voxel or this does not help.
+Result<Soup> mesh_surface(const SurfaceVolume& volume, const SurfaceParts& parts,
+                          const MesherBounds& bounds, const SurfaceOptions& options) {
+  constexpr int kRounds = 4;
+  std::vector<Vector3d> initial = parts.seeds_mm, wanted = points_on_zero(volume);
+  wanted.insert(wanted.end(), initial.begin(), initial.end());
+  for (int round = 1;; ++round) {
+    auto soup = mesh_from(initial, volume, bounds, options);
+    if (!soup || soup->triangles.empty() || round == kRounds) return soup;
+    const DistanceTo distance(*soup);
+    const std::size_t before = wanted.size();
+    wanted.erase(std::remove_if(wanted.begin(), wanted.end(),
+                                [&](const Vector3d& p) { return distance(p) <= bounds.radius_mm; }),
+                 wanted.end());
+    if (wanted.empty() || wanted.size() == before) return soup;
+    initial = soup->vertices;
+    initial.insert(initial.end(), wanted.begin(), wanted.end());
+  }
+}
+
+// 2. Decimation -----------------------------------------------------------------------------------
+
+struct DoubleTraits : OpenMesh::DefaultTraits {
+  using Point = OpenMesh::Vec3d;
+  using Normal = OpenMesh::Vec3d;
+};
+using DecimatedMesh = OpenMesh::TriMesh_ArrayKernelT<DoubleTraits>;
+
+// Vertices are the mesher's; locked ones stay.
+Result<Soup> decimate(const Soup& fine, std::size_t triangles, const std::vector<bool>& locked) {
+  namespace dec = OpenMesh::Decimater;
+  DecimatedMesh mesh;
+  mesh.request_face_normals();
+  mesh.request_vertex_status();
+  mesh.request_edge_status();
+  mesh.request_face_status();
+  std::vector<DecimatedMesh::VertexHandle> handles;
+  for (std::size_t i = 0; i < fine.vertices.size(); ++i) {
+    const Vector3d& p = fine.vertices[i];
+    handles.push_back(mesh.add_vertex({p.x(), p.y(), p.z()}));
+    mesh.status(handles.back()).set_locked(locked[i]);
+  }
+  for (const auto& t : fine.triangles)
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
+      return bug("--surface: the surface mesher's result is not manifold");
+  mesh.update_face_normals();
+
+  dec::DecimaterT<DecimatedMesh> decimater(mesh);
+  dec::ModQuadricT<DecimatedMesh>::Handle quadric;
+  dec::ModNormalFlippingT<DecimatedMesh>::Handle flipping;
+  decimater.add(quadric);
+  decimater.module(quadric).unset_max_err();
+  decimater.add(flipping);
+  decimater.module(flipping).set_max_normal_deviation(60);
+  if (!decimater.initialize()) return bug("--surface: OpenMesh's decimater has no module");
+  decimater.decimate_to_faces(0, triangles);
+  mesh.garbage_collection();
+
+  Soup out;
+  for (const auto v : mesh.vertices()) {
+    const auto& p = mesh.point(v);
+    out.vertices.emplace_back(p[0], p[1], p[2]);
+  }
+  for (const auto f : mesh.faces()) {
+    std::array<std::uint32_t, 3> t{};
+    std::size_t k = 0;
+    for (const auto v : mesh.fv_range(f))
+      t.at(k++) = static_cast<std::uint32_t>(v.idx());
+    out.triangles.push_back(t);
+  }
+  return out;
+}
+
+// 3. On the lattice -------------------------------------------------------------------------------
+
+Result<TriangleSurface> on_lattice(const Soup& soup, const Eigen::Affine3d& T_lps_volume,
+                                   Lattice lattice) {
+  TriangleSurface out;
+  out.lattice = lattice;
+  out.triangles = soup.triangles;
+  const double farthest = lattice.to_mm(kMaxSpaceCoordinate);
+  for (const Vector3d& p : soup.vertices) {
+    const Vector3d lps = T_lps_volume * p;
+    if (!(lps.cwiseAbs().maxCoeff() < farthest))
+      return refused("--surface: the scan lies too far from the patient's origin");
+    out.vertices.push_back(
+        {lattice.snap_mm(lps.x()), lattice.snap_mm(lps.y()), lattice.snap_mm(lps.z())});
+  }
+  return out;
+}
+
+// Steps of at most a 32nd of a voxel's shortest side.
+Lattice lattice_for(const SurfaceVolume& volume) {
+  constexpr int kFinest = 14;
+  const auto [u, v, w] = volume.voxel_mm();
+  Lattice out{0};
+  while (out.bits < kFinest && out.step_mm() > std::min({u, v, w}) / 32)
+    ++out.bits;
+  return out;
+}
+
+// Locks the fine vertices near the given triangles' corners.
+void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, double reach_mm,
+               const Soup& fine, std::vector<bool>& locked) {
+  // A grid of cells as wide as the reach, with the corners.
+  using Cell = std::array<std::int64_t, 3>;
+  struct Hash {
+    std::size_t operator()(const Cell& c) const {
+      return static_cast<std::size_t>(c[0] * 73856093 ^ c[1] * 19349663 ^ c[2] * 83492791);
+    }
+  };
+  const auto cell_of = [&](const Vector3d& p) {
+    return Cell{std::llround(std::floor(p.x() / reach_mm)),
+                std::llround(std::floor(p.y() / reach_mm)),
+                std::llround(std::floor(p.z() / reach_mm))};
+  };
+  std::unordered_map<Cell, std::vector<Vector3d>, Hash> corners;
+  for (const std::size_t t : triangles) {
+    const auto& [a, b, c] = coarse.triangles[t];
+    const Vector3d &pa = coarse.vertices[a], &pb = coarse.vertices[b], &pc = coarse.vertices[c];
+    // Points all over the triangle, not farther apart than the reach.
+    const double longest = std::max({(pb - pa).norm(), (pc - pb).norm(), (pa - pc).norm()});
+    const int n = 1 + static_cast<int>(std::min(longest / reach_mm, 64.0));
+    for (int i = 0; i <= n; ++i) {
+      for (int j = 0; i + j <= n; ++j) {
+        const Vector3d p = pa + (pb - pa) * (static_cast<double>(i) / n) +
+                           (pc - pa) * (static_cast<double>(j) / n);
+        corners[cell_of(p)].push_back(p);
+      }
+    }
+  }
+  for (std::size_t i = 0; i < fine.vertices.size(); ++i) {
+    if (locked[i]) continue;
+    const Cell at = cell_of(fine.vertices[i]);
+    for (std::int64_t k = 0; k < 27 && !locked[i]; ++k) {
+      const auto near = corners.find({at[0] + k % 3 - 1, at[1] + k / 3 % 3 - 1, at[2] + k / 9 - 1});
+      if (near == corners.end()) continue;
+      locked[i] = std::any_of(near->second.begin(), near->second.end(), [&](const Vector3d& p) {
+        return (p - fine.vertices[i]).squaredNorm() <= reach_mm * reach_mm;
+      });
+    }
+  }
+}
+
+Result<TriangleSurface> decimated_on_lattice(const Soup& fine, const SurfaceVolume& volume,
+                                             double reach_mm, const SurfaceOptions& options,
+                                             DisplaySurface& out, Clock::time_point& clock) {
+  // Thin triangles may intersect once their corners are rounded: then the lattice becomes finer.
+  constexpr int kMostRounds = 12, kRoundsOfLattice = 3, kMostBits = 14;
+  Lattice lattice = lattice_for(volume);
+  std::vector<bool> locked(fine.vertices.size(), false);
+  for (int round = 1; round <= kMostRounds; ++round) {
+    if (stopped(options)) return interrupted();
+    if (round == kMostRounds) locked.assign(locked.size(), true);  // as the mesher left it
+    const auto soup = decimate(fine, static_cast<std::size_t>(options.triangles), locked);
+    if (!soup) return soup.error();
+    auto surface = on_lattice(*soup, volume.T_lps_volume, lattice);
+    if (!surface) return surface.error();
+    out.decimate_ms += lap_ms(clock);
+    const auto bad = self_intersecting_triangles(*surface);
+    out.check_ms += lap_ms(clock);
+    if (bad.empty()) return surface;
+    lock_near(*soup, bad, std::min(round, 3) * reach_mm, fine, locked);
+    if (round % kRoundsOfLattice == 0) lattice.bits = std::min(lattice.bits + 2, kMostBits);
+  }
+  return bug("--surface: the surface intersects itself");
+}
+
+// 4. Distance -------------------------------------------------------------------------------------
+
+constexpr std::size_t kDistanceSamples = 20'000;
+
+Vector3d gradient(const SurfaceVolume& volume, const Vector3d& p, double step) {
+  Vector3d out;
+  for (int k = 0; k < 3; ++k) {
+    const Vector3d d = Vector3d::Unit(k) * step;
+    out[k] = volume.at(p + d) - volume.at(p - d);
+  }
+  return out.norm() > 0 ? Vector3d(out.normalized()) : Vector3d(Vector3d::UnitZ());
+}
+
+// Distance to a point of the zero level: the nearest on 26 rays and on some along the gradient.
+double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
+  const auto [u, v, w] = volume.voxel_mm();
+  const double step = std::min({u, v, w}) / 8;
+  const bool inside = volume.at(p) >= 0;
+  double best = std::numeric_limits<double>::infinity();
+  Vector3d nearest = p;
+  const auto along = [&](const Vector3d& direction, double reach) {
+    for (double t = step; t < std::min(best, reach) + step; t += step) {
+      if ((volume.at(p + t * direction) >= 0) == inside) continue;
+      double low = t - step, high = t;
+      for (int i = 0; i < 12; ++i) {
+        const double middle = (low + high) / 2;
+        ((volume.at(p + middle * direction) >= 0) == inside ? low : high) = middle;
+      }
+      if (high < best) {
+        best = high;
+        nearest = p + high * direction;
+      }
+      return;
+    }
+  };
+  const Vector3d up = gradient(volume, p, step);
+  double reach = 32 * step;
+  for (int doubling = 0; doubling < 6 && !std::isfinite(best); ++doubling, reach *= 4) {
+    along(inside ? Vector3d(-up) : up, reach);
+    for (int k = 0; k < 27; ++k)
+      if (k != 13) along(Vector3d(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).normalized(), reach);
+  }
+  for (int i = 0; i < 3 && std::isfinite(best); ++i) {
+    const Vector3d g = gradient(volume, nearest, step);
+    along(inside ? Vector3d(-g) : g, reach);
+  }
+  return best;
+}
+
+// Points spread evenly over the surface, in the volume's frame.
+std::vector<Vector3d> points_on(const TriangleSurface& surface,
+                                const Eigen::Affine3d& T_volume_lps) {
+  const auto place = [&](std::uint32_t v) -> Vector3d {
+    const SpacePoint& p = surface.vertices[v];
+    return T_volume_lps * Vector3d(surface.lattice.to_mm(p[0]), surface.lattice.to_mm(p[1]),
+                                   surface.lattice.to_mm(p[2]));
+  };
+  double area = 0;
+  const auto area_of = [&](const std::array<std::uint32_t, 3>& t) {
+    return (place(t[1]) - place(t[0])).cross(place(t[2]) - place(t[0])).norm() / 2;
+  };
+  for (const auto& t : surface.triangles)
+    area += area_of(t);
+  const double each = area / static_cast<double>(kDistanceSamples);
+  std::vector<Vector3d> out;
+  double passed = 0;
+  for (const auto& t : surface.triangles) {
+    passed += area_of(t);
+    while (passed > (static_cast<double>(out.size()) + 0.5) * each &&
+           out.size() < kDistanceSamples) {
+      // The R2 sequence (Roberts 2018), folded into the triangle.
+      const auto n = static_cast<double>(out.size());
+      double a = n * 0.7548776662466927, b = n * 0.5698402909980532;
+      a -= std::floor(a);
+      b -= std::floor(b);
+      if (a + b > 1) {
+        a = 1 - a;
+        b = 1 - b;
+      }
+      out.emplace_back((1 - a - b) * place(t[0]) + a * place(t[1]) + b * place(t[2]));
+    }
+  }
+  return out;
+}
+
+// Points of the zero level on edges of the grid, evenly taken from all.
+std::vector<Vector3d> points_on_zero(const SurfaceVolume& volume) {
+  const auto [nx, ny, nz] = volume.size;
+  const auto each = [&](const auto& visit) {
+    for (int z = 0; z < nz; ++z) {
+      for (int y = 0; y < ny; ++y) {
+        for (int x = 0; x < nx; ++x) {
+          const float here = volume.value(x, y, z);
+          if (x > 0 && (volume.value(x - 1, y, z) >= 0) != (here >= 0)) visit(x, y, z, x - 1, y, z);
+          if (y > 0 && (volume.value(x, y - 1, z) >= 0) != (here >= 0)) visit(x, y, z, x, y - 1, z);
+          if (z > 0 && (volume.value(x, y, z - 1) >= 0) != (here >= 0)) visit(x, y, z, x, y, z - 1);
+        }
+      }
+    }
+  };
+  std::size_t all = 0, met = 0;
+  each([&](int, int, int, int, int, int) { ++all; });
+  const std::size_t stride = all / kDistanceSamples + 1;
+  std::vector<Vector3d> out;
+  each([&](int x, int y, int z, int x2, int y2, int z2) {
+    if (met++ % stride != 0) return;
+    const auto a = static_cast<double>(volume.value(x, y, z)),
+               b = static_cast<double>(volume.value(x2, y2, z2));
+    out.emplace_back(volume.place(x, y, z) +
+                     a / (a - b) * (volume.place(x2, y2, z2) - volume.place(x, y, z)));
+  });
+  return out;
+}
+
+double percentile(std::vector<double>& values, double share) {
+  if (values.empty()) return 0;
+  const auto at =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+SurfaceDistance summary(std::vector<double> values) {
+  return {percentile(values, 0.5), percentile(values, 0.99), percentile(values, 1)};
+}
+
+void measure(const SurfaceVolume& volume, DisplaySurface& out) {
+  const Eigen::Affine3d T_volume_lps = volume.T_lps_volume.inverse();
+  std::vector<double> distances;
+  for (const Vector3d& p : points_on(out.surface, T_volume_lps))
+    distances.push_back(distance_to_zero(volume, p));
+  out.distance = summary(std::move(distances));
+
+  Soup soup;
+  soup.triangles = out.surface.triangles;
+  const Lattice& lattice = out.surface.lattice;
+  for (const SpacePoint& p : out.surface.vertices)
+    soup.vertices.emplace_back(
+        T_volume_lps * Vector3d(lattice.to_mm(p[0]), lattice.to_mm(p[1]), lattice.to_mm(p[2])));
+  const DistanceTo distance(soup);
+  distances.clear();
+  for (const Vector3d& p : points_on_zero(volume))
+    distances.push_back(distance(p));
+  out.left_out = summary(std::move(distances));
+}
+
+std::size_t count_parts(const TriangleSurface& surface) {
+  std::vector<std::uint32_t> parent(surface.vertices.size());
+  for (std::uint32_t i = 0; i < parent.size(); ++i)
+    parent[i] = i;
+  const auto root = [&parent](std::uint32_t i) {
+    while (parent[i] != i)
+      i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  std::size_t parts = parent.size();
+  for (const auto& t : surface.triangles) {
+    for (std::size_t k = 0; k < 2; ++k) {
+      const std::uint32_t a = root(t[k]), b = root(t[k + 1]);
+      if (a == b) continue;
+      parent[std::max(a, b)] = std::min(a, b);
+      --parts;
+    }
+  }
+  return parts;
+}
+
+}  // namespace
+
+Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
+                                            const SurfaceOptions& options) {
+  constexpr double kAngle_deg = 30;
+  constexpr double kRadius_voxels = 1, kDistance_voxels = 0.15, kBisection_voxels = 0.005;
+  // Of a triangle in units of the largest circumradius squared: the mesher's triangles in practice.
+  constexpr double kTriangleArea = 0.25;
+  constexpr int kMesherTriangles = 6, kLeastMesherTriangles = 200'000;
+  DisplaySurface out;
+  auto clock = Clock::now();
+  SurfaceParts parts = surface_parts(volume);
+  const auto voxel = [](const SurfaceVolume& v) {
+    const auto [x, y, z] = v.voxel_mm();
+    return std::cbrt(x * y * z);
+  };
+  const double budget = std::max(static_cast<double>(kMesherTriangles) * options.triangles,
+                                 static_cast<double>(kLeastMesherTriangles));
+  const double affordable_mm = std::sqrt(parts.area_mm2 / (kTriangleArea * budget));
+  SurfaceVolume coarse;
+  const SurfaceVolume* meshed = &volume;
+  if (affordable_mm > 1.5 * voxel(volume)) {
+    const auto sides = volume.voxel_mm();
+    for (std::size_t k = 0; k < 3; ++k)
+      out.coarsened[k] = std::max(1, static_cast<int>(std::lround(affordable_mm / sides[k])));
+    coarse = coarser(volume, out.coarsened);
+    drop_small_pieces(coarse, kLeastSurfaceVoxels, 0);
+    meshed = &coarse;
+    parts = surface_parts(coarse);
+  }
+  const double side = std::max(voxel(*meshed), affordable_mm);
+  const auto fine = mesh_surface(*meshed, parts,
+                                 {kAngle_deg, kRadius_voxels * side, kDistance_voxels * side,
+                                  kBisection_voxels * side, static_cast<std::size_t>(4 * budget)},
+                                 options);
+  if (!fine) return fine.error();
+  if (fine->triangles.empty()) return refused("--surface: the surface mesher finds nothing");
+  out.mesher_triangles = fine->triangles.size();
+  out.mesher_ms = lap_ms(clock);
+
+  auto surface = decimated_on_lattice(*fine, volume, side, options, out, clock);
+  if (!surface) return surface.error();
+  out.surface = std::move(*surface);
+  if (auto ok = check_triangle_surface(out.surface); !ok) return bug(ok.error().message);
+  out.parts = count_parts(out.surface);
+  out.bound_mm = voxel(volume) / 2;
+  measure(volume, out);
+  out.check_ms += lap_ms(clock);
+  return out;
+}
+
+}  // namespace trocar::pipeline

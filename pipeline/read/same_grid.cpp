@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/read/same_grid.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+namespace trocar::pipeline {
+namespace {
+
+std::string text(double a) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.7g", a);
+  return out;
+}
+
+std::string text(const Eigen::Vector3d& p) {
+  char out[96];
+  std::snprintf(out, sizeof out, "(%.7g, %.7g, %.7g)", p.x(), p.y(), p.z());
+  return out;
+}
+
+// The voxel's sides along u, v and the normal.
+Eigen::Vector3d sides(const SlicePlane& plane, double step_mm) {
+  return {plane.spacing_u_mm, plane.spacing_v_mm, step_mm};
+}
+
+// The largest part of a voxel's side that the difference is.
+double in_voxels(const Eigen::Vector3d& apart, const SlicePlane& plane, double step_mm) {
+  const Eigen::Vector3d along = plane.T_lps_plane.linear().transpose() * apart;
+  return along.cwiseQuotient(sides(plane, step_mm)).cwiseAbs().maxCoeff();
+}
+
+std::string size_text(const SliceStack& stack) {
+  return std::to_string(stack.width()) + " x " + std::to_string(stack.height()) + " x " +
+         std::to_string(stack.size());
+}
+
+}  // namespace
+
+std::optional<std::string> plane_difference(const SlicePlane& plane, const SlicePlane& other,
+                                            int width, int height, double step_mm) {
+  // Over a whole row, and a whole column, a difference adds up.
+  const double across = std::max(width, height) - 1;
+  const auto spacing_differs = [across](double a, double b) {
+    return !(std::abs(a - b) * across <= kSameVoxel * b);
+  };
+  if (spacing_differs(plane.spacing_u_mm, other.spacing_u_mm) ||
+      spacing_differs(plane.spacing_v_mm, other.spacing_v_mm)) {
+    return "spacing is " + text(plane.spacing_u_mm) + " x " + text(plane.spacing_v_mm) +
+           " mm, not " + text(other.spacing_u_mm) + " x " + text(other.spacing_v_mm);
+  }
+  for (const int axis : {0, 1}) {
+    const Eigen::Vector3d a = plane.T_lps_plane.linear().col(axis),
+                          b = other.T_lps_plane.linear().col(axis);
+    const double length_mm =
+        axis == 0 ? (width - 1) * plane.spacing_u_mm : (height - 1) * plane.spacing_v_mm;
+    if (!(in_voxels((a - b) * length_mm, other, step_mm) <= kSameVoxel)) {
+      return std::string("orientation differs: its ") + (axis == 0 ? "rows" : "columns") +
+             " run along " + text(a) + ", not " + text(b);
+    }
+  }
+  const Eigen::Vector3d a = plane.T_lps_plane.translation(), b = other.T_lps_plane.translation();
+  if (!(in_voxels(a - b, other, step_mm) <= kSameVoxel))
+    return "origin is " + text(a) + " mm, not " + text(b);
+  return {};
+}
+
+double slice_step_mm(const SliceStack& stack, int slice) {
+  if (stack.size() < 2) {
+    const SlicePlane& only = stack.plane(0);
+    return std::min(only.spacing_u_mm, only.spacing_v_mm);
+  }
+  const int from = std::min(slice, stack.size() - 2);
+  return stack.plane(from + 1).z_mm - stack.plane(from).z_mm;
+}
+
+std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other) {
+  if (stack.width() != other.width() || stack.height() != other.height() ||
+      stack.size() != other.size())
+    return GridDifference{-1, "size is " + size_text(stack) + " voxels, not " + size_text(other)};
+  // The first slice tells most about a scan that is another one, the last one the step.
+  for (int k = 0; k < stack.size(); ++k) {
+    const SlicePlane &a = stack.plane(k), &b = other.plane(k);
+    auto what = plane_difference(a, b, other.width(), other.height(), slice_step_mm(other, k));
+    if (!what) continue;
+    const double step = slice_step_mm(stack, k), wanted = slice_step_mm(other, k);
+    if (k > 0 && std::abs(step - wanted) > kSameVoxel * wanted)
+      return GridDifference{-1, "slices are " + text(step) + " mm apart, not " + text(wanted)};
+    return GridDifference{k == 0 ? -1 : k, std::move(*what)};
+  }
+  return {};
+}
+
+}  // namespace trocar::pipeline

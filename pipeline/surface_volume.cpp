@@ -1,0 +1,399 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/surface_volume.h"
+
+#include <cstdint>
+#include <map>
+#include <numeric>
+#include <opencv2/imgproc.hpp>
+#include <set>
+#include <tuple>
+#include <utility>
+
+#include "pipeline/for_each_piece.h"
+
+namespace trocar::pipeline {
+namespace {
+
+// Runs of voxels of one side along x; together they are the whole volume.
+struct Run {
+  std::size_t begin = 0, end = 0;
+  std::uint32_t piece = 0;
+};
+
+struct Runs {
+  std::vector<Run> runs;
+  std::vector<std::size_t> first;    // of each row, and the end
+  std::vector<std::int64_t> voxels;  // of each piece
+  std::vector<bool> inside;
+};
+
+// Pieces connected by faces.
+Runs find_runs(const SurfaceVolume& volume) {
+  const auto width = static_cast<std::size_t>(volume.size[0]);
+  const std::size_t rows = static_cast<std::size_t>(volume.size[1]) * volume.size[2];
+  Runs out;
+  for (std::size_t row = 0; row < rows; ++row) {
+    out.first.push_back(out.runs.size());
+    const std::size_t end = (row + 1) * width;
+    for (std::size_t i = row * width; i < end;) {
+      const bool inside = volume.values[i] >= 0;
+      Run run{i, i, 0};
+      while (run.end < end && (volume.values[run.end] >= 0) == inside)
+        ++run.end;
+      i = run.end;
+      out.runs.push_back(run);
+    }
+  }
+  out.first.push_back(out.runs.size());
+
+  std::vector<std::uint32_t> parent(out.runs.size());
+  std::iota(parent.begin(), parent.end(), 0U);
+  const auto root = [&parent](std::uint32_t i) {
+    while (parent[i] != i)
+      i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  const auto join_rows = [&](std::size_t row, std::size_t other) {
+    const std::size_t shift = (row - other) * width;
+    for (std::size_t a = out.first[row], b = out.first[other];
+         a < out.first[row + 1] && b < out.first[other + 1];) {
+      const Run &one = out.runs[a], &two = out.runs[b];
+      if ((volume.values[one.begin] >= 0) == (volume.values[two.begin] >= 0) &&
+          one.begin < two.end + shift && two.begin + shift < one.end) {
+        const std::uint32_t p = root(static_cast<std::uint32_t>(a)),
+                            q = root(static_cast<std::uint32_t>(b));
+        parent[std::max(p, q)] = std::min(p, q);
+      }
+      (one.end < two.end + shift ? a : b) += 1;
+    }
+  };
+  const auto height = static_cast<std::size_t>(volume.size[1]);
+  for (std::size_t row = 0; row < rows; ++row) {
+    if (row % height > 0) join_rows(row, row - 1);
+    if (row >= height) join_rows(row, row - height);
+  }
+  for (std::size_t i = 0; i < out.runs.size(); ++i) {
+    const std::uint32_t to = root(static_cast<std::uint32_t>(i));
+    Run& run = out.runs[i];
+    if (to == i) {
+      run.piece = static_cast<std::uint32_t>(out.voxels.size());
+      out.voxels.push_back(0);
+      out.inside.push_back(volume.values[run.begin] >= 0);
+    } else {
+      run.piece = out.runs[to].piece;
+    }
+    out.voxels[run.piece] += static_cast<std::int64_t>(run.end - run.begin);
+  }
+  return out;
+}
+
+void drop_small(SurfaceVolume& volume, bool inside, std::int64_t least_voxels) {
+  const Runs runs = find_runs(volume);
+  for (const Run& run : runs.runs) {
+    if (runs.inside[run.piece] != inside || runs.voxels[run.piece] >= least_voxels) continue;
+    for (std::size_t i = run.begin; i < run.end; ++i)
+      volume.values[i] = -volume.values[i];
+  }
+}
+
+// With a border one voxel wide, as deep below zero as its neighbour is away from zero.
+SurfaceVolume with_border(SurfaceVolume inner) {
+  SurfaceVolume out;
+  out.u_mm = inner.u_mm;
+  out.v_mm = inner.v_mm;
+  out.T_lps_volume = inner.T_lps_volume;
+  for (std::size_t k = 0; k < 3; ++k)
+    out.size[k] = inner.size[k] + 2;
+  out.values.resize(static_cast<std::size_t>(out.size[0]) * out.size[1] * out.size[2]);
+  std::size_t i = 0;
+  for (int z = -1; z <= inner.size[2]; ++z) {
+    for (int y = -1; y <= inner.size[1]; ++y) {
+      for (int x = -1; x <= inner.size[0]; ++x) {
+        const int cx = std::clamp(x, 0, inner.size[0] - 1),
+                  cy = std::clamp(y, 0, inner.size[1] - 1),
+                  cz = std::clamp(z, 0, inner.size[2] - 1);
+        const float value = inner.value(cx, cy, cz);
+        out.values[i++] = cx == x && cy == y && cz == z ? value : -std::abs(value);
+      }
+    }
+  }
+  std::vector<Eigen::Vector3d>& o = inner.origin_mm;
+  const Eigen::Vector3d corner(inner.u_mm, inner.v_mm, 0);
+  out.origin_mm.push_back(2 * o[0] - o[1] - corner);
+  for (const Eigen::Vector3d& p : o)
+    out.origin_mm.emplace_back(p - corner);
+  out.origin_mm.emplace_back(2 * o[o.size() - 1] - o[o.size() - 2] - corner);
+  return out;
+}
+
+Result<void> check_planes(const SliceStack& stack, int first, int last) {
+  if (last == first) return refused(stack.name(first) + ": --surface needs two slices at least");
+  const SlicePlane& a = stack.plane(first);
+  for (int k = first + 1; k <= last; ++k) {
+    const SlicePlane& b = stack.plane(k);
+    const Eigen::Matrix3d turn = a.T_lps_plane.linear().transpose() * b.T_lps_plane.linear();
+    if (!turn.isApprox(Eigen::Matrix3d::Identity(), 1e-3) ||
+        std::abs(b.spacing_u_mm / a.spacing_u_mm - 1) > 1e-3 ||
+        std::abs(b.spacing_v_mm / a.spacing_v_mm - 1) > 1e-3) {
+      return refused(stack.name(k) +
+                     ": is not parallel to the first slice or has other pixels; mesh it without "
+                     "--surface");
+    }
+    if (!(b.z_mm > stack.plane(k - 1).z_mm))
+      return refused(stack.name(k) +
+                     ": lies at the height of the slice before it; mesh it without --surface");
+  }
+  return {};
+}
+
+// Gaussian of one voxel along each axis. A voxel's side does not change: there the value is at
+// least kLeast of half the step between the sides.
+void smooth_mask(SurfaceVolume& volume) {
+  constexpr double kSigma = 1;
+  constexpr float kLeast = 0.05F;
+  const std::size_t row = static_cast<std::size_t>(volume.size[0]), slice = row * volume.size[1];
+  const std::vector<float> mask = volume.values;
+  for_each_piece(volume.size[2], [&](int z) {
+    cv::Mat image(volume.size[1], volume.size[0], CV_32F,
+                  &volume.values[static_cast<std::size_t>(z) * slice]);
+    cv::GaussianBlur(image, image, cv::Size(7, 7), kSigma, kSigma, cv::BORDER_REPLICATE);
+  });
+  // Along z: each row of voxels of the same y as an image, smoothed along its columns.
+  for_each_piece(volume.size[1], [&](int y) {
+    cv::Mat image(volume.size[2], volume.size[0], CV_32F);
+    const auto at = [&](int z) {
+      return volume.values.begin() +
+             static_cast<std::ptrdiff_t>(static_cast<std::size_t>(z) * slice +
+                                         static_cast<std::size_t>(y) * row);
+    };
+    for (int z = 0; z < volume.size[2]; ++z)
+      std::copy_n(at(z), row, image.ptr<float>(z));
+    cv::GaussianBlur(image, image, cv::Size(1, 7), kSigma, kSigma, cv::BORDER_REPLICATE);
+    for (int z = 0; z < volume.size[2]; ++z)
+      std::copy_n(image.ptr<float>(z), row, at(z));
+  });
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    float& value = volume.values[i];
+    value = mask[i] >= 0 ? std::max(value, kLeast) : std::min(value, -kLeast);
+  }
+}
+
+// Values on the surface or next to it, as HU that are equal to the threshold, would make places
+// where it touches itself in a voxel: they are moved away by a fiftieth of the mean step between
+// the sides.
+void keep_off_zero(SurfaceVolume& volume) {
+  constexpr double kShare = 0.02;
+  double sum = 0;
+  std::int64_t count = 0;
+  for (std::size_t i = 1; i < volume.values.size(); ++i) {
+    const float a = volume.values[i - 1], b = volume.values[i];
+    if ((a >= 0) == (b >= 0)) continue;
+    sum += std::abs(static_cast<double>(a) - static_cast<double>(b));
+    ++count;
+  }
+  const auto least =
+      count == 0 ? 1.0F : static_cast<float>(kShare * sum / static_cast<double>(count));
+  for (float& value : volume.values)
+    value = value >= 0 ? std::max(value, least) : std::min(value, -least);
+}
+
+}  // namespace
+
+void drop_small_pieces(SurfaceVolume& volume, int least_voxels, double least_mm3) {
+  const auto [u, v, w] = volume.voxel_mm();
+  const auto least = std::max<std::int64_t>(
+      least_voxels, static_cast<std::int64_t>(std::ceil(std::min(least_mm3 / (u * v * w), 1e15))));
+  for (const bool inside : {true, false})
+    drop_small(volume, inside, least);
+}
+
+SurfaceParts surface_parts(const SurfaceVolume& volume) {
+  constexpr std::size_t kLeastSeeds = 200, kMostSeeds = 2000, kCrossingsOfSeed = 50;
+  const Runs runs = find_runs(volume);
+  const auto width = static_cast<std::size_t>(volume.size[0]);
+  const auto height = static_cast<std::size_t>(volume.size[1]);
+  const std::array<std::size_t, 3> step{1, width, width * height};
+  const auto piece_of = [&](std::size_t voxel) {
+    const std::size_t row = voxel / width;
+    const auto next =
+        std::upper_bound(runs.runs.begin() + static_cast<std::ptrdiff_t>(runs.first[row]),
+                         runs.runs.begin() + static_cast<std::ptrdiff_t>(runs.first[row + 1]),
+                         voxel, [](std::size_t v, const Run& run) { return v < run.begin; });
+    return (next - 1)->piece;
+  };
+  // Calls visit(axis, voxel) for each edge of the grid, from the voxel along the axis, between
+  // material and outside. The border is outside: no edge leads from a row's end to the next row.
+  const auto each_crossing = [&](const auto& visit) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      for (std::size_t i = 0; i + step[axis] < volume.values.size(); ++i)
+        if ((volume.values[i] >= 0) != (volume.values[i + step[axis]] >= 0)) visit(axis, i);
+  };
+  const auto part_of = [&](std::size_t axis, std::size_t i) {
+    return std::minmax({piece_of(i), piece_of(i + step[axis])});
+  };
+  using Part = std::pair<std::uint32_t, std::uint32_t>;
+  std::map<Part, std::array<std::size_t, 2>> met;  // all, so far
+  const auto [u, v, w] = volume.voxel_mm();
+  const std::array<double, 3> face_mm2{v * w, u * w, u * v};
+  SurfaceParts out;
+  each_crossing([&](std::size_t axis, std::size_t i) {
+    ++met[part_of(axis, i)][0];
+    out.area_mm2 += face_mm2[axis] * 2 / 3;
+  });
+
+  out.parts = met.size();
+  // Seeds of a part that are close together would make the mesher's triangles small there: one in
+  // each half voxel.
+  std::set<std::tuple<Part, std::size_t, int, int, int>> taken;
+  each_crossing([&](std::size_t axis, std::size_t i) {
+    const Part part = part_of(axis, i);
+    auto& [all, so_far] = met[part];
+    const std::size_t wanted = std::clamp(all / kCrossingsOfSeed, kLeastSeeds, kMostSeeds);
+    if (so_far++ % std::max<std::size_t>(1, all / wanted) != 0) return;
+    const auto place = [&](std::size_t voxel) {
+      return volume.place(static_cast<int>(voxel % width), static_cast<int>(voxel / width % height),
+                          static_cast<int>(voxel / width / height));
+    };
+    const double a = static_cast<double>(volume.values[i]),
+                 b = static_cast<double>(volume.values[i + step[axis]]), t = a / (a - b);
+    std::array<int, 3> halves{};
+    halves.at(axis) = t < 0.25 ? 0 : t < 0.75 ? 1 : 2;
+    const std::size_t at = i + (halves.at(axis) == 2 ? step[axis] : 0);
+    halves.at(axis) %= 2;
+    if (!taken.emplace(part, at, halves[0], halves[1], halves[2]).second) return;
+    out.seeds_mm.emplace_back(place(i) + t * (place(i + step[axis]) - place(i)));
+  });
+  return out;
+}
+
+SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
+  const auto [fx, fy, fz] = factor;
+  SurfaceVolume out;
+  out.u_mm = volume.u_mm * fx;
+  out.v_mm = volume.v_mm * fy;
+  out.T_lps_volume = volume.T_lps_volume;
+  for (std::size_t k = 0; k < 3; ++k)  // without the border; the last voxels have fewer to average
+    out.size[k] = std::max(1, (volume.size[k] - 2 + factor[k] - 1) / factor[k]);
+  if (out.size[2] < 2) return volume;
+  out.values.resize(static_cast<std::size_t>(out.size[0]) * out.size[1] * out.size[2]);
+  for (int z = 0; z < out.size[2]; ++z) {
+    const int z0 = 1 + z * fz, z1 = std::min(z0 + fz, volume.size[2] - 1);
+    Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+    for (int k = z0; k < z1; ++k)
+      origin += volume.place(1, 1, k) / (z1 - z0);
+    out.origin_mm.emplace_back(
+        origin + Eigen::Vector3d((fx - 1) * 0.5 * volume.u_mm, (fy - 1) * 0.5 * volume.v_mm, 0));
+  }
+  for_each_piece(out.size[2], [&](int z) {
+    const int z0 = 1 + z * fz, z1 = std::min(z0 + fz, volume.size[2] - 1);
+    std::size_t i = static_cast<std::size_t>(z) * out.size[0] * out.size[1];
+    for (int y = 0; y < out.size[1]; ++y) {
+      const int y0 = 1 + y * fy, y1 = std::min(y0 + fy, volume.size[1] - 1);
+      for (int x = 0; x < out.size[0]; ++x) {
+        const int x0 = 1 + x * fx, x1 = std::min(x0 + fx, volume.size[0] - 1);
+        double sum = 0;
+        for (int zz = z0; zz < z1; ++zz)
+          for (int yy = y0; yy < y1; ++yy)
+            for (int xx = x0; xx < x1; ++xx)
+              sum += static_cast<double>(volume.value(xx, yy, zz));
+        out.values[i++] = static_cast<float>(sum / ((x1 - x0) * (y1 - y0) * (z1 - z0)));
+      }
+    }
+  });
+  return with_border(std::move(out));
+}
+
+Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
+                                          const MeshOptions& options) {
+  constexpr double kMostVoxels = 2e9;
+  if (auto ok = check_planes(stack, first, last); !ok) return ok.error();
+  const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
+  const Crop& crop = options.crop ? *options.crop : whole;
+  const int width = crop.x1 - crop.x0 + 1, height = crop.y1 - crop.y0 + 1,
+            slices = last - first + 1;
+  if (static_cast<double>(width) * height * slices > kMostVoxels)
+    return refused(stack.name(first) +
+                   ": the scan has more voxels than --surface can hold; give "
+                   "--slices or --crop");
+
+  std::vector<std::vector<float>> fields(static_cast<std::size_t>(slices));
+  std::vector<Result<void>> done(static_cast<std::size_t>(slices));
+  // Of the material: least and largest x and y in each slice.
+  std::vector<std::array<int, 4>> boxes(static_cast<std::size_t>(slices), {width, -1, height, -1});
+  bool is_mask = false;
+  for_each_piece(slices, [&](int k) {
+    const auto here = static_cast<std::size_t>(k);
+    auto image = read_cropped(stack, first + k, options.crop);
+    if (!image) {
+      done[here] = image.error();
+      return;
+    }
+    Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
+    if (options.solid != nullptr) options.solid->apply(first + k, crop.x0, crop.y0, field);
+    if (k == 0) is_mask = field.is_mask;
+    auto& [x0, x1, y0, y1] = boxes[here];
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        float& value = field.image.values[static_cast<std::size_t>(y) * width + x];
+        value -= field.iso;
+        if (field.is_mask) value *= 2;
+        if (value < 0) continue;
+        x0 = std::min(x0, x);
+        x1 = std::max(x1, x);
+        y0 = std::min(y0, y);
+        y1 = std::max(y1, y);
+      }
+    }
+    fields[here] = std::move(field.image.values);
+  });
+  for (Result<void>& one : done)
+    if (!one) return one.error();
+
+  // The box of the material, and a margin for smoothing.
+  constexpr int kMargin = 4;
+  int x0 = width, x1 = -1, y0 = height, y1 = -1, z0 = slices, z1 = -1;
+  for (int k = 0; k < slices; ++k) {
+    const auto& box = boxes[static_cast<std::size_t>(k)];
+    if (box[1] < 0) continue;
+    x0 = std::min(x0, box[0]);
+    x1 = std::max(x1, box[1]);
+    y0 = std::min(y0, box[2]);
+    y1 = std::max(y1, box[3]);
+    z0 = std::min(z0, k);
+    z1 = k;
+  }
+  if (z1 < 0) return refused(stack.name(first) + ": no material for --surface");
+  x0 = std::max(x0 - kMargin, 0);
+  x1 = std::min(x1 + kMargin, width - 1);
+  y0 = std::max(y0 - kMargin, 0);
+  y1 = std::min(y1 + kMargin, height - 1);
+  z0 = std::max(z0 - kMargin, 0);
+  z1 = std::min(z1 + kMargin, slices - 1);
+
+  SurfaceVolume inner;
+  const SlicePlane& frame = stack.plane(first);
+  inner.u_mm = frame.spacing_u_mm;
+  inner.v_mm = frame.spacing_v_mm;
+  inner.T_lps_volume = frame.T_lps_plane;
+  inner.size = {x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1};
+  const Eigen::Affine3d to_frame = frame.T_lps_plane.inverse();
+  const Eigen::Vector3d corner((crop.x0 + x0) * inner.u_mm, (crop.y0 + y0) * inner.v_mm, 0);
+  for (int k = z0; k <= z1; ++k) {
+    inner.origin_mm.emplace_back(to_frame * (stack.plane(first + k).T_lps_plane * corner));
+    const std::vector<float>& field = fields[static_cast<std::size_t>(k)];
+    for (int y = y0; y <= y1; ++y) {
+      const auto row = field.begin() + static_cast<std::ptrdiff_t>(y) * width;
+      inner.values.insert(inner.values.end(), row + x0, row + x1 + 1);
+    }
+    fields[static_cast<std::size_t>(k)] = {};
+  }
+  if (is_mask) smooth_mask(inner);
+  SurfaceVolume out = with_border(std::move(inner));
+  keep_off_zero(out);
+  drop_small_pieces(out, kLeastSurfaceVoxels, std::pow(options.min_region_mm2, 1.5));
+  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; }))
+    return refused(stack.name(first) + ": no piece of material is large enough for --surface");
+  return out;
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A scan as a volume whose zero level is the surface of the material: the trilinear interpolation
+// of the values that the slices' contours are taken from. At a slice's height it is the slice's own
+// field, so that a plane cuts the surface along the slice's contour.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "pipeline/mesh_slice.h"
+
+namespace trocar::pipeline {
+
+/// Positions are in the frame of the first slice of the stack: mm, u along its rows, v along its
+/// columns, then its normal. Around the voxels lies a border one voxel wide that is outside, so
+/// that the material is closed half a voxel beyond what was read.
+struct SurfaceVolume {
+  std::array<int, 3> size{};               ///< voxels along a row, along a column, slices
+  double u_mm = 0, v_mm = 0;               ///< between them
+  std::vector<Eigen::Vector3d> origin_mm;  ///< of each slice's first voxel; z ascending
+  std::vector<float> values;  ///< row by row, slice by slice: >= 0 in the material, never 0 itself
+  Eigen::Affine3d T_lps_volume = Eigen::Affine3d::Identity();
+
+  float value(int x, int y, int z) const {
+    return values[(static_cast<std::size_t>(z) * size[1] + y) * size[0] + x];
+  }
+  /// The slice at or below the height; -1 below the first, size[2] - 1 at and above the last.
+  int slice_below(double z_mm) const;
+  /// Trilinear interpolation; negative outside the volume.
+  double at(const Eigen::Vector3d& p_mm) const;
+  Eigen::Vector3d place(int x, int y, int z) const {
+    return origin_mm[static_cast<std::size_t>(z)] + Eigen::Vector3d(x * u_mm, y * v_mm, 0);
+  }
+  /// Sides of a voxel; along z the mean of all.
+  std::array<double, 3> voxel_mm() const {
+    const double z = (origin_mm.back() - origin_mm.front()).z() / (size[2] - 1);
+    return {u_mm, v_mm, z};
+  }
+};
+
+/// Pieces of the material, and of what is outside, are sets of voxels connected by faces.
+struct SurfaceParts {
+  /// On every part of the surface, that is, between each two pieces that touch, spread over it:
+  /// where it crosses edges of the grid.
+  std::vector<Eigen::Vector3d> seeds_mm;
+  std::size_t parts = 0;
+  double area_mm2 = 0;  ///< an estimate: two thirds of the faces between material and outside
+};
+
+/// Turns pieces of fewer voxels or less volume into what surrounds them: specks first, then holes.
+/// O(voxels).
+void drop_small_pieces(SurfaceVolume& volume, int least_voxels, double least_mm3);
+SurfaceParts surface_parts(const SurfaceVolume& volume);
+
+/// The mean of factor[0] x factor[1] x factor[2] voxels each.
+SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);
+
+/// Specks and holes of less are not part of the surface, nor of less than
+/// MeshOptions::min_region_mm2 to the power of 3/2.
+inline constexpr int kLeastSurfaceVoxels = 8;
+
+/// Reads the slices from `first` to `last`, several at the same time, within the crop. A mask (of
+/// labels) is smoothed by a Gaussian, and each voxel stays on its side, so that the surface moves
+/// by less than half a voxel. Errors: those of reading; (refused) fewer than two slices, slices
+/// that are not parallel, with different pixels, or not in ascending order; a volume too large for
+/// memory; nothing left. Memory: 8 bytes a voxel.
+Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
+                                          const MeshOptions& options);
+
+inline int SurfaceVolume::slice_below(double z_mm) const {
+  const double first = origin_mm.front().z(), last = origin_mm.back().z();
+  if (!(z_mm >= first)) return -1;
+  if (z_mm >= last) return size[2] - 1;
+  // Right at once where slices are evenly spaced.
+  auto k = static_cast<int>((z_mm - first) / (last - first) * (size[2] - 1));
+  k = std::clamp(k, 0, size[2] - 2);
+  while (origin_mm[static_cast<std::size_t>(k)].z() > z_mm)
+    --k;
+  while (origin_mm[static_cast<std::size_t>(k) + 1].z() <= z_mm)
+    ++k;
+  return k;
+}
+
+inline double SurfaceVolume::at(const Eigen::Vector3d& p_mm) const {
+  constexpr double kOutside = -1;
+  const int k = slice_below(p_mm.z());
+  if (k < 0 || k >= size[2] - 1) return kOutside;
+  const Eigen::Vector3d &low = origin_mm[static_cast<std::size_t>(k)],
+                        &high = origin_mm[static_cast<std::size_t>(k) + 1];
+  const double c = (p_mm.z() - low.z()) / (high.z() - low.z());
+  const double x = (p_mm.x() - low.x() - c * (high.x() - low.x())) / u_mm;
+  const double y = (p_mm.y() - low.y() - c * (high.y() - low.y())) / v_mm;
+  if (!(x >= 0 && y >= 0 && x < size[0] - 1 && y < size[1] - 1)) return kOutside;
+  const auto i = static_cast<int>(x), j = static_cast<int>(y);
+  const double a = x - i, b = y - j;
+  const std::size_t row = static_cast<std::size_t>(size[0]), slice = row * size[1];
+  const float* v =
+      &values[static_cast<std::size_t>(k) * slice + static_cast<std::size_t>(j) * row + i];
+  const auto bilinear = [&](const float* w) {
+    return (1 - b) * ((1 - a) * static_cast<double>(w[0]) + a * static_cast<double>(w[1])) +
+           b * ((1 - a) * static_cast<double>(w[row]) + a * static_cast<double>(w[row + 1]));
+  };
+  return (1 - c) * bilinear(v) + c * bilinear(v + slice);
+}
+
+}  // namespace trocar::pipeline

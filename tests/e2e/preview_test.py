@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: Apache-2.0
+"""preview_test.py SOURCE PROGRAMS SCAN WORK: the sheets of trocar-mesh preview: their files, and their outlines, areas, counts and
+orientations against the scan's NIfTI file, read by nibabel. The real scans TROCAR_REAL_CT and TROCAR_HEAD_CT are left out, saying
+so, where they are missing."""
+import base64
+import io
+import json
+import os
+import pathlib
+import re
+import shutil
+import sys
+
+import jsonschema
+import nibabel
+import numpy
+import PIL.Image
+import pydicom
+
+from e2e import check, outcome, run
+
+SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:])
+MESH = PROGRAMS / "trocar-mesh"
+THRESHOLD = 226
+MOST_PX = 1  # from a pixel drawn to the contour, and from the contour to a pixel drawn
+BEHIND_PX = 4  # letters and the scale bar, with their dark border, lie over the contours
+MOST_BEHIND = 0.05  # of the contours
+SAMPLES_PX = 16
+EXACT = ("--tolerance", "0", "--min-angle", "0", "--max-area", "1e12")  # a run whose rings are the contours, nothing left out or added
+LETTERS = {"transverse": "RLAP", "coronal": "RLSI", "sagittal": "APSI"}  # left, right, top, bottom: as radiologists see them
+
+
+def sheet(name, scan, *options):
+    """The picture as RGB, and the numbers of its page."""
+    png, page = WORK / f"{name}.png", WORK / f"{name}.html"
+    said = run(MESH, "preview", scan, "-o", png, *options).stdout
+    run(MESH, "preview", scan, "-o", page, "--quiet", *options)
+    picture = numpy.asarray(PIL.Image.open(png).convert("RGB")).astype(int)
+    check(f"{picture.shape[1]} x {picture.shape[0]} pixels" in said, f"{name}: another size than stated: {said}")
+    text = page.read_text()
+    check(not re.search(r"https?:|(src|href)=\"(?!data:)|url\(|@import", text), f"{name}: the page refers to other files")
+    data = base64.b64decode(re.search(r'src="data:image/png;base64,([^"]*)"', text)[1])
+    check(numpy.array_equal(numpy.asarray(PIL.Image.open(io.BytesIO(data))), picture), f"{name}: the page has another picture")
+    numbers = json.loads(re.search(r'<script type="application/json" id="preview">(.*?)</script>', text, re.S)[1])
+    schema = json.loads((SOURCE / "formats" / "session" / "preview.schema.json").read_text())
+    schema.pop("$id")
+    for error in list(jsonschema.Draft202012Validator(schema).iter_errors(numbers))[:3]:
+        check(False, f"{name}: {error.json_path}: {error.message[:300]}")
+    return picture, numbers
+
+
+def slices_of(file, axis):
+    """By a slice's place in mm: its values, in rows from the top of the picture and from its left."""
+    image = nibabel.as_closest_canonical(nibabel.load(file))  # to the right, front, top
+    values = numpy.asarray(image.dataobj).astype(float)
+    along = {"sagittal": 0, "coronal": 1, "transverse": 2}[axis]
+    sign = -1 if along == 1 else 1  # z_mm is along the slices' normal: to the right, back, top
+    step, start = image.affine[along, along], image.affine[along, 3]
+
+    def at(z_mm):
+        k = round((sign * z_mm - start) / step)
+        if along == 2:
+            return values[::-1, ::-1, k].T
+        return (values[::-1, k, ::-1] if along == 1 else values[k, ::-1, ::-1]).T
+
+    return at
+
+
+def rings_of(scan, *options):
+    """By a slice's index: its rings in mm, as a run with the same options and `trocar-mesh export` write them."""
+    asset, folder = WORK / "run.glb", WORK / "run"
+    shutil.rmtree(folder, ignore_errors=True)
+    run(MESH, scan, "-o", asset, "--quiet", *EXACT, *options)
+    run(MESH, "export", asset, "-o", folder)
+    out = {}
+    for file in folder.glob("*.poly"):
+        lines = [line.split() for line in file.read_text().splitlines()[1:]]
+        count = int(lines[0][0])
+        points = numpy.array([line[1:3] for line in lines[1:count + 1]], float)
+        segments = numpy.array([line[1:3] for line in lines[count + 2:2 * count + 2]], int) - 1
+        ends = numpy.flatnonzero(segments[:, 1] <= segments[:, 0]) + 1  # a ring's last segment leads back to its first point
+        out[int(file.stem.removeprefix("slice_"))] = numpy.split(points, ends[:-1])
+    return out
+
+
+def area_of(rings):
+    return sum(numpy.cross(ring, numpy.roll(ring, -1, axis=0)).sum() / 2 for ring in rings)
+
+
+def within(mask, radius):
+    """Pixels with one of the mask's at most so far away."""
+    padded = numpy.pad(mask, radius)
+    out = numpy.zeros_like(mask)
+    for dy in range(-radius, radius + 1):
+        for dx in range(-radius, radius + 1):
+            if dy**2 + dx**2 <= radius**2:
+                out |= padded[radius + dy:radius + dy + mask.shape[0], radius + dx:radius + dx + mask.shape[1]]
+    return out
+
+
+def drawn_pixels(tile, labels):
+    """Those that are more than half a contour's, orange on grey or white on black and orange; those of letters, light blue."""
+    red, blue = tile[:, :, 0], tile[:, :, 2]
+    over = blue - red > 25
+    return (blue > 127) & ~over if labels else red - blue > 127, over
+
+
+def samples_of(rings, numbers, shown):
+    """Points along the rings, x and y in pixels of the tile, whose first one's centre is 0."""
+    x0, x1, y0, y1 = numbers["pixels_shown"]
+    scale = numpy.array(shown["tile_px"][2:]) / (x1 - x0 + 1, y1 - y0 + 1)
+    out = []
+    for ring in rings:
+        points = (ring / shown["spacing_mm"] - (x0, y0) + 0.5) * scale - 0.5
+        for a, b in zip(points, numpy.roll(points, -1, axis=0)):
+            out.append(a + numpy.linspace(0, 1, max(2, int(numpy.ceil(SAMPLES_PX * numpy.hypot(*(b - a))))))[:, None] * (b - a))
+    return numpy.concatenate(out)
+
+
+def check_outline(what, picture, numbers, shown, rings, labels=False):
+    """The contours in the picture, found by their colour, against the run's, both ways."""
+    left, top, width, height = shown["tile_px"]
+    drawn, over = drawn_pixels(picture[top:top + height, left:left + width], labels)
+    samples = samples_of(rings, numbers, shown)
+    nearest = numpy.full((height, width), numpy.inf)  # of the rings to each pixel
+    is_met = numpy.zeros(len(samples), bool)
+    for dy in range(-2, 3):
+        for dx in range(-2, 3):
+            pixels = numpy.rint(samples).astype(int) + (dx, dy)
+            away = numpy.hypot(*(pixels - samples).T)
+            inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+            x, y = pixels[inside].T
+            numpy.minimum.at(nearest, (y, x), away[inside])
+            is_met[inside] |= drawn[y, x] & (away[inside] <= MOST_PX)
+    x, y = numpy.rint(samples).astype(int).T
+    behind = within(over, BEHIND_PX)[y.clip(0, height - 1), x.clip(0, width - 1)]
+    wrong = drawn & (nearest > MOST_PX)
+    missing = ~is_met & ~behind
+    check(not wrong.any(), f"{what}: {wrong.sum()} of {drawn.sum()} pixels drawn are more than {MOST_PX} from the run's contours")
+    check(not missing.any(), f"{what}: {missing.sum() / len(samples):.2%} of the run's contours are not drawn")
+    check(behind.mean() < MOST_BEHIND, f"{what}: {behind.mean():.2%} of the contours are behind letters")
+    farthest = nearest[drawn].max(initial=0)
+    print(f"{what}: {len(rings)} contours, {drawn.sum()} pixels, at most {farthest:.2f} px away; {behind.mean():.2%} behind letters")
+
+
+def check_numbers(name, numbers, at):
+    images = [at(s["z_mm"]) for s in numbers["slices"]]
+    histogram = numbers["histogram"]
+    counts = numpy.zeros(len(histogram["counts"]), int)
+    for image in images:
+        bins = numpy.floor((image - histogram["low"]) / histogram["bin_width"]).astype(int)
+        counts += numpy.bincount(bins.clip(0, len(counts) - 1).ravel(), minlength=len(counts))
+    check(counts.tolist() == histogram["counts"], f"{name}: other counts in the histogram")
+    changes = numbers["changes"]
+    check([c["threshold"] for c in changes] == [THRESHOLD + c for c in (-50, -20, 0, 20, 50)], f"{name}: other thresholds")
+
+
+def check_changes(name, scan, numbers, *options):
+    """Areas and outlines at each threshold, of a run with that threshold: areas are sums of lattice triangles, exact but for the sum."""
+    for change in numbers["changes"]:
+        rings = rings_of(scan, *options, "--threshold", change["threshold"])
+        areas = [area_of(rings.get(s["index"], [])) for s in numbers["slices"]]
+        outlines = [len(rings.get(s["index"], [])) for s in numbers["slices"]]
+        what = f"{name}, threshold {change['threshold']}"
+        check(abs(change["area_mm2"] / sum(areas) - 1) < 1e-9, f"{what}: {change['area_mm2']} mm2 and not {sum(areas)}")
+        check(change["outlines"] == sum(outlines), f"{what}: {change['outlines']} outlines and not {sum(outlines)}")
+        if change["change"] != 0:
+            continue
+        for shown, area, count in zip(numbers["slices"], areas, outlines):
+            said = f"{what}, slice {shown['index']}: {shown['area_mm2']} mm2, {shown['outlines']} outlines"
+            check(abs(shown["area_mm2"] - area) < 1e-6 * max(1, area) and shown["outlines"] == count, f"{said} and not {area}, {count}")
+
+
+def check_scan(name, file, axis, count=3):
+    options = ("--axis", axis)
+    picture, numbers = sheet(f"{name}_{axis}", file, *options, "--count", count)
+    at = slices_of(file, axis)
+    check(len(numbers["slices"]) == count, f"{name}, {axis}: {len(numbers['slices'])} slices")
+    check_numbers(f"{name}, {axis}", numbers, at)
+    for shown in numbers["slices"]:
+        letters = "".join(shown["letters"][edge] for edge in ("left", "right", "top", "bottom"))
+        check(letters == LETTERS[axis], f"{name}, {axis}: {letters} and not {LETTERS[axis]}")
+        rings = rings_of(file, *options, "--slices", f"{shown['index']}:{shown['index']}")
+        check_outline(f"{name}, {axis}, slice {shown['index']}", picture, numbers, shown, rings[shown["index"]])
+    if axis == "transverse" and name != "head":
+        check_changes(name, file, numbers, *options)
+
+
+def check_options(file):
+    """The options of a run have the same effect here."""
+    for name, options in (("vertebra", ("--preset", "vertebra")),
+                          ("solid", ("--threshold", "300", "--close", "2", "--fill", "all", "--largest", "1")),
+                          ("pixels", ("--contour", "pixel", "--min-region", "30", "--crop", "150:400,120:380", "--slices", "5:20"))):
+        picture, numbers = sheet(name, file, *options, "--count", "2")
+        rings = rings_of(file, *options)
+        for shown in numbers["slices"]:
+            index = shown["index"]
+            check_outline(f"{name}, slice {index}", picture, numbers, shown, rings[index])
+            check(abs(shown["area_mm2"] / area_of(rings[index]) - 1) < 1e-9, f"{name}, slice {index}: another area than the run's")
+
+
+def check_private(slices):
+    """Nothing in the sheet and its page is from the headers' texts or the files' names, also where warnings on the terminal say them."""
+    marks = []
+
+    def mark():
+        marks.append(f"MARK{len(marks):03}")
+        return marks[-1]
+
+    # One folder with two series, one of them short, and a file that is no DICOM.
+    study = WORK / mark() / mark()
+    study.mkdir(parents=True)
+    for series, number in (("full", 16), ("short", 2)):
+        uid, texts = pydicom.uid.generate_uid(entropy_srcs=[series]), {}
+        for k, source in enumerate(sorted(slices.glob("*"))[:number]):
+            image = pydicom.dcmread(source)
+            image.SeriesInstanceUID, image.SOPInstanceUID = uid, pydicom.uid.generate_uid(entropy_srcs=[series, str(k)])
+            image.file_meta.MediaStorageSOPInstanceUID = image.SOPInstanceUID
+            for name, kind in (("PatientName", "PN"), ("PatientID", "LO"), ("OtherPatientNames", "PN"), ("PatientComments", "LT"),
+                               ("SeriesDescription", "LO"), ("StudyDescription", "LO"), ("StudyID", "SH"), ("InstitutionName", "LO"),
+                               ("ReferringPhysicianName", "PN"), ("AccessionNumber", "SH"), ("ConvolutionKernel", "SH"),
+                               ("ProtocolName", "LO"), ("ImageComments", "LT"), ("StationName", "SH"), ("OperatorsName", "PN")):
+                texts[name] = texts.get(name) or mark()
+                image.add_new(name, kind, texts[name])
+            for name in ("StudyDate", "SeriesDate", "PatientBirthDate", "AcquisitionDate"):
+                setattr(image, name, "19370219")
+            image.save_as(study / f"{texts['PatientName']}_{series}_{k}")
+    (study / mark()).write_text("no image")
+    marks += ["1937", str(uid), pathlib.Path.cwd().name]
+    for scan in (study, str(study) + "/"):
+        page, png = WORK / "private.html", WORK / "private.png"
+        said = run(MESH, "preview", scan, "-o", page).stderr
+        check("MARK" in said and "other_series" in said and "not_dicom" in said, f"the terminal has no warnings to keep out: {said}")
+        run(MESH, "preview", scan, "-o", png, "--quiet")
+        text = re.sub(r'src="data:[^"]*"', "", page.read_text())
+        for word in (*marks, "MARK", str(WORK), "sample"):
+            check(word not in text, f"the page has {word!r}")
+            check(word.encode() not in png.read_bytes(), f"the picture's file has {word!r}")
+        check("other_series" in text and "not_dicom" in text, "the page has no warnings")
+    # The picture's letters: the same picture with other names and texts.
+    again = WORK / "again"
+    again.mkdir()
+    for file in study.iterdir():
+        if file.name == marks[-4]:  # the one that is no image
+            shutil.copy(file, again / "other.txt")
+            continue
+        image = pydicom.dcmread(file)
+        image.SeriesDescription = image.PatientName = "Other"
+        image.save_as(again / f"other{file.name[len(marks[-4]):]}")
+    run(MESH, "preview", again, "-o", WORK / "again.png", "--quiet")
+    check((WORK / "again.png").read_bytes() == png.read_bytes(), "other names and texts make another picture")
+    (WORK / "again.png").unlink()
+
+
+def check_same_bytes(file):
+    for ending in ("png", "html"):
+        one, two = WORK / f"one.{ending}", WORK / f"two.{ending}"
+        for jobs, to in ((1, one), (2, two)):
+            run(MESH, "preview", file, "-o", to, "--jobs", jobs, "--quiet")
+        check(one.read_bytes() == two.read_bytes(), f".{ending}: other bytes with two threads")
+
+
+def check_labels(file):
+    labels = WORK / "labels.nii.gz"
+    image = nibabel.load(file)
+    map_of = numpy.digitize(numpy.asarray(image.dataobj), [200, 400]).astype(numpy.uint8)
+    nibabel.save(nibabel.Nifti1Image(map_of, image.affine), labels)
+    numbers = sheet("labels", labels, "--labels", "2")[1]
+    at = slices_of(labels, "transverse")
+    expected = [{"label": k, "voxels": int(sum((at(s["z_mm"]) == k).sum() for s in numbers["slices"]))} for k in (1, 2)]
+    check(numbers["label_voxels"] == expected, f"labels: {numbers['label_voxels']} and not {expected}")
+    nibabel.save(nibabel.Nifti1Image((map_of == 2).astype(numpy.uint8), image.affine), labels)
+    picture, numbers = sheet("label", labels, "--labels", "1", "--count", "3")
+    rings = rings_of(labels, "--labels", "1")
+    for shown in numbers["slices"]:
+        check_outline(f"label, slice {shown['index']}", picture, numbers, shown, rings[shown["index"]], labels=True)
+
+
+def check_refusals(file):
+    images = WORK / "images"
+    shutil.copytree(SCAN / "png", images)
+    first, *_ = slices = sorted(images.glob("*.png"))
+    before = {f.name: f.read_bytes() for f in slices}
+    spacing = ("--spacing", "0.3,0.3,1", "--equalize", "230", "-o")
+    for code, reason, words in (
+            (2, "a preview is a .png or .html", (file, "-o", WORK / "sheet.jpg")),
+            (2, "a preview is a .png or .html", (file, "-o", WORK / "sheet.glb")),
+            (2, "would write over", (images, *spacing, first)),
+            (2, "would write over", (file, "-o", first)),
+            (2, "would become one of the scan's images", (*slices, *spacing, images / "sheet.png")),
+            (3, "nothing is at or above the threshold of 30000", (file, "--threshold", "30000", "-o", WORK / "none.png"))):
+        said = run(MESH, "preview", *words, expect=code).stderr
+        check(reason in said and said.count("\n") == 1, f"refusal: {said!r} and not {reason!r}")
+    check({f.name: f.read_bytes() for f in images.iterdir()} == before, "a refusal changed the scan's folder")
+    check(not list(WORK.glob("sheet.*")) and not list(WORK.glob("none.*")), "a refusal left a file")
+    sheet("again", file)
+    run(MESH, "preview", file, "-o", WORK / "again.png", "--quiet")  # a sheet may be replaced
+
+
+def main():
+    shutil.rmtree(WORK, ignore_errors=True)
+    WORK.mkdir(parents=True)
+    phantom = SCAN / "sample.nii.gz"
+    for axis in LETTERS:
+        check_scan("phantom", phantom, axis)
+    check_options(phantom)
+    check_same_bytes(phantom)
+    check_labels(phantom)
+    check_private(SCAN / "dicom")
+    check_refusals(phantom)
+    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT") or "/absent") / "l3" / "sub-ct_label-22_ct.nii.gz"
+    head = pathlib.Path(os.environ.get("TROCAR_HEAD_CT") or "/absent")
+    for name, file in (("L3", l3), ("head", head)):
+        if not file.is_file():
+            print(f"{name}: not there, left out")
+            continue
+        for axis in LETTERS if name == "L3" else ("sagittal",):
+            check_scan(name, file, axis)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""surface_test.py SOURCE PROGRAMS WORK: the surface for display of a small sample scan and of the vertebra of the folder
+TROCAR_REAL_CT: exported files read by a reader of our own and by three.js, closed, near the trilinear iso-surface as numpy and scipy
+compute it, and near the outlines of the slices."""
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+import nibabel
+import numpy
+import scipy.ndimage
+import scipy.spatial
+from e2e import check, outcome, run
+
+SOURCE, PROGRAMS, WORK = (pathlib.Path(word) for word in sys.argv[1:4])
+MESH = PROGRAMS / "trocar-mesh"
+THREE = SOURCE / "tests" / "e2e" / "three"
+HAS_THREE = (THREE / "node_modules" / "three").is_dir() and shutil.which("node")
+THRESHOLD = 226
+
+
+def read_stl(file):
+    """Corners of a binary STL's triangles, n x 3 x 3, and its stated normals."""
+    data = file.read_bytes()
+    count = int.from_bytes(data[80:84], "little")
+    check(len(data) == 84 + 50 * count, f"{file}: {len(data)} bytes for {count} triangles")
+    rows = numpy.frombuffer(data[84:], numpy.dtype([("xyz", "<f4", 12), ("attribute", "<u2")]), count)["xyz"]
+    return rows[:, 3:].reshape(-1, 3, 3).astype(float), rows[:, :3]
+
+
+def check_closed(name, corners, normals):
+    """Each edge is passed once in each direction. Returns the volume."""
+    vertices, index = numpy.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    triangles = index.reshape(-1, 3)
+    edges = numpy.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    codes = edges[:, 0] * len(vertices) + edges[:, 1]
+    back = edges[:, 1] * len(vertices) + edges[:, 0]
+    check(len(numpy.unique(codes)) == len(codes), f"{name}: an edge is passed twice in one direction")
+    check(set(codes.tolist()) == set(back.tolist()), f"{name}: the surface is not closed")
+    cross = numpy.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    check((numpy.einsum("ij,ij->i", cross, normals) > 0).all(), f"{name}: a normal of the STL points the other way")
+    return numpy.einsum("ij,ij->i", corners[:, 0] - corners[0, 0], cross).sum() / 6
+
+
+def distances_to_iso(scan, points):
+    """Upper bounds of the distances of points (LPS) to the trilinear iso-surface, along the gradient. Points near the volume's
+    border, where the surface is closed, are left out."""
+    image = nibabel.load(scan)
+    hu = numpy.asarray(image.dataobj, float)
+    to_voxel = numpy.linalg.inv(image.affine)
+    ras = points * [-1, -1, 1]
+
+    def value(at):
+        voxel = at @ to_voxel[:3, :3].T + to_voxel[:3, 3]
+        return scipy.ndimage.map_coordinates(hu, voxel.T, order=1, mode="nearest") - THRESHOLD
+
+    voxel = ras @ to_voxel[:3, :3].T + to_voxel[:3, 3]
+    ras = ras[((voxel > 1) & (voxel < numpy.array(hu.shape) - 2)).all(1)]
+    step = 0.05
+    gradient = numpy.stack([value(ras + step * unit) - value(ras - step * unit) for unit in numpy.eye(3)], 1)
+    gradient /= numpy.linalg.norm(gradient, axis=1, keepdims=True) + 1e-12
+    inside = value(ras) >= 0
+    out = numpy.full(len(ras), numpy.inf)
+    for t in numpy.arange(0, 4, 0.02):
+        crossed = (value(ras + gradient * numpy.where(inside, -t, t)[:, None]) >= 0) != inside
+        out[crossed & numpy.isinf(out)] = t
+    return out
+
+
+def outline_points(file):
+    """Points on the boundary edges of a slice's .obj."""
+    vertices, triangles = [], []
+    for line in file.read_text().splitlines():
+        if line.startswith("v "):
+            vertices.append([float(word) for word in line.split()[1:4]])
+        elif line.startswith("f "):
+            triangles.append([int(word.split("/")[0]) - 1 for word in line.split()[1:4]])
+    vertices, seen = numpy.array(vertices), {}
+    for t in triangles:
+        for k in range(3):
+            edge = (t[k], t[(k + 1) % 3])
+            if edge[::-1] in seen:
+                del seen[edge[::-1]]
+            else:
+                seen[edge] = True
+    edges = numpy.array(list(seen))
+    shares = numpy.linspace(0, 1, 20)[:, None, None]
+    return ((1 - shares) * vertices[edges[:, 0]] + shares * vertices[edges[:, 1]]).reshape(-1, 3)
+
+
+def check_cut(name, corners, outline, voxel_mm):
+    """Where the slice's plane cuts the surface, it is near the slice's outline."""
+    origin = outline[0]
+    axis = numpy.linalg.svd(outline - outline.mean(0))[2][2]
+    height = (corners - origin) @ axis
+    crossing = []
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        cut = (height[:, a] > 0) != (height[:, b] > 0)
+        t = (height[cut, a] / (height[cut, a] - height[cut, b]))[:, None]
+        crossing.append((1 - t) * corners[cut, a] + t * corners[cut, b])
+    crossing = numpy.concatenate(crossing)
+    distance = scipy.spatial.cKDTree(outline).query(crossing)[0]
+    p99 = numpy.percentile(distance, 99)
+    print(f"{name}: the cut is within {p99:.3f} mm of the outline (99 %)")
+    check(p99 <= voxel_mm, f"{name}: 1 % of the cut is farther than {p99:.3f} mm from the outline, a voxel is {voxel_mm} mm")
+
+
+def check_three(name, asset, files, info):
+    if not HAS_THREE:
+        return
+    seen = json.loads(run("node", THREE / "load.mjs", asset).stdout)
+    check([s["triangles"] for s in seen["surfaces"]] == [s["triangles"] for s in info["surfaces"]],
+          f"{name}: three.js sees other surfaces than info")
+    for file, one in zip(files, json.loads(run("node", THREE / "load_files.mjs", *files).stdout)):
+        check(one["triangles"] == info["surfaces"][0]["triangles"], f"{file}: three.js reads {one['triangles']} triangles")
+        check(one["normals"], f"{file}: without normals")
+
+
+def check_scan(name, scan, triangles, voxel_mm, slices, *options):
+    asset, report = WORK / f"{name}.glb", WORK / f"{name}.json"
+    run(MESH, scan, "-o", asset, "--surface", "--surface-triangles", triangles, "--report", report, "--quiet", *options)
+    again = WORK / "again.glb"
+    run(MESH, scan, "-o", again, "--surface", "--surface-triangles", triangles, "--jobs", 1, "--quiet", *options)
+    check(asset.read_bytes() == again.read_bytes(), f"{name}: other bytes with one thread")
+    run(MESH, "verify", "--independent", asset)
+    info = json.loads(run(MESH, "info", asset, "--json").stdout)
+    stated = json.loads(report.read_text())["surface"][0]
+    print(f"{name}: {stated}")
+    check(stated["triangles"] <= triangles, f"{name}: {stated['triangles']} triangles, wanted {triangles}")
+    check(stated["distance_mm"]["p99"] <= stated["bound_mm"], f"{name}: states {stated['distance_mm']}")
+    folder = WORK / f"{name}_files"
+    subprocess.run(["rm", "-rf", str(folder)], check=True)
+    run(MESH, "export", asset, "-o", folder, "--surface")
+    files = [folder / f"surface{ending}" for ending in (".stl", ".ply", ".obj")]
+    check(sorted(folder.iterdir()) == sorted(files), f"{name}: exported {sorted(folder.iterdir())}")
+    corners, normals = read_stl(files[0])
+    check(len(corners) == stated["triangles"], f"{name}: the STL has {len(corners)} triangles")
+    check(re.search(rb"element face (\d+)", files[1].read_bytes())[1] == str(len(corners)).encode(), f"{name}: the PLY differs")
+    check(files[2].read_text().count("\nf ") == len(corners), f"{name}: the OBJ differs")
+    volume = check_closed(name, corners, normals)
+    check(abs(volume / info["surfaces"][0]["volume_mm3"] - 1) < 1e-4, f"{name}: volume {volume}, info {info['surfaces']}")
+
+    distance = distances_to_iso(scan, corners.mean(1))
+    p99 = numpy.percentile(distance, 99)
+    print(f"{name}: distance to the iso-surface by scipy p50 {numpy.median(distance):.3f}, p99 {p99:.3f} mm")
+    check(p99 <= stated["bound_mm"], f"{name}: 1 % is farther than {p99:.3f} mm from the iso-surface")
+    run(MESH, "export", asset, "-o", WORK / f"{name}_slices")
+    for k in slices:
+        check_cut(f"{name}, slice {k}", corners, outline_points(WORK / f"{name}_slices" / f"slice_{k:04d}.obj"), voxel_mm)
+    check_three(name, asset, files, info)
+
+
+def main():
+    subprocess.run(["rm", "-rf", str(WORK)], check=True)
+    WORK.mkdir(parents=True)
+    run(PROGRAMS / "trocar-sample-ct", WORK / "scan", "--size", "128", "--slices", "35")
+    scan = WORK / "scan" / "sample.nii.gz"
+    check_scan("sample", scan, 20000, 1.25, (8, 17, 26))
+    l3 = pathlib.Path(os.environ.get("TROCAR_REAL_CT", "")) / "l3" / "sub-ct_label-22_ct.nii.gz"
+    if l3.exists():
+        check_scan("l3", l3, 50000, 1.5, (24,), "--min-region", "30")
+    else:
+        print("no real scan: the vertebra is skipped")
+
+    plain = WORK / "plain.glb"
+    run(MESH, scan, "-o", plain, "--quiet")
+    refused = run(MESH, "export", plain, "-o", WORK / "none", "--surface", expect=3).stderr
+    check("no surface in this asset" in refused and not (WORK / "none").exists(), f"export without a surface: {refused}")
+    check("needs --surface" in run(MESH, scan, "-o", plain, "--surface-triangles", 5000, expect=2).stderr, "no word of --surface")
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Label maps with triple points, thin walls and noise, for the pipeline's tests.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "pipeline/contour/segmentation.h"
+
+namespace trocar::pipeline {
+
+struct LabelMap {
+  std::string name;
+  Image image;  ///< labels 0 (none) .. 10
+};
+
+inline constexpr int kMapLabels = 10;
+
+/// Each of the labels 1 .. `labels` as a material, in this order.
+inline std::vector<Labels> each_label(int labels = kMapLabels) {
+  std::vector<Labels> out;
+  for (int label = 1; label <= labels; ++label)
+    out.push_back({{label}});
+  return out;
+}
+
+/// Labels by `label(x, y)`.
+template <typename LabelAt>
+Image image_of(int width, int height, const LabelAt& label) {
+  Image out{width, height, {}};
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x)
+      out.values.push_back(static_cast<float>(label(x, y)));
+  }
+  return out;
+}
+
+/// The nearest of ten sites within an ellipse, with wavy borders: a body of ten organs that meet in
+/// triple points.
+inline Image organs(int size, std::uint64_t seed) {
+  std::mt19937_64 rng(seed);
+  const auto uniform = [&rng] { return static_cast<double>(rng() >> 11) * 0x1p-53; };
+  std::array<std::array<double, 2>, kMapLabels> sites{};
+  for (auto& site : sites)
+    site = {size * (0.2 + 0.6 * uniform()), size * (0.25 + 0.5 * uniform())};
+  const double phase = 6 * uniform(), wave = size / 9.0;
+  return image_of(size, size, [&](int x, int y) {
+    const double u = x + 0.02 * size * std::sin(y / wave + phase),
+                 v = y + 0.02 * size * std::sin(x / wave - phase);
+    if (std::hypot((u - 0.5 * size) / 0.45, (v - 0.5 * size) / 0.38) > size) return 0;
+    int best = 0;
+    double least = 1e300;
+    for (int k = 0; k < kMapLabels; ++k) {
+      const double d = std::hypot(u - sites[static_cast<std::size_t>(k)][0],
+                                  v - sites[static_cast<std::size_t>(k)][1]);
+      if (d < least) least = d, best = k + 1;
+    }
+    return best;
+  });
+}
+
+/// Each pixel becomes any of the labels, or none, with the probability `share`.
+inline Image salted(Image image, double share, std::uint64_t seed) {
+  std::mt19937_64 rng(seed);
+  for (float& v : image.values) {
+    const bool is_hit = static_cast<double>(rng() >> 11) * 0x1p-53 < share;
+    const auto label = static_cast<float>(rng() % (kMapLabels + 1));
+    if (is_hit) v = label;
+  }
+  return image;
+}
+
+/// Ten maps with triple points; every one has labels at the image's border or noise, or both.
+inline std::vector<LabelMap> ten_label_maps() {
+  const auto rings = [](int x, int y) {
+    const double r = std::hypot(x - 30.3, y - 29.6);
+    const int sector = static_cast<int>(std::floor((std::atan2(y - 29.6, x - 30.3) + 4) * 1.3));
+    return r > 28 ? 0 : (static_cast<int>(r / 7) + sector) % kMapLabels + 1;
+  };
+  const auto stripes = [](int x, int y) {
+    return static_cast<int>(std::floor((0.6 * x + 0.8 * y) / 2)) % (kMapLabels + 1);
+  };
+  return {
+      {"organs", organs(96, 1)},
+      {"organs to the border", image_of(80, 60, [](int x, int y) { return x / 9 + y / 20 * 3; })},
+      {"organs, 2 % salt", salted(organs(96, 2), 0.02, 12)},
+      {"organs, 20 % salt", salted(organs(96, 3), 0.2, 13)},
+      {"salt only", salted(organs(40, 4), 1, 14)},
+      {"sectors of rings", image_of(60, 60, rings)},
+      {"sectors of rings, 5 % salt", salted(image_of(60, 60, rings), 0.05, 15)},
+      {"walls of two pixels", image_of(64, 48, stripes)},
+      {"checkerboard", image_of(24, 24, [](int x, int y) { return (x + y) % 2 == 0 ? 1 : 2; })},
+      {"checkerboard of four",
+       image_of(25, 23, [](int x, int y) { return 1 + x % 2 + 2 * (y % 2); })},
+  };
+}
+
+}  // namespace trocar::pipeline
