@@ -278,7 +278,12 @@ class Tick {
     s.embedded_m = std::clamp(low - slab.top_m, 0.0, slab.bottom_m - slab.top_m);
     s.wall_most_N = 0.5 * slab.wall_strength_N_per_m * s.embedded_m;
     const double stiffness = 0.5 * slab.wall_N_per_m2 * s.embedded_m;
-    const bool has_new_free = slab.free != nullptr && s.free_version != slab.free_version;
+    bool has_new_free = slab.free != nullptr && s.free_version != slab.free_version;
+    // A rigid tool's wrench is the wall's own: held over the tick, it would not know another wall.
+    if (has_new_free && before > 0 && o_.coupling.is_rigid) {
+      for (std::size_t g = 0; g < 2; ++g)
+        has_new_free = has_new_free && s.walls[g].reach(axis_at(s.depth_m[g])).distance_m <= 0;
+    }
     if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m || has_new_free)) {
       // A tool that comes back beside its hole has left it: it is where the tool is now.
       const bool is_new = before <= 0 && !is_near(s, i);

@@ -74,7 +74,8 @@ struct CuttingSlab {
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;       ///< sideways, of embedded depth
   double clearance_m = 0;                                    ///< of a new hole around the shaft
   /// Where the axis is free of what is not cut, if the tool comes from beside: a wall is one from
-  /// outside too. With another version (from 1) it replaces the hole's region, without energy.
+  /// outside too. With another version (from 1) it replaces the hole's region, without energy; for
+  /// a rigid coupling as soon as nothing presses there.
   const Slot* free = nullptr;
   std::uint32_t free_version = 0;
 };
