@@ -44,7 +44,9 @@ double density_of(const HuCalibration& calibration, double HU) noexcept {
   return std::max(0.0, calibration.at_0_HU + calibration.per_HU * HU);
 }
 
-std::span<const BoneLaw> bone_laws() noexcept { return kLaws; }
+std::span<const BoneLaw> bone_laws() noexcept {
+  return kLaws;
+}
 
 const BoneLaw* find_bone_law(std::string_view name) noexcept {
   const auto at = std::find_if(kLaws.begin(), kLaws.end(),

@@ -3,9 +3,9 @@
 // strength by published laws, chosen by name. Densities in g/cm^3, moduli and strengths in MPa.
 //
 // A law holds for the density that its authors measured, and they differ: the mineral density that
-// quantitative CT reads against a phantom of K2HPO4 is less than the apparent density (wet mass over
-// volume, without marrow) of the same bone. A calibration says which density it gives; it may be
-// used with laws of that density only.
+// quantitative CT reads against a phantom of K2HPO4 is less than the apparent density (wet mass
+// over volume, without marrow) of the same bone. A calibration says which density it gives; it may
+// be used with laws of that density only.
 //
 // Contract (tests/runtime/cutting/bone_strength_test.cpp): the values of the published formulas;
 // never negative: a linear law's are 0 below its root.
@@ -20,8 +20,8 @@ namespace trocar::runtime {
 enum class DensityKind { kQct, kApparent };
 std::string_view name_of(DensityKind kind) noexcept;
 
-/// density = at_0_HU + per_HU * HU. The default is what scanners at 120 kV come to about (0.8 mg/cm^3
-/// of K2HPO4 a HU), not a measurement: a scene that uses it says that it is assumed.
+/// density = at_0_HU + per_HU * HU. The default is what scanners at 120 kV come to about (0.8
+/// mg/cm^3 of K2HPO4 a HU), not a measurement: a scene that uses it says that it is assumed.
 struct HuCalibration {
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3
   DensityKind kind = DensityKind::kQct;

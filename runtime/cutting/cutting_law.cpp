@@ -114,8 +114,8 @@ class Tick {
     Pose X;
     double V = 0, coupling_J = 0, friction_J = 0, wall_J = 0;
     double tip_N = 0, coupling_N = 0;
-    Vector2d slide = Vector2d::Zero();  // since the tick's start: along, around
-    Vector6 along = Vector6::Zero();    // derivative of slide[0]
+    Vector2d slide = Vector2d::Zero();   // since the tick's start: along, around
+    Vector6 along = Vector6::Zero();     // derivative of slide[0]
     Vector3d around = Vector3d::Zero();  // of slide[1], for turns
     Vector6 coupling = Vector6::Zero();
     Vector6 g = Vector6::Zero();
@@ -242,8 +242,8 @@ class Tick {
     hole.last_used = state_.tick;
   }
 
-  // Embedded lengths, and with them the stiffness of friction and walls. What grows keeps its force,
-  // so that its energy falls; what is new is free of force.
+  // Embedded lengths, and with them the stiffness of friction and walls. What grows keeps its
+  // force, so that its energy falls; what is new is free of force.
   void embed() noexcept {
     const double low = std::min(front_, -tip_.z());
     double friction = 0;
@@ -347,8 +347,8 @@ class Tick {
       }
       return h.force;
     };
-    e.coupling_N = add(0, plate_.p_m - e.X.p_m, o_.coupling.translation_N_per_m,
-                       o_.coupling.most_force_N);
+    e.coupling_N =
+        add(0, plate_.p_m - e.X.p_m, o_.coupling.translation_N_per_m, o_.coupling.most_force_N);
     add(3, rotation_vector(plate_.q * e.X.q.conjugate()), o_.coupling.rotation_Nm_per_rad,
         o_.coupling.most_moment_Nm);
     e.g += e.coupling;
@@ -626,8 +626,8 @@ class Tick {
     is_free_ = was.is_free;
   }
 
-  // The linear model of one evaluation: how all but the front moves for a force along the shaft, and
-  // how fast the tip's force falls as the front advances.
+  // The linear model of one evaluation: how all but the front moves for a force along the shaft,
+  // and how fast the tip's force falls as the front advances.
   struct Model {
     Vector6 along = Vector6::Zero();
     double K_s = 0;
@@ -648,8 +648,7 @@ class Tick {
     const Vector2d w = state_.presliding_m + e.slide;
     const double length = w.norm();
     if (length > o_.presliding_m) return true;
-    const Vector2d next =
-        w - Vector2d(e.along.dot(towards), e.around.dot(towards.tail<3>()));
+    const Vector2d next = w - Vector2d(e.along.dot(towards), e.around.dot(towards.tail<3>()));
     const double next_length = next.norm();
     if (next_length <= o_.presliding_m) return true;
     const Vector2d unit = next / next_length;
@@ -667,8 +666,8 @@ class Tick {
     if (!step_together(e, out)) step_in_turn(e, out);
   }
 
-  // Steps of proxy and front together, by the force that the linear model predicts for the tip. False
-  // where it does not hold; then e and the front are as before the front's last step.
+  // Steps of proxy and front together, by the force that the linear model predicts for the tip.
+  // False where it does not hold; then e and the front are as before the front's last step.
   bool step_together(Evaluation& e, CuttingResult& out) noexcept {
     Evaluation before = e;
     Front was = front(out);
@@ -751,7 +750,8 @@ class Tick {
         a = scan(before.tip_N, std::clamp(secant, m.K_s, o_.tip_N_per_m));
         e = before;
       }
-      if (m.K_s * a.length_m <= allowed(e)) return;  // less than Newton's method leaves undetermined
+      if (m.K_s * a.length_m <= allowed(e))
+        return;  // less than Newton's method leaves undetermined
       if (out.steps >= o_.most_steps) {
         out.has_converged =
             out.has_converged && scan(e.tip_N, m.K_s).length_m * m.K_s <= allowed(e);

@@ -8,17 +8,18 @@
 //
 // Contract (tests/runtime/cutting/cutting_law_test.cpp, cutting_energy_test.cpp, hole_test.cpp):
 //  1. Passive. With the stored energy E, the wrench w on the device and its displacement dx between
-//     two ticks, E' - E + cut_J <= -w . dx + dx' K dx / 2, in every tick, for any stiffness, friction
-//     and number of Newton steps: no step raises the potential, and no element appears or grows with
-//     energy. K is the coupling's stiffness; where that is rigid, the elements' at the plate, to
-//     which the curvature of their paths adds if the plate turns.
+//     two ticks, E' - E + cut_J <= -w . dx + dx' K dx / 2, in every tick, for any stiffness,
+//     friction and number of Newton steps: no step raises the potential, and no element appears or
+//     grows with energy. K is the coupling's stiffness; where that is rigid, the elements' at the
+//     plate, to which the curvature of their paths adds if the plate turns.
 //  2. The front's work is the integral of the strength over what it cut. It never moves back, and
 //     moves only while the tip's force exceeds the strength there.
 //  3. A wall that has yielded stays where it was pushed (slot.h).
 //     What has not been cut is a wall from outside too (CuttingSlab::free).
-//  4. A hole outlives withdrawal. A tool that comes within `same_hole_m` of a hole goes into it: what
-//     the hole has taken has no strength, and its walls and friction act. Elsewhere the tool makes a
-//     new hole; of a tool half over an old one, CuttingSlab::share tells how much of it cuts.
+//  4. A hole outlives withdrawal. A tool that comes within `same_hole_m` of a hole goes into it:
+//  what
+//     the hole has taken has no strength, and its walls and friction act. Elsewhere the tool makes
+//     a new hole; of a tool half over an old one, CuttingSlab::share tells how much of it cuts.
 //  5. No allocation, lock or system call; at most `most_steps` Newton steps a tick.
 //
 // Depth is -z of {B}: the tool goes into the body downwards, within kMaxTilt_deg of upright.
@@ -70,9 +71,9 @@ struct CuttingSlab {
   /// Of the strength, above `share_to_m`: the part of the tool that is over what other holes have
   /// not taken. The geometry of the cuts tells.
   double share = 1, share_to_m = std::numeric_limits<double>::infinity();
-  double friction_N_per_m = 0;                               ///< of embedded length
-  double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;       ///< sideways, of embedded depth
-  double clearance_m = 0;                                    ///< of a new hole around the shaft
+  double friction_N_per_m = 0;                          ///< of embedded length
+  double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;  ///< sideways, of embedded depth
+  double clearance_m = 0;                               ///< of a new hole around the shaft
   /// Where the axis is free of what is not cut, if the tool comes from beside: a wall is one from
   /// outside too. With another version (from 1) it replaces the hole's region, without energy; for
   /// a rigid coupling as soon as nothing presses there.
@@ -84,9 +85,9 @@ struct CuttingSlab {
 struct CuttingHoleSlab {
   double cut_m = -std::numeric_limits<double>::infinity();  ///< above, the hole has taken all
   double embedded_m = 0;                                    ///< depth that the shaft fills now
-  double wall_N_per_m = 0, wall_most_N = 0;                 ///< at each Gauss point, in the last tick
-  std::array<double, 2> depth_m{};                          ///< of the Gauss points
-  std::uint32_t free_version = 0;                           ///< of CuttingSlab::free in `walls`
+  double wall_N_per_m = 0, wall_most_N = 0;  ///< at each Gauss point, in the last tick
+  std::array<double, 2> depth_m{};           ///< of the Gauss points
+  std::uint32_t free_version = 0;            ///< of CuttingSlab::free in `walls`
   std::array<Slot, 2> walls;
 };
 
@@ -105,7 +106,7 @@ struct CuttingState {
   double friction_N_per_m = 0;                             ///< stiffness in the last tick
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< along, around
   int hole = -1;                                           ///< that the tool is in; -1: none
-  int embedded_from = 0, embedded_to = 0;                  ///< slabs that the shaft fills, [from, to)
+  int embedded_from = 0, embedded_to = 0;  ///< slabs that the shaft fills, [from, to)
   std::uint64_t tick = 0;
   std::vector<CuttingHole> holes;  ///< as many as can be remembered; then the oldest is forgotten
 };
@@ -124,8 +125,8 @@ struct CuttingResult {
   bool has_converged = true;
 };
 
-/// One tick. `slabs` has as many entries as each of `state.holes`. `T_device_plate`: where the law is
-/// to be evaluated; with a predicted pose the caller accounts for the difference.
+/// One tick. `slabs` has as many entries as each of `state.holes`. `T_device_plate`: where the law
+/// is to be evaluated; with a predicted pose the caller accounts for the difference.
 void cutting_tick(const CuttingOptions& options, const Pose& T_device_plate,
                   std::span<const CuttingSlab> slabs, CuttingState& state,
                   CuttingResult& result) noexcept;

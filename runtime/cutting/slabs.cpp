@@ -62,8 +62,8 @@ std::vector<CuttingSlab> make_slabs(std::span<const BodySlice> slices,
   std::vector<CuttingSlab> slabs(n);
   for (std::size_t i = 0; i < n; ++i) {
     const double above = slices[i > 0 ? i : 1].depth_m - slices[i > 0 ? i - 1 : 0].depth_m;
-    const double below = slices[i + 1 < n ? i + 1 : n - 1].depth_m -
-                         slices[i + 1 < n ? i : n - 2].depth_m;
+    const double below =
+        slices[i + 1 < n ? i + 1 : n - 1].depth_m - slices[i + 1 < n ? i : n - 2].depth_m;
     CuttingSlab& slab = slabs[i];
     slab.top_m = i > 0 ? slabs[i - 1].bottom_m : slices[0].depth_m - above / 2;
     slab.bottom_m = slices[i].depth_m + below / 2;
@@ -82,7 +82,8 @@ std::vector<CuttingSlab> make_slabs(std::span<const BodySlice> slices,
   for (std::size_t i = 0; i < n; ++i) {
     strength[i] = slices[i].strength_N;
     for (std::size_t d = 1; counts[i] == 0 && d < n; ++d) {
-      const bool has_below = i + d < n && counts[i + d] != 0, has_above = i >= d && counts[i - d] != 0;
+      const bool has_below = i + d < n && counts[i + d] != 0,
+                 has_above = i >= d && counts[i - d] != 0;
       if (!has_below && !has_above) continue;
       strength[i] = slices[has_below ? i + d : i - d].strength_N;
       break;

@@ -68,8 +68,8 @@ void Slot::find_disc() noexcept {
 
 Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
   if (size_ == 0 || (p_m - middle_m_).squaredNorm() <= disc2_m2_) return {};
-  const auto beside = [&](int i, const Eigen::Vector2d& to, const Eigen::Vector2d& edge, double along,
-                          double length2) -> Offset {
+  const auto beside = [&](int i, const Eigen::Vector2d& to, const Eigen::Vector2d& edge,
+                          double along, double length2) -> Offset {
     last_edge_ = i;
     const Eigen::Vector2d from = to - edge * (along / length2);
     return {from.x(), from.y(), false};

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where the tool's axis may be in one plane of its hole without pressing on the wall: a convex
-// region that only widens, so that pushing the wall aside can only cost energy. (A region that moved
-// with the tool would close again behind it.)
+// region that only widens, so that pushing the wall aside can only cost energy. (A region that
+// moved with the tool would close again behind it.)
 //
 // Contract (tests/runtime/cutting/slot_test.cpp):
 //  1. reach().distance_m is that to the convex hull of the corners, less the clearance, at least 0.
-//  2. include(p) gives a region that has p and all that it had: no distance grows. It is the hull of
+//  2. include(p) gives a region that has p and all that it had: no distance grows. It is the hull
+//  of
 //     both unless the corners are used up; then the hull's shortest edge is cut off by its
 //     neighbours' lines, which only adds to it.
 #pragma once
@@ -35,8 +36,8 @@ class Slot {
   };
   Reach reach(const Eigen::Vector2d& p_m) const noexcept;
 
-  /// From the nearest point of the hull to `p_m`, the clearance not taken off: zero within. It looks
-  /// first where the last point was.
+  /// From the nearest point of the hull to `p_m`, the clearance not taken off: zero within. It
+  /// looks first where the last point was.
   struct Offset {
     double x_m = 0, y_m = 0;
     bool beside_corner = false;

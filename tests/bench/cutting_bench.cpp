@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// cutting_bench [Google Benchmark's options]: a tick of the cutting law in a body of 64 slabs that the
-// shaft fills, in four motions. Ends with two tables: quantiles of the ticks' times, and error
+// cutting_bench [Google Benchmark's options]: a tick of the cutting law in a body of 64 slabs that
+// the shaft fills, in four motions. Ends with two tables: quantiles of the ticks' times, and error
 // against the cap on Newton's steps.
 //
-// A tick is timed four times from the same state and the least counts, so that interrupts and stalls
-// of a virtual machine's host do not show; the caches are warm.
+// A tick is timed four times from the same state and the least counts, so that interrupts and
+// stalls of a virtual machine's host do not show; the caches are warm.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -115,9 +115,8 @@ void print_quantiles() {
     const auto at = [&](double share) {
       return us[static_cast<std::size_t>(share * static_cast<double>(us.size() - 1))];
     };
-    std::printf("%-20s %8.2f %8.2f %8.2f %8.2f %12.2f\n",
-                kNames[static_cast<std::size_t>(motion)], at(0.5), at(0.99), at(0.999), at(1),
-                static_cast<double>(evaluations) / kTicks);
+    std::printf("%-20s %8.2f %8.2f %8.2f %8.2f %12.2f\n", kNames[static_cast<std::size_t>(motion)],
+                at(0.5), at(0.99), at(0.999), at(1), static_cast<double>(evaluations) / kTicks);
   }
 }
 
@@ -146,7 +145,8 @@ void print_errors() {
     }
     std::sort(errors.begin(), errors.end());
     const auto at = [&](double share) {
-      return errors[static_cast<std::size_t>(share * static_cast<double>(errors.size() - 1))] / peak;
+      return errors[static_cast<std::size_t>(share * static_cast<double>(errors.size() - 1))] /
+             peak;
     };
     std::printf("%-20s %8d %10.2g %10.2g %10.2g\n", "", cap, at(0.5), at(0.99), at(1));
   }

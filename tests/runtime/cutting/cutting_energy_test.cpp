@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Contract 1 of cutting_law.h in random sessions: bodies, tools, hands with mass, rates; push, hold,
-// hammer, twist, drag sideways, slide on the surface under load, withdraw, enter again.
+// Contract 1 of cutting_law.h in random sessions: bodies, tools, hands with mass, rates; push,
+// hold, hammer, twist, drag sideways, slide on the surface under load, withdraw, enter again.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -156,16 +156,16 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   const auto h = static_cast<std::size_t>(hole);
   for (std::size_t i = 0; i < s.slabs.size(); ++i) {
     const CuttingHoleSlab &a = was.holes[h].slabs[i], &b = is.holes[h].slabs[i];
-    const double stiffness = std::max(a.embedded_m > 0 ? a.wall_N_per_m : 0,
-                                      b.embedded_m > 0 ? b.wall_N_per_m : 0);
+    const double stiffness =
+        std::max(a.embedded_m > 0 ? a.wall_N_per_m : 0, b.embedded_m > 0 ? b.wall_N_per_m : 0);
     if (stiffness <= 0) continue;
     for (std::size_t g = 0; g < 2; ++g) {
       const double depth = b.embedded_m > 0 ? b.depth_m[g] : a.depth_m[g];
       const Vector2d u = crossing(A, tool, depth), du = crossing(B, tool, depth) - u;
       leak += 0.5 * stiffness * du.squaredNorm();
       if (a.embedded_m <= 0) continue;
-      const Vector3d to = A * tool.tip_plate_m +
-                          axis * ((-depth - (A * tool.tip_plate_m).z()) / axis.z()) - A.p_m;
+      const Vector3d to =
+          A * tool.tip_plate_m + axis * ((-depth - (A * tool.tip_plate_m).z()) / axis.z()) - A.p_m;
       const Vector3d moved = dx.head<3>() + omega.cross(to);
       const Vector2d flat = (moved - axis * (moved.z() / axis.z())).head<2>();
       const Slot::Reach r = a.walls[g].reach(u);
@@ -256,9 +256,10 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
     }
   }
   RecordProperty("worst_J", std::to_string(worst));
-  std::printf("worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
-              "energy at all\n",
-              worst, ticks, cutting, rigid, capped, unconverged, gained);
+  std::printf(
+      "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
+      "energy at all\n",
+      worst, ticks, cutting, rigid, capped, unconverged, gained);
   EXPECT_GT(cutting, ticks / 50);
   EXPECT_GT(gained, ticks / 20);  // or the bound would not be tried
   EXPECT_LT(unconverged, ticks / 200);

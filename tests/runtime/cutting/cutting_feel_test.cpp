@@ -29,16 +29,16 @@ std::vector<CuttingSlab> vertebra() {
 double strength_at(const std::vector<CuttingSlab>& slabs, double depth) {
   for (const CuttingSlab& s : slabs)
     if (depth >= s.top_m && depth < s.bottom_m)
-      return s.strength_top_N + (s.strength_bottom_N - s.strength_top_N) * (depth - s.top_m) /
-                                    (s.bottom_m - s.top_m);
+      return s.strength_top_N +
+             (s.strength_bottom_N - s.strength_top_N) * (depth - s.top_m) / (s.bottom_m - s.top_m);
   return 0;
 }
 
 constexpr std::array<double, 5> kRates_Hz{500, 1000, 2000, 4000, 8000};
 constexpr std::array<double, 3> kSpeeds{0.02, 0.2, 1.0};
 
-// Reference: the front in steps of 20 nm to the first place where tip and coupling in series press no
-// harder than the strength there.
+// Reference: the front in steps of 20 nm to the first place where tip and coupling in series press
+// no harder than the strength there.
 TEST(CuttingFeel, ForceAtTicksIsTheQuasiStaticOne) {
   const std::vector<CuttingSlab> body = vertebra();
   for (const double rate : kRates_Hz) {

@@ -57,7 +57,8 @@ TEST(CuttingLaw, WorkIsThatOfTheStrength) {
       auto slabs = even_slabs(35, 1e-3, 0);
       for (std::size_t i = 0; i < slabs.size(); ++i) {
         slabs[i].strength_top_N = i == 0 ? 60 : slabs[i - 1].strength_bottom_N;
-        slabs[i].strength_bottom_N = i < 3 ? 60 - 15.0 * static_cast<double>(i + 1) : 15 + 5 * std::sin(0.4 * static_cast<double>(i));
+        slabs[i].strength_bottom_N = i < 3 ? 60 - 15.0 * static_cast<double>(i + 1)
+                                           : 15 + 5 * std::sin(0.4 * static_cast<double>(i));
       }
       double expected = 0;
       for (const CuttingSlab& slab : slabs)

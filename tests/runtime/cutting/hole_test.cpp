@@ -90,8 +90,7 @@ TEST(Hole, TheOldestIsForgotten) {
 // A round tool of radius R beside an old hole of the same radius: the part of the tool outside it.
 double share(double R, double e) {
   if (e >= 2 * R) return 1;
-  const double lens =
-      2 * R * R * std::acos(e / (2 * R)) - e / 2 * std::sqrt(4 * R * R - e * e);
+  const double lens = 2 * R * R * std::acos(e / (2 * R)) - e / 2 * std::sqrt(4 * R * R - e * e);
   return 1 - lens / (std::numbers::pi * R * R);
 }
 
@@ -118,8 +117,8 @@ TEST(Hole, HalfOverAnOldOneCutsByItsShare) {
            });
     EXPECT_GT(to_bottom, bottom - 0.001);
     EXPECT_NEAR(b.out.tip_N, 20, 1e-5);
-    EXPECT_NEAR(b.cut_J - before,
-                20 * (share(1.525e-3, e) * bottom + b.out.front_m - bottom), 1e-8);
+    EXPECT_NEAR(b.cut_J - before, 20 * (share(1.525e-3, e) * bottom + b.out.front_m - bottom),
+                1e-8);
   }
 }
 
@@ -191,9 +190,8 @@ TEST(Hole, BoneIsAWallFromOutside) {
     slab.free = &beside;
     slab.free_version = 1;
   }
-  b.move(plate_at(0, -0.002), plate_at(0, 0.01), kStep, [](const CuttingResult& out, const Pose&) {
-    ASSERT_LT(out.wrench_device.norm(), 1e-12);
-  });
+  b.move(plate_at(0, -0.002), plate_at(0, 0.01), kStep,
+         [](const CuttingResult& out, const Pose&) { ASSERT_LT(out.wrench_device.norm(), 1e-12); });
   b.move(plate_at(0, 0.01), plate_at(0.0019, 0.01), kStep);
   EXPECT_LT(b.out.wrench_device.norm(), 1e-12);
   double before = 0;

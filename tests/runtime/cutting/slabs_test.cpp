@@ -115,7 +115,8 @@ TEST(Slabs, AShellsPeakDoesNotDependOnTheSlices) {
       // Above the shell is air: a slice there says so.
       const std::vector<BodyShell> shells{kShell};
       std::vector<CuttingSlab> slabs = make_slabs(slices, shells, 0);
-      std::erase_if(slabs, [&](const CuttingSlab& s) { return s.bottom_m <= kShell.top_m + 1e-12; });
+      std::erase_if(slabs,
+                    [&](const CuttingSlab& s) { return s.bottom_m <= kShell.top_m + 1e-12; });
       Bench b(slabs);
       b.options.coupling.translation_N_per_m = 1e5;
       double peak = 0, after = 0, work = 0;
