@@ -120,7 +120,7 @@ class Tick {
     Vector6 coupling = Vector6::Zero();
     Vector6 g = Vector6::Zero();
     Matrix6 H = Matrix6::Zero();
-    bool walls_yield = false;
+    bool walls_yield = false, is_saturated = false;  // the coupling, at its limits
   };
 
   // How far the front goes along the shaft, with its work and the strength before its end.
@@ -330,12 +330,14 @@ class Tick {
 
   void add_coupling(bool majorise, Evaluation& e) const noexcept {
     e.coupling_J = e.coupling_N = 0;
+    e.is_saturated = false;
     e.coupling.setZero();
     if (o_.coupling.is_rigid) return;
     const auto add = [&](int at, const Vector3d& v, double k, double most) {
       const double length = v.norm();
       const Huber h = huber(k, most, length, majorise);
       e.coupling_J += h.energy;
+      e.is_saturated = e.is_saturated || k * length > most;
       // A little of the stiffness stays where the force is constant, so that H has an inverse.
       for (int i = 0; i < 3; ++i)
         e.H(at + i, at + i) += std::max(h.across, 1e-6 * k);
@@ -691,6 +693,8 @@ class Tick {
       if (m.K_s * a.length_m <= allowed(e)) {
         if (out.has_converged) return true;
         a = {};
+      } else if (e.is_saturated) {
+        return false;
       }
       if (out.steps >= o_.most_steps) {
         out.has_converged = false;
@@ -719,8 +723,15 @@ class Tick {
     minimise(e, out);
     constexpr int kMostAdvances = 24;
     for (int k = 0; k < kMostAdvances && e.tip_N > 0; ++k) {
+      // A coupling at its limit lets the front run at a force that does not fall, until it is not
+      // at its limit any more: its secant falls short of that place, its tangent would miss it. The
+      // same for a tool that is about to tilt over, whose tangent has no inverse.
       Inverse inverse;
-      const bool has_model = inverse.of(e.H);
+      bool has_model = !e.is_saturated && inverse.of(e.H);
+      if (!has_model) {
+        evaluate(e.X, true, e, out);
+        has_model = inverse.of(e.H);
+      }
       Model m;
       m.K_s = o_.tip_N_per_m;
       if (has_model) m = model_of(e, inverse);
