@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -108,6 +109,49 @@ TEST(CuttingLaw, RodInElasticBed) {
     const double a = 0.1 - 0.011, l = embedded;  // lever above the surface
     EXPECT_NEAR(u(0), P / (kappa * l) * (4 + 6 * a / l), 0.02 * u(0)) << thickness;
     EXPECT_NEAR(u(l), -P / (kappa * l) * (2 + 6 * a / l), 0.02 * std::abs(u(l))) << thickness;
+  }
+}
+
+// The wrench of a rigid tool is the derivative of the energy stored: tip, friction along and
+// around, and walls, with their levers.
+TEST(CuttingLaw, TheWrenchIsTheEnergysDerivative) {
+  for (const double clearance : {0.0, 2e-5}) {
+    Bench b(even_slabs(20, 1e-3, 30));
+    b.options.coupling.is_rigid = true;
+    b.options.tool.tip_plate_m = {0.01, -0.02, -0.1};
+    b.options.tool.inward_plate = Vector3d(0.1, 0.05, -1).normalized();
+    b.options.tool.radius_m = 3e-3;
+    for (CuttingSlab& slab : b.slabs) {
+      slab.friction_N_per_m = 300;
+      slab.wall_N_per_m2 = 1e7;
+      slab.wall_strength_N_per_m = 3e4;
+      slab.clearance_m = clearance;
+    }
+    Pose X = plate_at(0, -0.105, 0.03);
+    Pose deep = X;
+    deep.p_m += X.q * b.options.tool.inward_plate * 0.018;
+    b.move(X, deep, 1e-4);
+    // Back a little, sideways and around: all elements are elastic.
+    deep.p_m += Vector3d(2e-4, -1e-4, 5e-5);
+    deep.q = from_rotation_vector({1e-3, 2e-3, 5e-3}) * deep.q;
+    b.tick(deep);
+    b.tick(deep);
+    const Wrench w = b.out.wrench_device;
+    EXPECT_GT(b.out.tip_N, 5);
+    const CuttingState state = b.state;
+    for (int i = 0; i < 6; ++i) {
+      const double h = i < 3 ? 1e-8 : 1e-7;
+      std::array<double, 2> E{};
+      for (int side = 0; side < 2; ++side) {
+        Twist d = Twist::Zero();
+        d[i] = side == 0 ? -h : h;
+        b.state = state;
+        E[static_cast<std::size_t>(side)] =
+            b.tick({deep.p_m + d.head<3>(), from_rotation_vector(d.tail<3>()) * deep.q}).stored_J;
+      }
+      EXPECT_NEAR(-w[i], (E[1] - E[0]) / (2 * h), 2e-4 * std::max(1.0, std::abs(w[i]))) << i;
+      EXPECT_GT(std::abs(w[i]), 1e-3) << i;
+    }
   }
 }
 

@@ -154,6 +154,27 @@ TEST(Hole, OfASheet) {
   }
 }
 
+// The sliver between a tool and an old hole 0.5 mm beside it breaks at its share, and shields
+// nothing.
+TEST(Hole, ASliverBreaksAtItsShare) {
+  std::vector<CuttingSlab> sheets = even_slabs(3, 0, 35);
+  for (std::size_t i = 0; i < 3; ++i)
+    sheets[i].top_m = sheets[i].bottom_m = 0.02 * static_cast<double>(i);
+  sheets[0].share = share(3e-3, 5e-4);
+  Bench b(sheets);
+  b.options.coupling.is_rigid = true;
+  b.options.tip_N_per_m = 5000;
+  std::vector<double> peaks{0};
+  b.move(plate_at(0, -0.005), plate_at(0, 0.06), 1e-5, [&](const CuttingResult& out, const Pose&) {
+    if (out.tip_N == 0 && peaks.back() > 0) peaks.push_back(0);
+    peaks.back() = std::max(peaks.back(), out.tip_N);
+  });
+  ASSERT_EQ(peaks.size(), 4U);
+  EXPECT_NEAR(peaks[0], 35 * share(3e-3, 5e-4), 0.05);
+  EXPECT_NEAR(peaks[1], 35, 0.051);
+  EXPECT_NEAR(peaks[2], 35, 0.051);
+}
+
 // Slanting from its old hole into whole bone, the tool cuts again where it leaves the hole.
 TEST(Hole, LeftBySlanting) {
   Bench b = bench();
@@ -179,7 +200,7 @@ TEST(Hole, LeftBySlanting) {
 TEST(Hole, BoneIsAWallFromOutside) {
   Slot beside;  // all of x < 2 mm
   beside.open({-1, -1}, 0);
-  for (const Eigen::Vector2d corner : {Eigen::Vector2d(0.002, -1), {0.002, 1}, {-1, 1}})
+  for (const Eigen::Vector2d& corner : {Eigen::Vector2d(0.002, -1), {0.002, 1}, {-1, 1}})
     beside.include(corner);
   Bench b = bench();
   b.options.coupling.rotation_Nm_per_rad = 1e4;
