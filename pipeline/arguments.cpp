@@ -40,13 +40,17 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-// Adds the labels of a list of L and A-B with commas between.
-Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels) {
+// Adds the labels of a list of L and A-B with commas between. If `joined` is given, labels may also
+// have a + between them: each such set is added to it.
+Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
+                        std::vector<std::set<int>>* joined = nullptr) {
   constexpr int kMostOfRange = 65536;
   const std::string given = option + " " + list + ": ";
   const Error wrong =
-      usage(given + "must be all, or labels L and ranges A-B with commas between them");
+      usage(given + "must be all, or labels L and ranges A-B with commas between them" +
+            (joined == nullptr ? "" : ", or with + to join them"));
   const char *at = list.data(), *const end = at + list.size();
+  bool after_plus = false;
   while (true) {
     int first = 0;
     auto [rest, error] = std::from_chars(at, end, first);
@@ -57,13 +61,22 @@ Result<void> add_labels(const std::string& option, const std::string& list, std:
       if (range.ec != std::errc()) return wrong;
       rest = range.ptr;
     }
-    if (rest != end && *rest != ',') return wrong;
+    const bool before_plus = joined != nullptr && rest != end && *rest == '+';
+    if (rest != end && *rest != ',' && !before_plus) return wrong;
     if (last < first) return usage(given + "a range ends before it begins");
     if (static_cast<std::int64_t>(last) - first >= kMostOfRange)
       return usage(given + "a range has more than 65536 labels");
-    for (std::int64_t label = first; label <= last; ++label)
-      labels.insert(static_cast<int>(label));
+    if (before_plus && !after_plus) joined->emplace_back();
+    for (std::int64_t label = first; label <= last; ++label) {
+      if (before_plus || after_plus) {
+        if (!joined->back().insert(static_cast<int>(label)).second)
+          return usage(given + "label " + std::to_string(label) + " is joined to itself");
+      } else {
+        labels.insert(static_cast<int>(label));
+      }
+    }
     if (rest == end) return {};
+    after_plus = before_plus;
     at = rest + 1;
   }
 }
@@ -74,8 +87,15 @@ Result<Labels> labels(const std::vector<std::string>& lists) {
   for (const std::string& list : lists) {
     if (list == "all") {
       out.all = true;
-    } else if (auto ok = add_labels("--labels", list, out.labels); !ok) {
+    } else if (auto ok = add_labels("--labels", list, out.labels, &out.joined); !ok) {
       return ok.error();
+    }
+  }
+  for (const std::set<int>& joined : out.joined) {
+    for (const int label : joined) {
+      if (!out.labels.insert(label).second)
+        return usage("--labels: label " + std::to_string(label) +
+                     " is in two materials; name it once");
     }
   }
   return out;
@@ -110,7 +130,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
           ->capture_default_str()
           ->check(CLI::Range(0.0, 255.0));
   a.labels_given =
-      app.add_option("--labels", a.labels, "of a label map; material is L, A-B, several, or all")
+      app.add_option(
+             "--labels", a.labels,
+             "of a label map: L, A-B, several, or all, a material each; 20+21 joins two to one")
           ->allow_extra_args(false);
   a.contour_given = app.add_option("--contour", a.contour, "iso-contour or pixel chains")
                         ->capture_default_str()
@@ -296,6 +318,11 @@ Result<BatchOptions> batch_options(const Arguments& a) {
     if (!names) return names.error();
     out.names = std::move(*names);
   }
+  if (const auto* wanted = std::get_if<Labels>(&*how);
+      wanted != nullptr && a.contour == "pixel" && are_several(*wanted))
+    return usage(
+        "--contour pixel leaves gaps between materials: join the labels with +, as --labels "
+        "20+21");
   out.mesh.segmentation = std::move(*how);
   out.mesh.contour = a.contour == "pixel" ? ContourKind::kPixel : ContourKind::kSubpixel;
   out.mesh.simplification.tolerance_mm = a.tolerance_mm;
@@ -309,6 +336,9 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   }
   auto solid = solid_options(a);
   if (!solid) return solid.error();
+  if (const auto* wanted = std::get_if<Labels>(&out.mesh.segmentation);
+      wanted != nullptr && solid->fill_mm2 && are_several(*wanted))
+    return usage("--fill fills one material: join the labels with +, as --labels 20+21");
   out.solid = std::move(*solid);
   if (a.surface) {
     out.surface = SurfaceOptions{a.surface_triangles, a.surface_triangles_given->count() > 0};
@@ -404,7 +434,10 @@ json parameters_json(const BatchOptions& o, const OpenOptions& input) {
   }
   if (const auto* t = std::get_if<Threshold>(&o.mesh.segmentation)) out["threshold"] = t->value;
   if (const auto* e = std::get_if<Equalize>(&o.mesh.segmentation)) out["equalize"] = e->level;
-  if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) out["labels"] = l->labels;
+  if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) {
+    out["labels"] = l->labels;
+    if (!l->joined.empty()) out["joined_labels"] = l->joined;
+  }
   if (o.slices) out["slices"] = {o.slices->first, o.slices->second};
   if (o.mesh.crop)
     out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};

@@ -199,10 +199,11 @@ std::string svg_text(const AssetSlice& slice, const Lattice& lattice) {
 
 constexpr std::array kEndings = {".poly", ".obj", ".svg"};
 
-std::string slice_name(int index) {
+// With its material's number, if the asset has several.
+std::string slice_name(const Asset& asset, const AssetSlice& slice) {
   char name[32];
-  std::snprintf(name, sizeof name, "slice_%04d", index);
-  return name;
+  std::snprintf(name, sizeof name, "slice_%04d", slice.index);
+  return asset.materials.size() > 1 ? name + ('_' + std::to_string(slice.material)) : name;
 }
 
 // In the order of kEndings.
@@ -220,9 +221,9 @@ std::vector<std::string> other_exports(const Asset& asset, const fs::path& folde
   for (const AssetSlice& slice : asset.slices) {
     if (slice.mesh.triangles.empty()) continue;
     for (const char* ending : kEndings)
-      ours.insert(slice_name(slice.index) + ending);
+      ours.insert(slice_name(asset, slice) + ending);
   }
-  static const std::regex exported(R"(slice_\d{4,}\.(poly|obj|svg))");
+  static const std::regex exported(R"(slice_\d{4,}(_\d+)?\.(poly|obj|svg))");
   std::vector<std::string> out;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
@@ -279,7 +280,10 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
   json slices = json::array();
   std::size_t triangles = 0;
   const double step2 = asset.lattice.step_mm() * asset.lattice.step_mm();
+  std::vector<double> areas_mm2(asset.materials.size());
   for (const AssetSlice& s : asset.slices) {
+    const double area_mm2 = 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2;
+    areas_mm2[static_cast<std::size_t>(s.material)] += area_mm2;
     std::size_t outline = 0;
     for (const Ring& ring : s.pslg.rings)
       outline += ring.size();
@@ -291,7 +295,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
                       {"triangles", s.mesh.triangles.size()},
                       {"rings", s.pslg.rings.size()},
                       {"outline_segments", outline},
-                      {"area_mm2", 0.5 * static_cast<double>(doubled_area(s.mesh)) * step2},
+                      {"area_mm2", area_mm2},
                       {"measures", json::parse(s.measures_json)}});
   }
   json surfaces = json::array();
@@ -306,9 +310,12 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
          {"volume_mm3", enclosed_volume(one.surface) * std::pow(lattice.step_mm(), 3)}});
   }
   json materials = json::array();
-  for (const AssetMaterial& material : asset.materials)
-    materials.push_back(
-        {{"name", material.name}, {"label", material.label ? json(*material.label) : json()}});
+  for (std::size_t m = 0; m < asset.materials.size(); ++m) {
+    const AssetMaterial& material = asset.materials[m];
+    materials.push_back({{"name", material.name},
+                         {"label", material.label ? json(*material.label) : json()},
+                         {"area_mm2", areas_mm2[m]}});
+  }
   json out = {{"generator", asset.generator},
               {"schema", asset.schema},
               {"lattice_bits", asset.lattice.bits},
@@ -338,7 +345,7 @@ Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path
     const auto texts = slice_texts(slice, asset.lattice);
     if (!texts) return texts.error();
     for (std::size_t k = 0; k < kEndings.size(); ++k) {
-      names.push_back(slice_name(slice.index) + kEndings[k]);
+      names.push_back(slice_name(asset, slice) + kEndings[k]);
       if (auto ok = write_file_atomically((*scratch)->path() / names.back(), (*texts)[k]); !ok)
         return ok.error();
     }

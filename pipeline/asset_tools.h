@@ -10,11 +10,13 @@
 
 namespace trocar::pipeline {
 
-/// Counts, planes, areas and parameters of an asset, slice by slice.
+/// Counts, planes, areas and parameters of an asset, slice by slice, and the area of each material
+/// summed over the slices.
 nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
 
 /// Per non-empty slice `slice_NNNN.poly` (Triangle's format: the outline with a seed in each
-/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`. The folder is created if needed; an
+/// hole), `.obj` (mm, in the patient's LPS frame) and `.svg`; of an asset with several materials
+/// `slice_NNNN_M.poly` and so on for material number M. The folder is created if needed; an
 /// export of the same slices in it is replaced. All files appear, or on failure none: (unwritable)
 /// `stop`, if given, was set. Returns the names of files of an earlier export of other slices in
 /// the folder: they are kept, and could be mistaken for this asset's.

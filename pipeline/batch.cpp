@@ -8,12 +8,15 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
+#include <iterator>
+#include <map>
 #include <mutex>
 #include <new>
 #include <set>
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "pipeline/contour/label_pixels.h"
 #include "pipeline/for_each_piece.h"
 #include "pipeline/no_material.h"
 #include "pipeline/report.h"
@@ -31,9 +34,15 @@ double ms_since(std::chrono::steady_clock::time_point start) {
 // Skin and muscle have 20 to 80 HU.
 constexpr double kSkinHu = 100;
 
-struct FinishedSlice {
+// An entry of the asset and of the report.
+struct FinishedMaterial {
+  int first_label = 0;  // MeshedMaterial's
   EncodedSlice slice;
-  std::vector<std::uint8_t> report;  ///< as CBOR, a tenth of the JSON tree's size
+  std::vector<std::uint8_t> report;  // as CBOR, a tenth of the JSON tree's size
+};
+
+struct FinishedSlice {
+  std::vector<FinishedMaterial> materials;
   json stages;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
@@ -41,14 +50,40 @@ struct FinishedSlice {
   double area_mm2 = 0;
 };
 
-void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
-  if (meshed.refined.mesh.triangles.empty()) {
+// The set of labels that the label is joined with; null: none.
+const std::set<int>* joined_with(const Labels& wanted, int label) {
+  const auto found =
+      std::find_if(wanted.joined.begin(), wanted.joined.end(),
+                   [label](const std::set<int>& one) { return one.contains(label); });
+  return found == wanted.joined.end() ? nullptr : &*found;
+}
+
+// Of a joined material: its labels' names, as far as they fit.
+std::string material_name(const LabelNames& names, const Labels& wanted, int first_label) {
+  const std::set<int>* const joined = joined_with(wanted, first_label);
+  if (joined == nullptr) return names.name_of(first_label);
+  std::string out;
+  std::size_t left = joined->size();
+  for (const int label : *joined) {
+    constexpr std::size_t kForMore = 16;  // " + 65535 more"
+    const std::string name = (out.empty() ? "" : " + ") + names.name_of(label);
+    if (!out.empty() && out.size() + name.size() + (left > 1 ? kForMore : 0) > kMaxNameBytes)
+      return out + " + " + std::to_string(left) + " more";
+    out += name;
+    --left;
+  }
+  return out;
+}
+
+void warn(FinishedSlice& out, int index, const MeshedSlice& meshed, const BatchOptions& options) {
+  // Bounds and outcome are those of all materials of a slice.
+  const Refined& refined = meshed.materials[0].refined;
+  if (refined.mesh.triangles.empty()) {
     out.warnings.push_back({"empty_slice", index, "no material"});
   }
   if (meshed.all_material) {
     out.warnings.push_back({"all_material", index, "every pixel is material: nothing is outside"});
   }
-  const Refined& refined = meshed.refined;
   if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
     out.warnings.push_back({"area_not_reached", index,
                             "the wanted area needs too many vertices here; refined to # mm^2 "
@@ -75,11 +110,19 @@ void warn(FinishedSlice& out, int index, const MeshedSlice& meshed) {
                               "all angles and areas are within bounds"});
       return;
   }
-  if (meshed.quality.below_unexplained > 0) {
+  for (const MeshedMaterial& material : meshed.materials) {
+    if (material.quality.below_unexplained == 0) continue;
+    std::string which;
+    if (meshed.materials.size() > 1) {
+      which = " of " + json_text(json(material_name(options.names,
+                                                    std::get<Labels>(options.mesh.segmentation),
+                                                    material.first_label)));
+    }
     out.warnings.push_back({"angle_not_reached", index,
-                            "# triangles are below the wanted angle although the input has no "
-                            "such small angle there",
-                            static_cast<double>(meshed.quality.below_unexplained)});
+                            "# triangles" + which +
+                                " are below the wanted angle although the input has no such small "
+                                "angle there",
+                            static_cast<double>(material.quality.below_unexplained)});
   }
 }
 
@@ -154,26 +197,32 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   if (!meshed) return meshed.error();
   if (!grid) return Error{grid.error().code, stack.name(index) + ": " + grid.error().message};
   const SlicePlane& plane = stack.plane(index);
-  json report = slice_report(index, plane.z_mm, *meshed);
   FinishedSlice out;
   if (options.dump_slice == index)
     out.stages = slice_stages(index, plane, *meshed, options.mesh.lattice);
-  warn(out, index, *meshed);
+  warn(out, index, *meshed, options);
   out.labels = std::move(meshed->labels);
   out.values = std::move(meshed->values);
-  out.area_mm2 = meshed->area_mm2;
+  out.area_mm2 = meshed->area_mm2();
 
-  std::vector<float> hu;
-  if (meshed->hu) hu = std::move(meshed->hu->values);
+  std::vector<json> reports;
+  for (const MeshedMaterial& material : meshed->materials)
+    reports.push_back(slice_report(index, plane.z_mm, material, meshed->max_area_bound_mm2));
   const auto start = std::chrono::steady_clock::now();
-  auto encoded = encode_slice(
-      {index, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-       std::move(meshed->refined.mesh), json_text(slice_measures(*meshed)), 0, std::move(hu)},
-      *grid);
-  if (!encoded) return encoded.error();
-  out.slice = std::move(*encoded);
-  report["ms"]["encode"] = ms_since(start);
-  out.report = json::to_cbor(report);
+  for (MeshedMaterial& material : meshed->materials) {
+    std::vector<float> hu;
+    if (material.hu) hu = std::move(material.hu->values);
+    auto encoded = encode_slice(
+        {index, plane.z_mm, plane.T_lps_plane, std::move(material.outline),
+         std::move(material.refined.mesh), json_text(slice_measures(material)), 0, std::move(hu)},
+        *grid);
+    if (!encoded) return encoded.error();
+    out.materials.push_back({material.first_label, std::move(*encoded), {}});
+  }
+  reports[0]["ms"] = stage_times(meshed->times);
+  reports[0]["ms"]["encode"] = ms_since(start);
+  for (std::size_t k = 0; k < reports.size(); ++k)
+    out.materials[k].report = json::to_cbor(reports[k]);
   return out;
 }
 
@@ -367,15 +416,13 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
   std::set<int> found;
   std::vector<SliceWarning> of_slices;
-  std::vector<EncodedSlice> encoded;
-  std::vector<std::vector<std::uint8_t>> reports;
+  std::vector<FinishedMaterial> finished_materials;
   Total total;
   std::set<int> absent = wanted_labels(options.mesh.segmentation);
   for (auto& result : done) {
     if (!*result) return result->error();
     FinishedSlice one = std::move(**result);
-    encoded.push_back(std::move(one.slice));
-    reports.push_back(std::move(one.report));
+    std::move(one.materials.begin(), one.materials.end(), std::back_inserter(finished_materials));
     of_slices.insert(of_slices.end(), one.warnings.begin(), one.warnings.end());
     total.values.add(one.values);
     total.area_mm2 += one.area_mm2;
@@ -405,9 +452,39 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   if (!options.input_key.empty())
     out.input_key_digest = asset.input_key_digest = digest_input(file_digests, options.input_key);
 
-  if (std::all_of(encoded.begin(), encoded.end(),
-                  [](const EncodedSlice& slice) { return slice.triangles == 0; }))
-    return no_material(stack, first, last, options.mesh, options.names);
+  std::map<int, int> places;  // in asset.materials, by first label
+  for (const FinishedMaterial& one : finished_materials) {
+    if (one.slice.triangles > 0) places.emplace(one.first_label, 0);
+  }
+  if (places.empty()) return no_material(stack, first, last, options.mesh, options.names);
+  if (labels != nullptr) {
+    asset.materials.clear();
+    for (auto& [first_label, place] : places) {
+      place = static_cast<int>(asset.materials.size());
+      AssetMaterial& material = asset.materials.emplace_back();
+      material.name = material_name(options.names, *labels, first_label);
+      if (joined_with(*labels, first_label) == nullptr) material.label = first_label;
+    }
+    std::set<int> dropped;
+    for (const int label : found) {
+      const std::set<int>* const joined = joined_with(*labels, label);
+      if (!places.contains(joined == nullptr ? label : *joined->begin())) dropped.insert(label);
+    }
+    if (!dropped.empty()) {
+      warnings.push_back({{"code", "label_dropped"},
+                          {"where", options.names.list(dropped)},
+                          {"sentence", "all of its pieces are smaller than --min-region"},
+                          {"labels", dropped}});
+    }
+    if (asset.materials.size() > kMostMaterials)
+      return refused(input_name(stack) + ": more than " + std::to_string(kMostMaterials) +
+                     " labels; join some to one material, as --labels 1-20+21");
+  }
+  std::vector<EncodedSlice> encoded;
+  for (FinishedMaterial& one : finished_materials) {
+    if (one.slice.triangles > 0) one.slice.material = places[one.first_label];
+    encoded.push_back(std::move(one.slice));
+  }
 
   json surface;
   if (options.surface) {
@@ -424,8 +501,14 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   const double assemble_ms = ms_since(assemble_start);
 
   json slices = json::array();
-  for (auto& report : reports)
-    slices.push_back(json::from_cbor(std::exchange(report, {})));
+  for (FinishedMaterial& one : finished_materials) {
+    slices.push_back(json::from_cbor(std::exchange(one.report, {})));
+    if (asset.materials.size() > 1 && places.contains(one.first_label) &&
+        slices.back()["triangles"] > 0) {
+      slices.back()["material"] =
+          asset.materials[static_cast<std::size_t>(places[one.first_label])].name;
+    }
+  }
   const auto per_triangle = [&sizes](std::size_t bytes) {
     return sizes.triangles == 0 ? 0.0
                                 : static_cast<double>(bytes) / static_cast<double>(sizes.triangles);

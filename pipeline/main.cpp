@@ -14,6 +14,7 @@
 #include <iostream>
 #include <limits>
 #include <opencv2/core/version.hpp>
+#include <set>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/private_asset.h"
@@ -115,10 +116,10 @@ std::vector<std::string> with_repeated(const std::string& option, const IsValue&
   return out;
 }
 
-// Labels begin with a digit and hold only digits, commas and hyphens.
+// Labels begin with a digit and hold only digits, commas, hyphens and plus signs.
 bool is_labels(const std::string& word) {
-  return !word.empty() && word.find_first_not_of("0123456789,-") == std::string::npos &&
-         word.front() != ',' && word.front() != '-';
+  return !word.empty() && word.find_first_not_of("0123456789,-+") == std::string::npos &&
+         word.front() >= '0' && word.front() <= '9';
 }
 
 bool is_place(const std::string& word) {
@@ -183,8 +184,8 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
   return {};
 }
 
-// Reports hold no absolute paths, also not in the warnings.
-json without_folders(json report, const std::vector<fs::path>& inputs) {
+// Reports hold no absolute paths and nothing that tells whose scan it is, also not in the warnings.
+json to_be_shared(json report, const std::vector<fs::path>& inputs) {
   const auto shorten = [&inputs](json& text) {
     std::string out = text.get<std::string>();
     for (const fs::path& input : inputs) {
@@ -197,6 +198,10 @@ json without_folders(json report, const std::vector<fs::path>& inputs) {
     text = std::move(out);
   };
   for (json& warning : report["warnings"]) {
+    if (const auto shared = warning.find("shared"); shared != warning.end()) {
+      warning["sentence"] = *shared;
+      warning.erase("shared");
+    }
     shorten(warning["where"]);
     shorten(warning["sentence"]);
     if (const auto places = warning.find("places"); places != warning.end())
@@ -237,7 +242,7 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, BatchRes
   if (!a.report.empty()) {
     std::vector<fs::path> given = a.inputs;
     if (!a.hu.empty()) given.push_back(a.hu);
-    const json report = without_folders(result.report, given);
+    const json report = to_be_shared(result.report, given);
     if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
   }
   if (!a.dump_stages.empty())
@@ -251,8 +256,11 @@ void print_outcome(const Arguments& a, const json& report) {
               << "): " << w["where"].get<std::string>() << ": " << w["sentence"].get<std::string>()
               << '\n';
   }
+  std::set<int> slices;  // each of several materials has an entry
+  for (const json& slice : report["slices"])
+    slices.insert(slice["index"].get<int>());
   std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
-              report["slices"].size(), report["asset"]["triangles"].get<std::size_t>(),
+              slices.size(), report["asset"]["triangles"].get<std::size_t>(),
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
 }
 
@@ -378,7 +386,7 @@ Result<std::size_t> verify(const fs::path& file, const Checks& checks) {
   if (checks.independent) {
     if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
   }
-  return asset->slices.size();
+  return slice_count(*asset);
 }
 
 // Every file is looked at; the exit code is the first error's.
@@ -413,17 +421,27 @@ int info(const fs::path& file, bool as_json) {
     std::cout << json_text(out, 1) << '\n';
     return 0;
   }
+  const bool several = out["materials"].size() > 1;
   std::printf(
       "%s\n  written by %s\n  lattice step 2^-%d mm, %zu triangles, %zu bytes\n  parameters %s\n\n "
-      " slice      z mm    rings  vertices  triangles   area mm2\n",
+      " slice%s      z mm    rings  vertices  triangles   area mm2\n",
       file.c_str(), asset->generator.c_str(), asset->lattice.bits,
       out["triangles"].get<std::size_t>(), out["bytes"].get<std::size_t>(),
-      json_text(out["parameters"]).c_str());
+      json_text(out["parameters"]).c_str(), several ? " material" : "");
   for (const json& s : out["slices"]) {
-    std::printf("  %5d %9.3f %8zu %9zu %10zu %10.2f\n", s["index"].get<int>(),
-                s["z_mm"].get<double>(), s["rings"].get<std::size_t>(),
-                s["vertices"].get<std::size_t>(), s["triangles"].get<std::size_t>(),
-                s["area_mm2"].get<double>());
+    std::printf("  %5d", s["index"].get<int>());
+    if (several) std::printf(" %8d", s["material"].get<int>());
+    std::printf(" %9.3f %8zu %9zu %10zu %10.2f\n", s["z_mm"].get<double>(),
+                s["rings"].get<std::size_t>(), s["vertices"].get<std::size_t>(),
+                s["triangles"].get<std::size_t>(), s["area_mm2"].get<double>());
+  }
+  if (several) {
+    std::printf("\n  material   area mm2\n");
+    for (std::size_t m = 0; m < out["materials"].size(); ++m) {
+      const json& material = out["materials"][m];
+      std::printf("  %8zu %10.2f  %s\n", m, material["area_mm2"].get<double>(),
+                  json_text(material["name"]).c_str());
+    }
   }
   for (const json& s : out["surfaces"]) {
     std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",

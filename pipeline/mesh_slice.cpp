@@ -4,13 +4,17 @@
 #include <algorithm>
 #include <chrono>
 #include <memory>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
+#include "formats/geometry/shared_borders.h"
 #include "pipeline/contour/label_network.h"
 #include "pipeline/graded_area.h"
 #include "pipeline/mesh/refined_rings.h"
+#include "pipeline/mesh/regions.h"
 #include "pipeline/mesh/triangulation.h"
 
 namespace trocar::pipeline {
@@ -84,25 +88,29 @@ Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region
   return std::move(material_outlines(label_network(image, grid)).front());
 }
 
-// From `out.contours` to `out.refined`.
+// As in refined meshes, the corner opposite edge 0 comes first.
+SliceMesh stored_cdt(SliceMesh mesh) {
+  for (Triangle& t : mesh.triangles)
+    t = {t[2], t[0], t[1]};
+  return mesh;
+}
+
+// From `out.contours` to `out.outline`.
 Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& simplification,
-                           const RefinementOptions& refinement, Stopwatch& watch,
-                           MeshedSlice& out) {
+                           const RefinementOptions& refinement, Stopwatch& watch, StageTimes& times,
+                           MeshedMaterial& out) {
   out.pslg = simplify(out.contours, lattice, simplification);
-  out.times.simplify_ms = watch.lap_ms();
+  times.simplify_ms = watch.lap_ms();
   if (auto ok = check_pslg(out.pslg); !ok)
     return bug("after simplification: " + ok.error().message);
-  out.times.check_ms += watch.lap_ms();
+  times.check_ms += watch.lap_ms();
 
   auto cdt = triangulate(out.pslg);
   if (!cdt) return cdt.error();
-  out.times.triangulate_ms = watch.lap_ms();
+  times.triangulate_ms = watch.lap_ms();
   out.refined = refine(*cdt, lattice, refinement);
-  out.cdt = std::move(cdt->mesh);
-  // As in refined meshes, the corner opposite edge 0 comes first.
-  for (Triangle& t : out.cdt.triangles)
-    t = {t[2], t[0], t[1]};
-  out.times.refine_ms = watch.lap_ms();
+  out.cdt = stored_cdt(std::move(cdt->mesh));
+  times.refine_ms = watch.lap_ms();
 
   // Where areas are kept, the points of refinement move the outline on purpose: they count.
   const bool keeps_area = simplification.method == SimplificationMethod::kArea;
@@ -111,11 +119,187 @@ Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& 
   if (keeps_area && simplification.tolerance_mm > 0 &&
       out.simplification_error_mm > simplification.tolerance_mm)
     return bug("after refinement: the outline is beyond the tolerance");
-  out.times.check_ms += watch.lap_ms();
+  out.outline = boundary_rings(out.refined.mesh);
+  if (auto ok = check_mesh_against_pslg(out.refined.mesh, out.outline); !ok)
+    return bug("after refinement: " + ok.error().message);
+  times.check_ms += watch.lap_ms();
   return {};
 }
 
+// The network with the points that refinement put on its edges. `stored` are its outlines,
+// `outlines`, refined: ring by ring from the same vertex (check_shared_borders()).
+LabelNetwork refined_network(const LabelNetwork& network, const std::vector<Pslg>& outlines,
+                             const std::vector<Pslg>& stored) {
+  // An outline's edge, and the edges that it became.
+  struct Divided {
+    LatticePoint from, to;
+    const Ring* ring;
+    std::size_t first, edges;
+    std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
+    LatticePoint point(std::size_t i) const { return (*ring)[(first + i) % ring->size()]; }
+  };
+  std::vector<Divided> divided;
+  for (std::size_t k = 0; k < outlines.size(); ++k) {
+    for (std::size_t r = 0; r < outlines[k].rings.size(); ++r) {
+      const Ring &ring = outlines[k].rings[r], &fine = stored[k].rings[r];
+      std::size_t at = 0;
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        const LatticePoint to = ring[(i + 1) % ring.size()];
+        const std::size_t first = at++;
+        while (at < fine.size() && (i + 1 == ring.size() || fine[at] != to))
+          ++at;
+        divided.push_back({ring[i], to, &fine, first, at - first});
+      }
+    }
+  }
+  std::sort(divided.begin(), divided.end(),
+            [](const Divided& a, const Divided& b) { return a.ends() < b.ends(); });
+  LabelNetwork out = network;
+  for (BorderChain& chain : out.chains) {
+    const std::vector<LatticePoint> coarse = std::exchange(chain.points, {});
+    const std::size_t edges = coarse.size() - (chain.is_closed ? 0 : 1);
+    // The material on the left has the edge, or else that on the right its reverse.
+    const bool is_forward = chain.left != kNoMaterial;
+    for (std::size_t i = 0; i < edges; ++i) {
+      std::pair ends{coarse[i], coarse[(i + 1) % coarse.size()]};
+      if (!is_forward) std::swap(ends.first, ends.second);
+      const auto found =
+          std::lower_bound(divided.begin(), divided.end(), ends,
+                           [](const Divided& a, const auto& b) { return a.ends() < b; });
+      for (std::size_t j = 0; j < found->edges; ++j)
+        chain.points.push_back(found->point(is_forward ? j : found->edges - j));
+    }
+    if (!chain.is_closed) chain.points.push_back(coarse.back());
+  }
+  return out;
+}
+
+// By material: the largest distance, either way, between its borders and those of the same index.
+std::vector<double> distances_mm(const LabelNetwork& full, const LabelNetwork& other,
+                                 const Lattice& lattice) {
+  std::vector<double> out(full.materials, 0);
+  for (std::size_t c = 0; c < full.chains.size(); ++c) {
+    const BorderChain& chain = full.chains[c];
+    const double mm =
+        hausdorff_mm({{chain.points}}, {{other.chains[c].points}}, lattice, {!chain.is_closed});
+    for (const MaterialNumber m : {chain.left, chain.right}) {
+      if (m != kNoMaterial) out[m - 1U] = std::max(out[m - 1U], mm);
+    }
+  }
+  return out;
+}
+
+// Several materials: from the network of their borders to their outlines, as mesh_contours().
+Result<void> mesh_network(const LabelNetwork& network, const Lattice& lattice,
+                          const SimplificationOptions& simplification,
+                          const RefinementOptions& refinement, Stopwatch& watch, StageTimes& times,
+                          std::vector<MeshedMaterial>& out) {
+  const LabelNetwork simple = simplify(network, lattice, simplification);
+  std::vector<Pslg> contours = material_outlines(network), outlines = material_outlines(simple);
+  times.simplify_ms = watch.lap_ms();
+  for (const Pslg& outline : outlines) {
+    if (auto ok = check_pslg(outline); !ok)
+      return bug("after simplification: " + ok.error().message);
+  }
+  if (auto ok = check_shared_borders(outlines, outlines); !ok)
+    return bug("after simplification: " + ok.error().message);
+  times.check_ms += watch.lap_ms();
+
+  auto cdts = triangulate_regions(outlines);
+  if (!cdts) return cdts.error();
+  times.triangulate_ms = watch.lap_ms();
+  std::vector<Refined> refined = refine_regions(*cdts, lattice, refinement);
+  times.refine_ms = watch.lap_ms();
+
+  std::vector<Pslg> stored;
+  for (std::size_t k = 0; k < outlines.size(); ++k) {
+    stored.push_back(refined_rings(refined[k], outlines[k]));
+    if (auto ok = check_mesh_against_pslg(refined[k].mesh, stored[k]); !ok)
+      return bug("after refinement: " + ok.error().message);
+  }
+  if (auto ok = check_shared_borders(outlines, stored); !ok)
+    return bug("after refinement: " + ok.error().message);
+  const bool keeps_area = simplification.method == SimplificationMethod::kArea;
+  const std::vector<double> errors_mm = distances_mm(
+      network, keeps_area ? refined_network(simple, outlines, stored) : simple, lattice);
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    MeshedMaterial& material = out[k];
+    material.simplification_error_mm = errors_mm[k];
+    if (keeps_area && simplification.tolerance_mm > 0 && errors_mm[k] > simplification.tolerance_mm)
+      return bug("after refinement: the outline is beyond the tolerance");
+    material.contours = std::move(contours[k]);
+    material.pslg = std::move(outlines[k]);
+    material.cdt = stored_cdt(std::move((*cdts)[k].mesh));
+    material.refined = std::move(refined[k]);
+    material.outline = boundary_rings(material.refined.mesh);
+  }
+  times.check_ms += watch.lap_ms();
+  return {};
+}
+
+// Of a label map, with the fillings and omissions of SolidBone in `field`.
+Result<FoundMaterials> materials_of_field(const Image& labels, const Labels& wanted, bool is_solid,
+                                          const Field& field) {
+  auto out = found_materials(labels, wanted);
+  if (!out || !is_solid) return out;
+  std::vector<MaterialNumber>& values = out->image.values;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (field.image.values[i] < field.iso) {
+      values[i] = kNoMaterial;
+    } else if (values[i] == kNoMaterial && out->first_labels.size() == 1) {
+      values[i] = 1;
+    } else if (values[i] == kNoMaterial) {
+      return usage("--fill fills one material: join the labels with +, as --labels 20+21");
+    }
+  }
+  return out;
+}
+
+// By material.
+std::vector<std::optional<double>> means_of(const MaterialImage& image, const Image& of) {
+  std::vector<std::pair<double, std::int64_t>> sums(image.labels.size() + 1);
+  for (std::size_t i = 0; i < image.values.size(); ++i) {
+    auto& [sum, count] = sums[image.values[i]];
+    sum += static_cast<double>(of.values[i]);
+    ++count;
+  }
+  std::vector<std::optional<double>> out;
+  for (std::size_t m = 1; m < sums.size(); ++m) {
+    const auto& [sum, count] = sums[m];
+    out.push_back(count == 0 ? std::nullopt : std::optional(sum / static_cast<double>(count)));
+  }
+  return out;
+}
+
+// Leaves the materials that have pixels; `out` is by material.
+void leave_out_empty(MaterialImage& image, std::vector<MeshedMaterial>& out) {
+  std::vector<MaterialNumber> number(out.size() + 1, kNoMaterial);
+  for (const MaterialNumber m : image.values)
+    number[m] = 1;
+  number[kNoMaterial] = kNoMaterial;
+  std::size_t left = 0;
+  for (std::size_t m = 1; m < number.size(); ++m) {
+    if (number[m] == 0) continue;
+    if (left != m - 1) {
+      out[left] = std::move(out[m - 1]);
+      image.labels[left] = std::move(image.labels[m - 1]);
+    }
+    number[m] = static_cast<MaterialNumber>(++left);
+  }
+  out.resize(left);
+  image.labels.resize(left);
+  for (MaterialNumber& m : image.values)
+    m = number[m];
+}
+
 }  // namespace
+
+double MeshedSlice::area_mm2() const {
+  double sum = 0;
+  for (const MeshedMaterial& material : materials)
+    sum += material.area_mm2;
+  return sum;
+}
 
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop) {
   auto image = stack.read(slice);
@@ -161,31 +345,70 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   }
   out.times.read_ms = watch.lap_ms();
 
-  const bool as_labels = std::holds_alternative<Labels>(options.segmentation);
-  if (as_labels || stack.pixel_unit() == PixelUnit::kHounsfield)
-    out.values = tally_values(*image, as_labels);
+  const auto* as_labels = std::get_if<Labels>(&options.segmentation);
+  if (as_labels != nullptr || stack.pixel_unit() == PixelUnit::kHounsfield)
+    out.values = tally_values(*image, as_labels != nullptr);
 
-  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield && !as_labels;
+  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield && as_labels == nullptr;
   std::optional<Image> hu;  // segmentation changes the image
   if (ct) {
     hu = *ct;
   } else if (is_hu && (options.hu_field || options.grade_hu > 0)) {
     hu = *image;
   }
+  std::optional<Image> label_image;
+  if (as_labels != nullptr && (as_labels->all || are_several(*as_labels))) label_image = *image;
 
   const PixelGrid grid = grid_of(plane, options);
   auto [field, solid_mean] = segment_slice(stack, slice, options, std::move(*image));
   out.labels = std::move(field.labels);
-  if (stack.pixel_unit() == PixelUnit::kHounsfield &&
-      std::holds_alternative<Threshold>(options.segmentation)) {
-    out.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
+  MaterialImage several;  // if there are
+  MeshedMaterial& only = out.materials.emplace_back();
+  if (as_labels != nullptr && !as_labels->labels.empty())
+    only.first_label = *as_labels->labels.begin();
+  if (label_image) {
+    auto found = materials_of_field(*label_image, *as_labels, options.solid != nullptr, field);
+    if (!found) return fail(found.error());
+    if (found->first_labels.size() == 1) only.first_label = found->first_labels[0];
+    if (found->first_labels.size() > 1) several = std::move(found->image);
+    if (!several.values.empty()) {
+      if (options.contour == ContourKind::kPixel)
+        return fail(
+            usage("--contour pixel leaves gaps between materials: leave it out, or join the "
+                  "labels with +, as --labels 20+21"));
+      out.materials.resize(found->first_labels.size());
+      std::vector<std::optional<double>> means(out.materials.size());
+      if (ct) means = means_of(several, *ct);
+      for (std::size_t m = 0; m < out.materials.size(); ++m) {
+        out.materials[m].first_label = found->first_labels[m];
+        out.materials[m].mean_hu = means[m];
+      }
+    }
   }
-  if (ct) out.mean_hu = mean_of_material(field, *ct);
+  if (several.values.empty()) {
+    if (stack.pixel_unit() == PixelUnit::kHounsfield &&
+        std::holds_alternative<Threshold>(options.segmentation))
+      only.mean_hu = options.solid != nullptr ? solid_mean : mean_of_material(field);
+    if (ct) only.mean_hu = mean_of_material(field, *ct);
+  }
   out.all_material = std::all_of(field.image.values.begin(), field.image.values.end(),
                                  [iso = field.iso](float value) { return value >= iso; });
   out.times.segment_ms = watch.lap_ms();
 
-  out.contours = contours_of(stack, slice, options, field);
+  std::optional<LabelNetwork> network;
+  if (several.values.empty()) {
+    out.materials[0].contours = contours_of(stack, slice, options, field);
+  } else {
+    merge_small_pieces(several, options.min_region_mm2 / (grid.spacing_u_mm * grid.spacing_v_mm));
+    leave_out_empty(several, out.materials);
+    network = label_network(several, grid);
+    if (out.materials.size() < 2) {
+      out.materials.resize(1);
+      if (network->materials == 1)
+        out.materials[0].contours = std::move(material_outlines(*network).front());
+      network.reset();
+    }
+  }
   out.times.contour_ms = watch.lap_ms();
 
   RefinementOptions refinement = options.refinement;
@@ -201,22 +424,28 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     refinement.area_mm2_at = [graded](LatticePoint p) { return graded->mm2_at(p); };
     refinement.least_area_mm2 = graded->least_mm2();
   }
-  if (auto ok = mesh_contours(options.lattice, options.simplification, refinement, watch, out); !ok)
-    return fail(ok.error());
+  const auto meshed = network ? mesh_network(*network, options.lattice, options.simplification,
+                                             refinement, watch, out.times, out.materials)
+                              : mesh_contours(options.lattice, options.simplification, refinement,
+                                              watch, out.times, out.materials[0]);
+  if (!meshed) return fail(meshed.error());
 
-  out.outline = boundary_rings(out.refined.mesh);
-  if (auto ok = check_mesh_against_pslg(out.refined.mesh, out.outline); !ok) {
-    return fail(bug("after refinement: " + ok.error().message));
+  for (MeshedMaterial& material : out.materials) {
+    const SliceMesh& mesh = material.refined.mesh;
+    if (!is_constrained_delaunay(mesh))
+      return fail(bug("after refinement: not constrained Delaunay"));
+    material.quality = measure_quality(material.refined, options.lattice, refinement.min_angle_deg);
+    material.area_mm2 = 0.5 * static_cast<double>(doubled_area(mesh)) * options.lattice.step_mm() *
+                        options.lattice.step_mm();
+    material.holes =
+        static_cast<int>(std::count_if(material.pslg.rings.begin(), material.pslg.rings.end(),
+                                       [](const Ring& r) { return doubled_area(r) < 0; }));
   }
-  if (!is_constrained_delaunay(out.refined.mesh))
-    return fail(bug("after refinement: not constrained Delaunay"));
-  out.quality = measure_quality(out.refined, options.lattice, refinement.min_angle_deg);
-  out.area_mm2 = 0.5 * static_cast<double>(doubled_area(out.refined.mesh)) *
-                 options.lattice.step_mm() * options.lattice.step_mm();
-  out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
-                                             [](const Ring& r) { return doubled_area(r) < 0; }));
   out.times.check_ms += watch.lap_ms();
-  if (hu && options.hu_field) out.hu = fit_hu_field(out.refined.mesh, *hu, grid);
+  if (hu && options.hu_field) {
+    for (MeshedMaterial& material : out.materials)
+      material.hu = fit_hu_field(material.refined.mesh, *hu, grid);
+  }
   out.times.hu_ms = watch.lap_ms();
   return out;
 }

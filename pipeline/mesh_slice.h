@@ -4,6 +4,7 @@
 
 #include <optional>
 #include <set>
+#include <vector>
 
 #include "formats/base/result.h"
 #include "pipeline/contour/contour.h"
@@ -42,28 +43,39 @@ struct StageTimes {
          refine_ms = 0, check_ms = 0, hu_ms = 0;
 };
 
-/// What the asset, the report and the pictures need of one slice.
-struct MeshedSlice {
-  bool all_material = false;  ///< every pixel
-  Pslg contours;              ///< full resolution, small rings dropped
-  Pslg pslg;                  ///< simplified
-  SliceMesh cdt;              ///< constrained Delaunay, outside removed
+/// What the asset, the report and the pictures need of one material of a slice.
+struct MeshedMaterial {
+  /// Of a label map: the smallest of the material's labels, which names it in every slice.
+  int first_label = 0;
+  Pslg contours;  ///< full resolution, small rings dropped
+  Pslg pslg;      ///< simplified
+  SliceMesh cdt;  ///< constrained Delaunay, outside removed
   Refined refined;
   Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
   /// Of the pixels that are material, before small regions are dropped; only for input in HU that
   /// is segmented by a threshold, and for a label map with its CT beside it.
   std::optional<double> mean_hu;
-  std::optional<HuField> hu;  ///< over refined.mesh; only for input in HU that is no label map
-  std::set<int> labels;       ///< the wanted labels that occur in the slice
-  ValueTally values;          ///< of input in HU, or whose material is chosen by labels
-  /// Two-sided Hausdorff distance, ring by ring, between `contours` and `pslg`; where areas are
-  /// kept (SimplificationMethod::kArea) and `outline`, with the points of refinement.
+  std::optional<HuField> hu;  ///< over refined.mesh; only for input in HU, or with its CT
+  /// Two-sided Hausdorff distance between `contours` and `pslg`; where areas are kept
+  /// (SimplificationMethod::kArea) and `outline`, with the points of refinement. Ring by ring; of
+  /// several materials, border by border.
   double simplification_error_mm = 0;
   double area_mm2 = 0;
-  double max_area_bound_mm2 = 0;
   int holes = 0;
+};
+
+struct MeshedSlice {
+  bool all_material = false;  ///< every pixel
+  /// At least one, which is empty if there is no material. Of a label map those with a mesh,
+  /// ascending by `first_label`: their outlines pass check_shared_borders().
+  std::vector<MeshedMaterial> materials;
+  std::set<int> labels;  ///< the wanted labels that occur in the slice
+  ValueTally values;     ///< of input in HU, or whose material is chosen by labels
+  double max_area_bound_mm2 = 0;
   StageTimes times;
+
+  double area_mm2() const;
 };
 
 /// The slice's values within the crop, if there is one. Errors: those of stack.read().
@@ -83,9 +95,12 @@ Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& o
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field);
 
-/// The result has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
-/// (formats/geometry/mesh_validity.h). Errors: those of stack.read(); (refused) pixels too fine for
-/// the lattice or the image too large for it; (bug) one of these checks failed.
+/// Every mesh has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
+/// (formats/geometry/mesh_validity.h); several materials share one network of borders
+/// (contour/label_network.h) and have passed check_shared_borders()
+/// (formats/geometry/shared_borders.h). Errors: those of stack.read(); (refused) pixels too fine
+/// for the lattice, the image too large for it, or too many materials; (usage) options that only
+/// one material can have; (bug) one of these checks failed.
 Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 }  // namespace trocar::pipeline

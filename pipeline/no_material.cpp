@@ -70,7 +70,7 @@ std::string reason(const Found& found, const MeshOptions& options, const LabelNa
     return "nothing is at or above the threshold of " + text_of(threshold->value);
   if (const auto* paper = std::get_if<Equalize>(&options.segmentation))
     return "nothing is at or above the level of " + text_of(paper->level) + " after equalisation";
-  const auto& [wanted, all] = std::get<Labels>(options.segmentation);
+  const auto& [wanted, all, joined] = std::get<Labels>(options.segmentation);
   if (all) return "nothing is labelled";
   return "the " + names.list(wanted) + (wanted.size() == 1 ? " is" : " are") + " not there";
 }

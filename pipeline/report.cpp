@@ -35,8 +35,16 @@ json rings_json(const Pslg& pslg, const Lattice& lattice) {
   return out;
 }
 
-json mesh_json(const SliceMesh& mesh, const Lattice& lattice) {
-  return {{"vertices_mm", points_json(mesh.vertices, lattice)}, {"triangles", mesh.triangles}};
+void append(json list, json& out) {
+  for (json& one : list)
+    out.push_back(std::move(one));
+}
+
+void append_mesh(const SliceMesh& mesh, const Lattice& lattice, json& out) {
+  const auto first = static_cast<std::uint32_t>(out["vertices_mm"].size());
+  append(points_json(mesh.vertices, lattice), out["vertices_mm"]);
+  for (const Triangle& t : mesh.triangles)
+    out["triangles"].push_back({t[0] + first, t[1] + first, t[2] + first});
 }
 
 // One sentence, and where it applies.
@@ -108,7 +116,7 @@ json entry(const Kind& kind) {
 
 }  // namespace
 
-json slice_measures(const MeshedSlice& slice) {
+json slice_measures(const MeshedMaterial& slice) {
   json out = {
       {"simplification_error_mm", slice.simplification_error_mm},
       {"min_angle_deg", slice.quality.min_angle_deg},
@@ -122,7 +130,7 @@ json slice_measures(const MeshedSlice& slice) {
   return out;
 }
 
-json slice_report(int index, double z_mm, const MeshedSlice& slice) {
+json slice_report(int index, double z_mm, const MeshedMaterial& slice, double max_area_bound_mm2) {
   json out = slice_measures(slice);
   out["index"] = index;
   out["z_mm"] = z_mm;
@@ -132,33 +140,43 @@ json slice_report(int index, double z_mm, const MeshedSlice& slice) {
   out["pslg_vertices"] = vertex_count(slice.pslg);
   out["vertices"] = slice.refined.mesh.vertices.size();
   out["triangles"] = slice.refined.mesh.triangles.size();
-  out["max_area_bound_mm2"] = slice.max_area_bound_mm2;
+  out["max_area_bound_mm2"] = max_area_bound_mm2;
   if (slice.hu) {
     out["hu_pixels"] = slice.hu->pixels;
     out["hu_bias"] = slice.hu->bias_hu;
     out["hu_rms"] = slice.hu->rms_hu;
   }
-  const StageTimes& t = slice.times;
-  out["ms"] = {{"read", t.read_ms},
-               {"segment", t.segment_ms},
-               {"contour", t.contour_ms},
-               {"simplify", t.simplify_ms},
-               {"triangulate", t.triangulate_ms},
-               {"refine", t.refine_ms},
-               {"check", t.check_ms},
-               {"hu", t.hu_ms}};
   return out;
+}
+
+json stage_times(const StageTimes& t) {
+  return {{"read", t.read_ms},
+          {"segment", t.segment_ms},
+          {"contour", t.contour_ms},
+          {"simplify", t.simplify_ms},
+          {"triangulate", t.triangulate_ms},
+          {"refine", t.refine_ms},
+          {"check", t.check_ms},
+          {"hu", t.hu_ms}};
 }
 
 json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                   const Lattice& lattice) {
-  return {{"slice", index},
-          {"spacing_mm", {plane.spacing_u_mm, plane.spacing_v_mm}},
-          {"lattice_bits", lattice.bits},
-          {"contours_mm", rings_json(slice.contours, lattice)},
-          {"pslg_mm", rings_json(slice.pslg, lattice)},
-          {"cdt", mesh_json(slice.cdt, lattice)},
-          {"refined", mesh_json(slice.refined.mesh, lattice)}};
+  const json no_mesh = {{"vertices_mm", json::array()}, {"triangles", json::array()}};
+  json out = {{"slice", index},
+              {"spacing_mm", {plane.spacing_u_mm, plane.spacing_v_mm}},
+              {"lattice_bits", lattice.bits},
+              {"contours_mm", json::array()},
+              {"pslg_mm", json::array()},
+              {"cdt", no_mesh},
+              {"refined", no_mesh}};
+  for (const MeshedMaterial& material : slice.materials) {
+    append(rings_json(material.contours, lattice), out["contours_mm"]);
+    append(rings_json(material.pslg, lattice), out["pslg_mm"]);
+    append_mesh(material.cdt, lattice, out["cdt"]);
+    append_mesh(material.refined.mesh, lattice, out["refined"]);
+  }
+  return out;
 }
 
 json warnings_json(const std::vector<Warning>& of_scan,
@@ -175,6 +193,11 @@ json warnings_json(const std::vector<Warning>& of_scan,
   json out = json::array();
   for (const Kind& kind : kinds)
     out.push_back(entry(kind));
+  for (const Warning& w : of_scan) {
+    if (w.shared.empty()) continue;
+    for (json& warning : out)
+      if (warning["code"] == w.code) warning["shared"] = w.shared;
+  }
   return out;
 }
 

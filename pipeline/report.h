@@ -11,13 +11,16 @@
 
 namespace trocar::pipeline {
 
-/// One entry of `slices[]`.
-nlohmann::json slice_report(int index, double z_mm, const MeshedSlice& slice);
+/// One entry of `slices[]`, without times.
+nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& material,
+                            double max_area_bound_mm2);
+nlohmann::json stage_times(const StageTimes& times);
 
-/// The part of it that the asset stores: only what does not change from run to run (no times).
-nlohmann::json slice_measures(const MeshedSlice& slice);
+/// The part of an entry that the asset stores.
+nlohmann::json slice_measures(const MeshedMaterial& material);
 
-/// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm.
+/// Contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm; those of
+/// all materials together.
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 

@@ -11,6 +11,8 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -214,6 +216,77 @@ Result<void> confirm(const AssetSlice& slice) {
   return {};
 }
 
+// Of the materials of one slice: no two outlines cross or overlap, two that share an edge lie on
+// different sides of it, and none lies in another.
+Result<void> confirm_together(std::span<const AssetSlice> materials) {
+  Cdt cdt;
+  std::map<std::pair<std::int64_t, std::int64_t>, Cdt::Vertex_handle> vertex;
+  std::map<std::pair<Point, Point>, int> material_left_of;
+  std::set<std::pair<Point, Point>> edges;  // without direction
+  for (const AssetSlice& one : materials) {
+    for (const Ring& ring : one.pslg.rings) {
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        const LatticePoint &a = ring[i], &b = ring[(i + 1) % ring.size()];
+        const Point p = point_of(a), q = point_of(b);
+        if (!material_left_of.try_emplace({p, q}, one.material).second)
+          return refused("two materials lie on the same side of the edge from " + text_of(a));
+        edges.insert(std::minmax(p, q));
+        for (const LatticePoint& end : {a, b}) {
+          if (!vertex.contains({end.x, end.y})) vertex[{end.x, end.y}] = cdt.insert(point_of(end));
+        }
+      }
+    }
+  }
+  try {
+    for (const auto& [edge, material] : material_left_of) {
+      const auto at = [&vertex](const Point& p) {
+        return vertex.at({static_cast<std::int64_t>(p.x()), static_cast<std::int64_t>(p.y())});
+      };
+      cdt.insert_constraint(at(edge.first), at(edge.second));
+    }
+  } catch (const Cdt::Intersection_of_constraints_exception&) {
+    return refused("the outlines of two materials cross");
+  }
+  const auto constrained =
+      std::count_if(cdt.finite_edges_begin(), cdt.finite_edges_end(),
+                    [&cdt](const Cdt::Edge& e) { return cdt.is_constrained(e); });
+  if (static_cast<std::size_t>(constrained) != edges.size())
+    return refused("the outlines of its materials have " + std::to_string(edges.size()) +
+                   " edges together, of which CGAL makes " + std::to_string(constrained));
+  // What lies on the left of an edge, if its outline has it in that direction, or else none. It
+  // must be the same on all edges round a region without edges inside.
+  constexpr int kNone = -1, kUnknown = -2;
+  for (const Cdt::Face_handle f : cdt.all_face_handles())
+    f->info() = kUnknown;
+  for (const Cdt::Face_handle start : cdt.all_face_handles()) {
+    if (start->info() != kUnknown) continue;
+    int here = cdt.is_infinite(start) ? kNone : kUnknown;
+    std::vector<Cdt::Face_handle> region{start};
+    start->info() = kNone;
+    for (std::size_t at = 0; at < region.size(); ++at) {
+      const Cdt::Face_handle f = region[at];
+      for (int k = 0; k < 3; ++k) {
+        if (!cdt.is_constrained({f, k})) {
+          const Cdt::Face_handle next = f->neighbor(k);
+          if (next->info() != kUnknown) continue;
+          next->info() = kNone;
+          region.push_back(next);
+          continue;
+        }
+        const Point a = f->vertex(Cdt::ccw(k))->point(), b = f->vertex(Cdt::cw(k))->point();
+        const auto found = material_left_of.find({a, b});
+        const int left = found == material_left_of.end() ? kNone : found->second;
+        if (here != kUnknown && here != left)
+          return refused("two materials overlap, or one is not closed, near (" +
+                         std::to_string(static_cast<std::int64_t>(a.x())) + ", " +
+                         std::to_string(static_cast<std::int64_t>(a.y())) + ")");
+        here = left;
+      }
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<void> confirm_by_cgal(const Asset& asset, const std::string& name) {
@@ -222,6 +295,13 @@ Result<void> confirm_by_cgal(const Asset& asset, const std::string& name) {
       return refused(name + ", slice " + std::to_string(slice.index) +
                      ": CGAL does not confirm it: " + ok.error().message);
     }
+  }
+  for (std::size_t i = 0; i < asset.slices.size(); i += materials_of_slice(asset, i).size()) {
+    const auto materials = materials_of_slice(asset, i);
+    if (materials.size() < 2) continue;
+    if (auto ok = confirm_together(materials); !ok)
+      return refused(name + ", slice " + std::to_string(asset.slices[i].index) +
+                     ": CGAL does not confirm it: " + ok.error().message);
   }
   for (const AssetSurface& one : asset.surfaces) {
     const std::vector<std::size_t> bad = self_intersecting_triangles(one.surface);

@@ -20,6 +20,8 @@ namespace trocar::pipeline {
 ///    every vertex;
 ///  - they are CGAL's triangles, or differ from them only where four and more vertices lie on one
 ///    circle, so that there are several constrained Delaunay triangulations.
+/// Of the materials of a slice: their outlines neither cross nor overlap, and every region between
+/// them belongs to one material or to none, whichever of its edges is asked.
 /// A surface for display has no self-intersection (surface_proof.h); that it is closed and manifold
 /// verify_asset() has proved before.
 /// Coordinates are integers of the lattice, so nothing is rounded. Errors (refused).

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
+#include "formats/asset/one_sheet.h"
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
@@ -201,7 +202,7 @@ Result<Loaded> load(const Arguments& arguments) {
   std::vector<int> slice_indices;
   for (const SceneSlice& slice : loaded.scene.slices)
     slice_indices.push_back(slice.index);
-  const Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(slice_indices));
+  Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(slice_indices));
   if (!part) {
     std::error_code ignored;
     const bool is_elsewhere =
@@ -210,7 +211,9 @@ Result<Loaded> load(const Arguments& arguments) {
         part.error().code,
         part.error().message + (is_elsewhere ? " (the scene's asset; --asset names another)" : "")};
   }
-  auto sheets = place_slices(loaded.scene, part->asset, loaded.scene.asset.string());
+  const std::string asset = loaded.scene.asset.string();
+  if (const auto ok = weld_materials(part->asset, asset); !ok) return ok.error();
+  auto sheets = place_slices(loaded.scene, part->asset, asset);
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
   loaded.tissues = choose_tissues(loaded.scene, part->asset);

@@ -151,8 +151,15 @@ Result<AssetPart> read_asset_part(const std::filesystem::path& file,
 Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std::string& name,
                                     std::vector<int> slice_indices);
 
-/// Proves the invariants of every slice (mesh_validity.h) and surface (triangle_surface.h), or
-/// names it and the place.
+/// The entries of the slice whose first one is `asset.slices[first]`: one for each of its
+/// materials.
+std::span<const AssetSlice> materials_of_slice(const Asset& asset, std::size_t first);
+/// Each counted once, whatever its materials.
+std::size_t slice_count(const Asset& asset);
+
+/// Proves the invariants of every mesh (mesh_validity.h) and surface (triangle_surface.h), and that
+/// the materials of a slice do not overlap and share their borders (check_shared_borders() of
+/// shared_borders.h), or names it and the place.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
 
 }  // namespace trocar

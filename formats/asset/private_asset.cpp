@@ -89,6 +89,8 @@ const std::map<std::string, Allowed>& allowed_places() {
                       "/nodes/[]/translation",
                       "/extras/trocar/materials",
                       "/extras/trocar/parameters/labels",
+                      "/extras/trocar/parameters/joined_labels",
+                      "/extras/trocar/parameters/joined_labels/[]",
                       "/extras/trocar/parameters/slices",
                       "/extras/trocar/parameters/crop",
                       "/extras/trocar/parameters/spacing_mm",
@@ -137,8 +139,8 @@ const std::map<std::string, Allowed>& allowed_places() {
          "/extras/trocar/materials/[]/label"});
     for (const char* number :
          {"tolerance_mm", "min_angle_deg", "min_region_mm2", "lattice_bits", "max_area_mm2",
-          "max_area_px2", "threshold", "equalize", "labels/[]", "slices/[]", "crop/[]",
-          "spacing_mm/[]", "close_mm", "min_volume_mm3", "largest", "surface_triangles",
+          "max_area_px2", "threshold", "equalize", "labels/[]", "joined_labels/[]/[]", "slices/[]",
+          "crop/[]", "spacing_mm/[]", "close_mm", "min_volume_mm3", "largest", "surface_triangles",
           "seeds_lps_mm/[]/[]", "mask_labels/[]"})
       out[std::string("/extras/trocar/parameters/") + number] = {};
     add(Kind::kFlag, {"/materials/[]/doubleSided", "/extras/trocar/parameters/values_are_hu"});

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "formats/base/result.h"
 #include "pipeline/contour/segmentation.h"
 
 namespace trocar::pipeline {
@@ -28,6 +29,16 @@ struct MaterialImage {
 /// A pixel belongs to the first of the materials that has its label; a label is a whole number.
 /// At most kMostMaterials. O(pixels).
 MaterialImage material_image(const Image& labels, std::span<const Labels> materials);
+
+/// The materials of a label map (Labels::joined) that occur in an image.
+struct FoundMaterials {
+  MaterialImage image;
+  /// By material, ascending: the smallest of its labels, whether or not this one occurs. It names
+  /// the material in every slice.
+  std::vector<int> first_labels;
+};
+/// Refused if there are more than kMostMaterials. O(pixels + m log m) for m materials.
+Result<FoundMaterials> found_materials(const Image& labels, const Labels& wanted);
 
 /// Which diagonal of a cell of four pixels a, b, c, d, counter-clockwise, is connected, if all
 /// neighbours differ.

@@ -61,7 +61,7 @@ Field segment(Image image, PixelUnit unit, const Segmentation& how) {
     equalize(field.image, unit);
     field.iso = static_cast<float>(paper->level);
   } else {
-    const auto& [labels, all] = std::get<Labels>(how);
+    const auto& [labels, all, joined] = std::get<Labels>(how);
     float last = 0;
     for (float& v : field.image.values) {
       const float nearest = std::rint(v);

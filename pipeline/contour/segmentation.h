@@ -5,6 +5,7 @@
 #include <optional>
 #include <set>
 #include <variant>
+#include <vector>
 
 #include "pipeline/read/slice_stack.h"
 
@@ -22,7 +23,14 @@ struct Equalize {
 struct Labels {
   std::set<int> labels;
   bool all = false;  ///< every label but 0, whatever `labels` is
+  /// Disjoint sets of labels that are one material each. Every other label is a material by itself.
+  std::vector<std::set<int>> joined = {};
 };
+/// Are these several materials? With `all` that depends on the label map: no.
+inline bool are_several(const Labels& labels) {
+  return !labels.all && labels.labels.size() > 1 &&
+         !(labels.joined.size() == 1 && labels.joined[0] == labels.labels);
+}
 using Segmentation = std::variant<Threshold, Equalize, Labels>;
 
 /// Material is where field >= iso.

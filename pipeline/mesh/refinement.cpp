@@ -660,14 +660,9 @@ Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
   thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{
-        angle_deg,
-        options.max_area_mm2,
-        std::min(max_vertices, kMostVertices),
-        options.keep_area,
-        options.shared_borders,
-        options.farthest_steps,
-        options.area_mm2_at,
-        options.least_area_mm2};
+        angle_deg,           options.max_area_mm2,   std::min(max_vertices, kMostVertices),
+        options.keep_area,   options.shared_borders, options.farthest_steps,
+        options.area_mm2_at, options.least_area_mm2};
     return Refiner(from, lattice, attempt, memory).run();
   };
   const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);

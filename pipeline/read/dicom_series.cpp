@@ -316,13 +316,17 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
     std::set<std::string> studies = {out.info.study_uid};
     for (const DicomSeries* s : others)
       studies.insert(s->info.study_uid);
-    warnings.push_back({"other_series", where,
-                        "series " + series_name(out.info) + " was taken (" + chosen.why + ", " +
-                            plural(out.slices.size(), "slice") + "); left out: " + named(others) +
-                            (studies.size() == 1
-                                 ? ""
-                                 : "; they are of " + std::to_string(studies.size()) + " studies") +
-                            "; choose with --series"});
+    const auto said = [&](const std::string& name, const std::string& left_out) {
+      return "series " + name + " was taken (" + chosen.why + ", " +
+             plural(out.slices.size(), "slice") + "); left out: " + left_out +
+             (studies.size() == 1
+                  ? ""
+                  : "; they are of " + std::to_string(studies.size()) + " studies") +
+             "; choose with --series";
+    };
+    warnings.push_back({"other_series", where, said(series_name(out.info), named(others)),
+                        said(out.info.number ? std::to_string(*out.info.number) : "without number",
+                             std::to_string(others.size()) + " series")});
   }
   if (out.unusable > 0) {
     return refused(out.problem +

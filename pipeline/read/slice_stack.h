@@ -31,6 +31,7 @@ struct Warning {
   std::string code;   ///< stable, for scripts
   std::string where;  ///< files or slices
   std::string sentence;
+  std::string shared = {};  ///< for reports, where the sentence could tell whose scan it is
 };
 
 /// What a DICOM series says of itself, in UTF-8; empty where it says nothing.

@@ -89,7 +89,7 @@ struct Counts {
   double min_angle_deg = 180, simplification_error_mm = 0;
   bool out_of_vertices = false;
 
-  void add(const MeshedSlice& m) {
+  void add(const MeshedMaterial& m) {
     rings += m.contours.rings.size();
     for (const Ring& ring : m.contours.rings)
       contour_vertices += ring.size();
@@ -161,13 +161,14 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
       if (!meshed) return meshed.error();
       times[static_cast<std::size_t>(k)].push_back(meshed->times);
       if (i + 1 < repetitions) continue;
+      MeshedMaterial& only = meshed->materials[0];
       // Sampled eight times a pixel.
-      add_errors(as_section(meshed->outline, options->lattice), scan.truths[k], scan.pixel_mm / 8,
+      add_errors(as_section(only.outline, options->lattice), scan.truths[k], scan.pixel_mm / 8,
                  errors);
-      counts.add(*meshed);
+      counts.add(only);
       const SlicePlane& plane = scan.stack.plane(k);
-      asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(meshed->outline),
-                              std::move(meshed->refined.mesh)});
+      asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(only.outline),
+                              std::move(only.refined.mesh)});
     }
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");

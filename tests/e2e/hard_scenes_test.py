@@ -58,8 +58,10 @@ class Bench:
 
     def session(self, name, *options):
         """In virtual time. A fault of the safety layer (exit 5) is a result; anything but that and 0 ends the test."""
+        # 16 % of the tool of rim_stack lie over this outline; another simplification moves it by up to 0.2 mm.
+        asset = self.asset.with_name("sample_dp.glb") if name == "rim_stack" else self.asset
         record, summary = self.work / f"{name}.csv", self.work / f"{name}.json"
-        command = [self.programs / "trocar-run", self.scenes / f"{name}.json", "--asset", self.asset, "--clock", "virtual",
+        command = [self.programs / "trocar-run", self.scenes / f"{name}.json", "--asset", asset, "--clock", "virtual",
                    "--record", record, "--summary", summary, "--quiet", *options]
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
         if done.returncode not in (0, 5):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """make_assets.py BIN SCAN OUT: the scans' assets with trocar-mesh's defaults, for tests that need
-real slices: OUT/sample.glb from the folder SCAN (trocar-sample-ct's), OUT/l3.glb and OUT/head.glb
-if TROCAR_REAL_CT and TROCAR_HEAD_CT give their scans."""
+real slices: OUT/sample.glb from the folder SCAN (trocar-sample-ct's), OUT/sample_dp.glb by Douglas-Peucker at 0.25 mm,
+OUT/l3.glb and OUT/head.glb if TROCAR_REAL_CT and TROCAR_HEAD_CT give their scans."""
 import os
 import pathlib
 import sys
@@ -24,6 +24,7 @@ def main():
             print(f"{asset}: {asset.stat().st_size} bytes")
         elif asset.exists():
             asset.unlink()  # its scan is no longer available
+    run(programs / "trocar-mesh", scans["sample"], "-o", out / "sample_dp.glb", "--simplify", "dp", "--tolerance", "0.25", "--quiet")
 
 
 if __name__ == "__main__":

@@ -450,6 +450,8 @@ def main():
     check(made[0] == made[1], "an asset beside its slices changes the result")
 
     # An invalid asset is not exported: the first two points of an outline are swapped.
+    run(mesh, *slices, "-o", work / "lines.glb", *grey, "--lines")
+    asset = (work / "lines.glb").read_bytes()
     broken = bytearray(asset)
     length = int.from_bytes(asset[12:16], "little")
     gltf = json.loads(asset[20:20 + length])

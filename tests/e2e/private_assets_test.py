@@ -112,6 +112,19 @@ def main():
     check(done.stdout.strip().endswith("valid, 5 slices, private"), done.stdout)
     check(json.loads(run(mesh, "verify", "--private", "--json", file).stdout)["private"] is True, "--json")
 
+    # Of two series, the warning says which was taken, on the screen by name and in the report by number.
+    both = work / "both"
+    both.mkdir()
+    for folder in ("a", "b"):
+        shutil.copytree(work / folder, both / folder)
+    out, said_of_both = work / "both.glb", run(mesh, both, "-o", work / "both.glb", "--report", work / "both.json").stderr
+    check("(other_series)" in said_of_both and first["SeriesDescription"] in said_of_both, said_of_both)
+    sentence = next(w["sentence"] for w in json.loads((work / "both.json").read_bytes())["warnings"] if w["code"] == "other_series")
+    check(" was taken (" in sentence and "left out: 1 series" in sentence, sentence)
+    for name, value in (*first.items(), *second.items()):
+        token = value.split("^")[0].encode()
+        check(len(token) < 5 or token not in out.read_bytes() + (work / "both.json").read_bytes(), f"{name} {value!r} of two series")
+
     # Of schema 1, with a digest.
     old = pathlib.Path(__file__).resolve().parents[1] / "corpus" / "glb" / "indexed.glb"
     done = run(mesh, "verify", "--private", file, old, expect=3)

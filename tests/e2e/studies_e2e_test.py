@@ -4,6 +4,7 @@ files. What trocar-mesh takes from them and says of it, `trocar-mesh list`, --se
 import json
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -60,7 +61,8 @@ class Studies:
         check(len(said) == len({line.split(")")[0] for line in said}), f"two lines of a kind: {said}")
         made = json.loads(report.read_bytes()) if report.exists() else {"warnings": [], "input": {}}
         check(str(self.work) not in json.dumps(made), f"{words}: a path in the report: {made['warnings']}")
-        return {w["code"]: w["where"] + ": " + w["sentence"] for w in made["warnings"]}, made["input"].get("series")
+        codes = (re.search(r"warning \((\w+)\): (.*)", line) for line in said)
+        return {found[1]: found[2] for found in codes if found}, made["input"].get("series")
 
     def list(self, folder, expect=0):
         """The scans that `list --json` names, by number or path, and those that it marks."""
@@ -170,7 +172,7 @@ def chooses(s):
     line = said.get("other_series", "")
     for text in ("series 4 'Bone H60s'", "lowest number of the 2 CT series", "9 slices", "5 'Soft H30s'", "7 'Thick'", "--series"):
         check(text in line, f"equals: {line!r} lacks {text!r}")
-    check(taken == {"uid": "1.2.826.0.1.3680043.10.77.4", "number": 4, "description": "Bone H60s", "kernel": "H60s", "modality": "CT"},
+    check(taken == {"number": 4, "kernel": "H60s", "modality": "CT"},
           f"the report names {taken}")
     (study / "c" / "IM000099").write_bytes(b"")
     s.series(study / "d", 3, "Thin", range(SLICES), lambda ds, k: setattr(ds, "Modality", "MR"))
@@ -257,7 +259,7 @@ def lists(s):
     for folder in ("several", "two"):  # of chooses()
         _, taken = s.warnings(s.work / folder)
         made = s.list(s.work / folder)[1]["scans"]
-        check([scan["uid"] for scan in made if scan["taken"]] == [(taken or {}).get("uid")], f"{folder}: {taken}")
+        check([scan["number"] for scan in made if scan["taken"]] == [(taken or {}).get("number")], f"{folder}: {taken}")
     # A file; nothing usable.
     check(s.list(s.scan / "sample.nii.gz")[0].get("sample.nii.gz", {}).get("slices") == SLICES, "a file cannot be listed")
     s.refuses(3, ("litter", "no DICOM images"), "list", s.work / "litter")

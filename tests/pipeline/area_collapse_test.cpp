@@ -206,7 +206,7 @@ class Scans : public testing::Test {
     for (int k = every / 2; k < stack.size(); k += every) {
       const auto meshed = mesh_slice(stack, k, options);
       ASSERT_TRUE(meshed) << meshed.error().message;
-      visit(name + " slice " + std::to_string(k), *meshed);
+      visit(name + " slice " + std::to_string(k), meshed->materials[0]);
       if (HasFatalFailure()) return;
     }
   }
@@ -216,7 +216,7 @@ TEST_F(Scans, KeepTheirAreasAndTheToleranceAsStored) {
   MeshOptions options;
   double worst_slice = 0, worst_ring = 0, worst_mm = 0;
   std::size_t rings = 0;
-  for_slices(1000, options, [&](const std::string& what, const MeshedSlice& slice) {
+  for_slices(1000, options, [&](const std::string& what, const MeshedMaterial& slice) {
     const Pslg stored = refined_rings(slice.refined, slice.pslg);
     EXPECT_EQ(doubled_area(stored), doubled_area(slice.refined.mesh)) << what;
     EXPECT_LE(slice.simplification_error_mm, options.simplification.tolerance_mm) << what;
@@ -252,7 +252,7 @@ TEST_F(Scans, HaveFewerVerticesThatAreNearerThanDouglasPeuckers) {
     Distances distances;
   };
   std::map<std::pair<std::string, double>, std::array<Method, 2>> found;
-  for_slices(4, {}, [&](const std::string& what, const MeshedSlice& slice) {
+  for_slices(4, {}, [&](const std::string& what, const MeshedMaterial& slice) {
     const std::string scan = what.substr(0, what.find(" slice"));
     for (const double tolerance_mm : kTolerances_mm) {
       for (const auto method :

@@ -365,7 +365,7 @@ TEST(HuField, UnbiasedOnL3) {
     const auto hu = (*stack)->read(k);
     const SlicePlane& plane = (*stack)->plane(k);
     const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kLattice};
-    expect_unbiased(slice->refined.mesh, *hu, grid);
+    expect_unbiased(slice->materials[0].refined.mesh, *hu, grid);
   }
 }
 

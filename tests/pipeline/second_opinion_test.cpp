@@ -226,11 +226,10 @@ TEST(SecondOpinion, FindsASurfaceThatIntersectsItself) {
       one.surface.vertices.insert(
           one.surface.vertices.end(),
           {{by, by, by}, {10 + by, by, by}, {by, 10 + by, by}, {by, by, 10 + by}});
-      one.surface.triangles.insert(one.surface.triangles.end(),
-                                   {{first, first + 2, first + 1},
-                                    {first, first + 1, first + 3},
-                                    {first + 1, first + 2, first + 3},
-                                    {first, first + 3, first + 2}});
+      one.surface.triangles.insert(one.surface.triangles.end(), {{first, first + 2, first + 1},
+                                                                 {first, first + 1, first + 3},
+                                                                 {first + 1, first + 2, first + 3},
+                                                                 {first, first + 3, first + 2}});
     }
     Asset asset;
     asset.surfaces = {one};

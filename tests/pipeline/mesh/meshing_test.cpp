@@ -223,8 +223,9 @@ TEST(Refinement, EndsOnScans) {
       MeshOptions options;
       options.refinement.min_angle_deg = angle;
       for (int k = 0; k < (*stack)->size(); ++k) {
-        const auto slice = mesh_slice(**stack, k, options);
-        ASSERT_TRUE(slice) << slice.error().message;
+        const auto meshed = mesh_slice(**stack, k, options);
+        ASSERT_TRUE(meshed) << meshed.error().message;
+        const MeshedMaterial* const slice = &meshed->materials[0];
         EXPECT_EQ(slice->refined.outcome, RefinementOutcome::kRefined) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.negative_stiffness_edges, 0U) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.below_unexplained, 0U) << scan << " slice " << k;

@@ -12,7 +12,8 @@ import sys
 import nibabel
 import numpy as np
 
-N, BLOCK, BONE = (40, 32, 12), (slice(8, 30), slice(6, 26), slice(2, 9)), 500
+N, BLOCK = (40, 32, 12), (slice(8, 30), slice(6, 26), slice(2, 9))
+BONE, AIR = 500, -200  # half-way is above the skin: no warning of a face
 VOXELS = 22 * 20 * 7
 failures = []
 
@@ -25,7 +26,7 @@ def check(ok, what):
 
 def volume(file, columns, pixdim, codes=(1, 0), kind=nibabel.Nifti1Image):
     """A block of bone; the columns of its affine and its pixdim are given apart. `codes` are those of sform and qform."""
-    data = np.full(N, -1000, np.int16)
+    data = np.full(N, AIR, np.int16)
     data[BLOCK] = BONE
     affine = np.eye(4)
     affine[:3, :3] = np.array(columns, float).T
@@ -54,7 +55,7 @@ class Trial:
     def run(self, file, *words):
         report = self.work / "out.json"
         report.unlink(missing_ok=True)
-        done = subprocess.run([self.mesh, file, "-o", self.work / "out.glb", "--report", report, "--threshold", "-250", *words], stdout=subprocess.PIPE,
+        done = subprocess.run([self.mesh, file, "-o", self.work / "out.glb", "--report", report, "--threshold", str((AIR + BONE) / 2), *words], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, check=False, timeout=60)
         return done.returncode, done.stderr, json.loads(report.read_bytes()) if report.exists() else None
 

@@ -49,7 +49,7 @@ Pslg before_refinement(const Pslg& pslg) {
                          c = ring[(i + 1) % ring.size()];
       const double off = std::abs(static_cast<double>(orient2d(a, b, c))) /
                          std::sqrt(static_cast<double>(std::max<std::int64_t>(1, distance2(a, c))));
-      if (off > 2) kept.push_back(b);
+      if (off > 3) kept.push_back(b);
     }
     if (kept.size() >= 3) out.rings.push_back(std::move(kept));
   }

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/asset/one_sheet.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+
+#include "formats/base/json_text.h"
+#include "formats/geometry/shared_borders.h"
+#include "formats/geometry/weld_regions.h"
+
+namespace trocar {
+namespace {
+
+std::vector<float> mean_of_welded(std::span<const AssetSlice> materials,
+                                  const WeldedRegions& welded) {
+  std::vector<double> sum(welded.mesh.vertices.size());
+  std::vector<int> count(sum.size());
+  for (std::size_t k = 0; k < materials.size(); ++k) {
+    if (materials[k].hu.size() != materials[k].mesh.vertices.size()) return {};
+    for (std::size_t v = 0; v < materials[k].hu.size(); ++v) {
+      sum[welded.vertex[k][v]] += static_cast<double>(materials[k].hu[v]);
+      ++count[welded.vertex[k][v]];
+    }
+  }
+  std::vector<float> out;
+  for (std::size_t v = 0; v < sum.size(); ++v)
+    out.push_back(static_cast<float>(sum[v] / count[v]));
+  return out;
+}
+
+std::optional<double> mean_by_area(std::span<const AssetSlice> materials) {
+  double sum = 0, area = 0;
+  for (const AssetSlice& one : materials) {
+    const std::optional<double> mean = mean_hu_of(one);
+    if (!mean) return std::nullopt;
+    const auto weight = static_cast<double>(doubled_area(one.mesh));
+    sum += weight * *mean;
+    area += weight;
+  }
+  return area > 0 ? std::optional(sum / area) : std::nullopt;
+}
+
+Result<AssetSlice> welded(std::span<const AssetSlice> materials) {
+  std::vector<Pslg> outlines;
+  std::vector<const SliceMesh*> meshes;
+  for (const AssetSlice& one : materials) {
+    if (one.T_lps_plane.matrix() != materials[0].T_lps_plane.matrix() ||
+        one.z_mm != materials[0].z_mm)
+      return refused("its materials lie in different planes");
+    outlines.push_back(one.pslg);
+    meshes.push_back(&one.mesh);
+  }
+  auto outline = check_shared_borders(outlines, outlines);
+  if (!outline) return refused("its materials: " + outline.error().message);
+  auto made = weld_regions(meshes);
+  if (!made) return made.error();
+  AssetSlice out;
+  out.index = materials[0].index;
+  out.z_mm = materials[0].z_mm;
+  out.T_lps_plane = materials[0].T_lps_plane;
+  out.pslg = std::move(*outline);
+  out.hu = mean_of_welded(materials, *made);
+  if (const auto mean = mean_by_area(materials); out.hu.empty() && mean)
+    out.measures_json = json_text(nlohmann::json{{"mean_hu", *mean}});
+  out.mesh = std::move(made->mesh);
+  return out;
+}
+
+}  // namespace
+
+Result<void> weld_materials(Asset& asset, const std::string& name) {
+  if (slice_count(asset) == asset.slices.size()) return {};
+  std::vector<AssetSlice> slices;
+  for (std::size_t i = 0; i < asset.slices.size();) {
+    const std::size_t count = materials_of_slice(asset, i).size();
+    if (count == 1) {
+      slices.push_back(std::move(asset.slices[i]));
+    } else {
+      auto one = welded(materials_of_slice(asset, i));
+      if (!one)
+        return refused(name + ": slice " + std::to_string(asset.slices[i].index) + ": " +
+                       one.error().message);
+      slices.push_back(std::move(*one));
+    }
+    slices.back().material = 0;
+    i += count;
+  }
+  asset.slices = std::move(slices);
+  asset.materials = {{"material", {}}};
+  return {};
+}
+
+}  // namespace trocar

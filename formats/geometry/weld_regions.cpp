@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/geometry/weld_regions.h"
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+#include <utility>
+
+namespace trocar {
+namespace {
+
+constexpr std::uint32_t kNone = 0xffffffff;
+
+// A boundary edge; vertices are numbered through all regions.
+struct Edge {
+  LatticePoint from, to;
+  std::uint32_t first, second;
+  std::size_t region;
+  std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
+};
+
+Result<void> add_boundary(const SliceMesh& mesh, std::size_t region, std::uint32_t first,
+                          std::vector<Edge>& out) {
+  using Pair = std::pair<std::uint32_t, std::uint32_t>;
+  std::vector<Pair> edges;
+  edges.reserve(3 * mesh.triangles.size());
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (t[i] >= mesh.vertices.size()) return refused("a triangle has a vertex that is not there");
+      edges.emplace_back(t[i], t[(i + 1) % 3]);
+    }
+  }
+  std::sort(edges.begin(), edges.end());
+  for (const auto& [a, b] : edges) {
+    if (!std::binary_search(edges.begin(), edges.end(), Pair{b, a}))
+      out.push_back({mesh.vertices[a], mesh.vertices[b], first + a, first + b, region});
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions) {
+  std::vector<Edge> edges;
+  std::uint32_t vertices = 0;
+  for (std::size_t k = 0; k < regions.size(); ++k) {
+    if (auto ok = add_boundary(*regions[k], k, vertices, edges); !ok) return ok.error();
+    vertices += static_cast<std::uint32_t>(regions[k]->vertices.size());
+  }
+  std::sort(edges.begin(), edges.end(),
+            [](const Edge& e, const Edge& f) { return e.ends() < f.ends(); });
+  std::vector<std::uint32_t> parent(vertices);
+  std::iota(parent.begin(), parent.end(), 0U);
+  const auto root = [&parent](std::uint32_t v) {
+    while (parent[v] != v)
+      v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  const auto unite = [&](std::uint32_t v, std::uint32_t w) {
+    const std::uint32_t a = root(v), b = root(w);
+    parent[std::max(a, b)] = std::min(a, b);
+  };
+  for (std::size_t i = 0; i < edges.size(); ++i) {
+    const Edge& edge = edges[i];
+    if (i > 0 && edges[i - 1].ends() == edge.ends())
+      return refused("two meshes lie on the same side of an edge at lattice point (" +
+                     std::to_string(edge.from.x) + ", " + std::to_string(edge.from.y) + ")");
+    const auto twin =
+        std::lower_bound(edges.begin(), edges.end(), std::pair{edge.to, edge.from},
+                         [](const Edge& e, const auto& ends) { return e.ends() < ends; });
+    if (twin == edges.end() || twin->ends() != std::pair{edge.to, edge.from} ||
+        twin->region == edge.region)
+      continue;
+    unite(edge.first, twin->second);
+    unite(edge.second, twin->first);
+  }
+
+  // A root is the first of its vertices.
+  WeldedRegions out;
+  std::vector<std::uint32_t> number(vertices, kNone);
+  std::uint32_t first = 0;
+  for (const SliceMesh* const region : regions) {
+    std::vector<std::uint32_t>& vertex = out.vertex.emplace_back();
+    for (std::uint32_t v = 0; v < region->vertices.size(); ++v) {
+      std::uint32_t& place = number[root(first + v)];
+      if (place == kNone) {
+        place = static_cast<std::uint32_t>(out.mesh.vertices.size());
+        out.mesh.vertices.push_back(region->vertices[v]);
+      }
+      vertex.push_back(place);
+    }
+    for (const Triangle& t : region->triangles)
+      out.mesh.triangles.push_back({vertex[t[0]], vertex[t[1]], vertex[t[2]]});
+    first += static_cast<std::uint32_t>(region->vertices.size());
+  }
+  return out;
+}
+
+}  // namespace trocar
