@@ -193,7 +193,9 @@ void add_solid_options(CLI::App& app, Arguments& a) {
 void add_surface_options(CLI::App& app, Arguments& a) {
   app.add_flag("--surface", a.surface, "add a closed surface to look at; see export --surface");
   a.surface_triangles_given =
-      app.add_option("--surface-triangles", a.surface_triangles, "of the surface, at most")
+      app.add_option("--surface-triangles", a.surface_triangles,
+                     "of the surface, at most; the default is exceeded where the distance to the "
+                     "material needs it")
           ->capture_default_str()
           ->check(CLI::Range(100, 5'000'000));
 }
@@ -274,6 +276,8 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
 void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb)");
   app.add_flag("--lines", a.lines, "also store the outlines as lines, for viewers");
+  app.add_flag("--colour", a.colour,
+               "also store HU as colours, -200 dark to 1848 light, for viewers");
   app.add_option("--input-key", a.input_key,
                  "a file of 16 to 64 bytes: store the input's digest with this key");
   app.add_option("--report", a.report, "what was done, as JSON");
@@ -339,7 +343,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
     return usage("--fill fills one material: join the labels with +, as --labels 20+21");
   out.solid = std::move(*solid);
   if (a.surface) {
-    out.surface = SurfaceOptions{a.surface_triangles};
+    out.surface = SurfaceOptions{a.surface_triangles, a.surface_triangles_given->count() > 0};
   } else if (a.surface_triangles_given->count() > 0) {
     return usage("--surface-triangles needs --surface");
   }
@@ -349,6 +353,8 @@ Result<BatchOptions> batch_options(const Arguments& a) {
   out.mesh.grade_hu = a.grade_hu;
   out.threads = a.jobs;
   out.lines = a.lines;
+  if (a.colour && a.no_hu) return usage("--colour shows the HU that --no-hu leaves out");
+  out.colours = a.colour;
   if (!a.input_key.empty()) {
     auto key = read_file(a.input_key, kMostKeyBytes);
     if (!key) return key.error();

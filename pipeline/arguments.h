@@ -25,7 +25,7 @@ struct Arguments {
   int lattice_bits = 8, jobs = 0, dump_slice = -1, largest = 0, count = 12,
       surface_triangles = 50'000;
   bool any_modality = false, quiet = false, explain = false, no_hu = false, lines = false,
-       surface = false;
+       colour = false, surface = false;
   CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
               *contour_given = nullptr, *area_given = nullptr, *area_px_given = nullptr,
               *axis_given = nullptr, *dump_slice_given = nullptr,

@@ -27,6 +27,7 @@ struct BatchOptions {
   int threads = 0;                            ///< 0: all cores
   std::vector<std::uint8_t> input_key;        ///< of the input's digest; empty: no digest
   bool lines = false;                         ///< Asset::lines
+  bool colours = false;                       ///< Asset::colours
   std::optional<int> dump_slice;              ///< keep this slice's stages for pictures
   std::function<void(int done, int total)> progress;  ///< called from any thread, one at a time
   const std::atomic<bool>* stop = nullptr;            ///< set from a signal handler: stop early
@@ -41,7 +42,7 @@ struct BatchResult {
   nlohmann::json stages;  ///< of dump_slice, or null
 };
 
-/// Errors (usage): slices or crop outside the stack.
+/// Errors (usage): slices or crop outside the stack, colours without HU.
 Result<void> check_ranges(const SliceStack& stack, const BatchOptions& options);
 
 /// The same stack and options give the same glb, with any number of threads. Errors: those of

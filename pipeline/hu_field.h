@@ -19,10 +19,6 @@
 
 namespace trocar::pipeline {
 
-/// What an asset stores lies within kHuLow and this (draco_mesh.h): pixels beyond count as the
-/// nearer bound, and vertices are bounded. The fit goes beyond its pixels where they differ much.
-inline constexpr int kHuHigh = kHuLow + ((1 << kHuBits) - 1) * kHuStep;
-
 struct HuFieldOptions {
   /// Of the formula above. 0.01 adds less than 4 % to the error of 0.001 (of L3, whose pixels are
   /// as few as its vertices; of other scans less than 0.1 %).

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The asset: one .glb for a scan, one mesh and node for each material of each slice. Triangles, and
+// The asset: one .glb for a scan, one primitive for each material of each slice. Triangles, and
 // the HU at their vertices, are compressed by Draco; everything else is in the JSON. Lattice
 // coordinates are stored without loss, and once: the outline is the boundary of the mesh. An index
 // at the start of the binary chunk (asset_index.h) lets a reader take some slices without the rest.
@@ -69,6 +69,7 @@ struct Asset {
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
   bool lines = false;         ///< does the file hold the outlines as lines, for viewers?
+  bool colours = false;       ///< does it hold the HU as colours of the vertices, for viewers?
   int schema = kAssetSchema;  ///< of the file that it was read from
 };
 
@@ -110,7 +111,7 @@ struct EncodedSlice {
   std::size_t vertices = 0, triangles = 0;
   LatticeBox bounds;  ///< of the vertices
   int material = 0;
-  bool has_hu = false;
+  bool has_hu = false, has_colours = false;
   std::size_t draco_z_at = 0;  ///< of the vertices' z in `draco`, which is 0 so far
 };
 /// Fails (bug) if the slice is not valid or not within the grid's box.

@@ -182,7 +182,7 @@ Result<Box> box_of(const tinygltf::Accessor& position, int bits) {
 // the checksum.
 struct Stated {
   SliceRecord record;
-  bool has_hu = false, has_lines = false;
+  bool has_hu = false, has_colours = false, has_lines = false;
   std::int32_t z = 0;  ///< of the vertices, steps
 };
 
@@ -199,10 +199,19 @@ Result<void> state_hu(const tinygltf::Model& model, const tinygltf::Primitive& p
   stated.has_hu = attribute != primitive.attributes.end();
   if (!stated.has_hu) return {};
   const tinygltf::Accessor* hu = accessor_at(model, attribute->second);
-  if (hu == nullptr || hu->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT ||
+  if (hu == nullptr || hu->componentType != TINYGLTF_COMPONENT_TYPE_SHORT ||
       hu->type != TINYGLTF_TYPE_SCALAR || hu->count != stated.record.vertices ||
       id(kHuAttribute) != static_cast<int>(kDracoHuId)) {
     return refused("HU that are not one for each vertex");
+  }
+  const auto colour = primitive.attributes.find(kColourAttribute);
+  stated.has_colours = colour != primitive.attributes.end();
+  if (!stated.has_colours) return {};
+  const tinygltf::Accessor* rgb = accessor_at(model, colour->second);
+  if (rgb == nullptr || rgb->componentType != TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE ||
+      rgb->type != TINYGLTF_TYPE_VEC3 || !rgb->normalized || rgb->count != stated.record.vertices ||
+      id(kColourAttribute) != static_cast<int>(kDracoColourId)) {
+    return refused("colours that are not one for each vertex");
   }
   return {};
 }
@@ -272,27 +281,62 @@ Result<void> record_lines(const tinygltf::Model& model, const tinygltf::Primitiv
   return {};
 }
 
-Result<Stated> state_slice(const tinygltf::Model& model, const tinygltf::Node& node, int index,
-                           const Asset& asset) {
-  Stated stated;
-  stated.record.index = index;
-  if (node.mesh < 0) return stated;
+// Of each entry of a node whose first has this index: one without a mesh, else its triangles, which
+// its lines may follow.
+Result<std::vector<Stated>> state_entries(const tinygltf::Model& model, const tinygltf::Node& node,
+                                          int first_index, const Asset& asset) {
+  std::vector<Stated> out(1);
+  out[0].record.index = first_index;
+  if (node.mesh < 0) return out;
+  const auto at = [&out] { return "slice " + std::to_string(out.back().record.index) + ": "; };
   if (static_cast<std::size_t>(node.mesh) >= model.meshes.size()) {
-    return refused("mesh index out of range");
+    return refused(at() + "mesh index out of range");
   }
   const std::vector<tinygltf::Primitive>& primitives =
       model.meshes[static_cast<std::size_t>(node.mesh)].primitives;
-  stated.has_lines = primitives.size() == 2;
-  if (primitives.empty() || primitives.size() > 2 || (asset.schema == 1 && !stated.has_lines) ||
-      primitives[0].mode != TINYGLTF_MODE_TRIANGLES ||
-      (stated.has_lines && primitives[1].mode != TINYGLTF_MODE_LINE)) {
-    return refused("expected one triangles and one lines primitive");
+  const auto has_mode = [&primitives](std::size_t place, int mode) {
+    return place < primitives.size() && primitives[place].mode == mode;
+  };
+  const bool is_right_1 = primitives.size() == 2 && has_mode(1, TINYGLTF_MODE_LINE);
+  if (asset.schema == 1 ? !is_right_1 : primitives.empty())
+    return refused(at() + "expected one triangles and one lines primitive");
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    if (i > 0) {
+      if (out.size() == kMaxNodeEntries ||
+          out.back().record.index == std::numeric_limits<int>::max())
+        return refused(at() + "too many slices in its node");
+      const int next = out.back().record.index + 1;
+      out.emplace_back().record.index = next;
+    }
+    Stated& stated = out.back();
+    if (!has_mode(i, TINYGLTF_MODE_TRIANGLES))
+      return refused(at() + "expected one triangles and one lines primitive");
+    if (auto ok = state_triangles(model, primitives[i], asset, stated); !ok)
+      return refused(at() + ok.error().message);
+    stated.has_lines = has_mode(i + 1, TINYGLTF_MODE_LINE);
+    if (!stated.has_lines) continue;
+    if (auto ok = record_lines(model, primitives[++i], stated.record); !ok)
+      return refused(at() + ok.error().message);
   }
-  if (auto ok = state_triangles(model, primitives[0], asset, stated); !ok) return ok.error();
-  if (stated.has_lines) {
-    if (auto ok = record_lines(model, primitives[1], stated.record); !ok) return ok.error();
+  return out;
+}
+
+// How many entries the nodes have: triangles, and nodes without a mesh.
+std::size_t count_entries(const tinygltf::Model& model, const std::vector<int>& nodes) {
+  std::size_t count = 0;
+  for (const int node : nodes) {
+    const auto at = static_cast<std::size_t>(node);
+    const int mesh = node < 0 || at >= model.nodes.size() ? -1 : model.nodes[at].mesh;
+    if (mesh < 0 || static_cast<std::size_t>(mesh) >= model.meshes.size()) {
+      ++count;
+      continue;
+    }
+    const auto& primitives = model.meshes[static_cast<std::size_t>(mesh)].primitives;
+    count += static_cast<std::size_t>(std::count_if(
+        primitives.begin(), primitives.end(),
+        [](const tinygltf::Primitive& p) { return p.mode == TINYGLTF_MODE_TRIANGLES; }));
   }
-  return stated;
+  return count;
 }
 
 Result<void> decode_geometry(const tinygltf::Model& model, const Stated& stated, const Asset& asset,
@@ -304,11 +348,13 @@ Result<void> decode_geometry(const tinygltf::Model& model, const Stated& stated,
                             buffer.subspan(record.outline_offset, record.outline_bytes()),
                             buffer.subspan(record.segments_offset, record.segments_bytes())};
   if (asset.schema == 1) return decode_slice_geometry_1(record, bytes, asset.lattice, slice);
-  const auto z = decode_slice_geometry(bytes.draco, slice);
-  if (!z) return z.error();
-  if (*z != stated.z) return refused("accessor bounds differ from the vertices");
+  const auto facts = decode_slice_geometry(bytes.draco, slice);
+  if (!facts) return facts.error();
+  if (facts->z != stated.z) return refused("accessor bounds differ from the vertices");
+  if (facts->has_colours != stated.has_colours)
+    return refused("colours that its JSON does not name");
   if (auto ok = compare_geometry(record, stated.has_hu, slice); !ok) return ok;
-  return stated.has_lines ? compare_lines(record, bytes, *z, slice) : Result<void>();
+  return stated.has_lines ? compare_lines(record, bytes, facts->z, slice) : Result<void>();
 }
 
 // The slice index, if any. Checks contract 2 of asset_index.h for everything but the slices.
@@ -340,15 +386,22 @@ class RecordChecks {
     const auto record = read_record(source_, index_, place_++);
     if (!record) return record.error();
     if (!agree(*record, expected)) return refused("the slice index and the JSON differ");
-    // Slices may not share bytes, so that the work is bounded by the file's size.
-    text_ += record->node_bytes;
+    // Slices may not share bytes other than a node's text, so that the work is bounded by the
+    // file's size.
+    const bool is_node_known =
+        node_ == &node && node_offset_ == record->node_offset && node_bytes_ == record->node_bytes;
+    if (!is_node_known) text_ += record->node_bytes;
     geometry_ += record->draco_bytes + expected.outline_bytes() + expected.segments_bytes();
     if (text_ > index_.header.json_bytes || geometry_ > index_.header.binary_bytes)
       return refused("the slice index has slices that share their bytes");
     const auto bytes = read_slice_bytes(source_, index_, *record);
     if (!bytes) return bytes.error();
+    if (is_node_known) return {};
     const auto said = parse_json_text(bytes->node);
     if (!said || *said != node) return refused("the slice index and the JSON differ");
+    node_ = &node;
+    node_offset_ = record->node_offset;
+    node_bytes_ = record->node_bytes;
     return {};
   }
 
@@ -366,7 +419,8 @@ class RecordChecks {
 
   ByteSource& source_;
   const IndexedFile& index_;
-  std::uint32_t place_ = 0;
+  std::uint32_t place_ = 0, node_offset_ = 0, node_bytes_ = 0;  // of the node before
+  const nlohmann::json* node_ = nullptr;
   std::uint64_t text_ = 0, geometry_ = 0;
 };
 
@@ -496,7 +550,8 @@ Result<NodeTree> node_tree(const tinygltf::Model& model, const nlohmann::json& n
     if (!frame) return frame.error();
     out = {*frame, kListNode};
   }
-  if (model.nodes[out.list].children.size() > kMaxSlices)
+  if (model.nodes[out.list].children.size() > kMaxSlices ||
+      count_entries(model, model.nodes[out.list].children) > kMaxSlices)
     return refused("no scan node, or too many slices");
   return out;
 }
@@ -505,30 +560,39 @@ struct Entry {
   AssetSlice slice;
   Stated stated;
 };
-// An entry without its geometry. `before` is the entry before, or null.
-Result<Entry> read_entry(const tinygltf::Model& model, const nlohmann::json& json_node,
-                         std::size_t node, const AssetSlice* before, const Eigen::Affine3d& frame,
-                         const Asset& asset) {
-  const auto at = [](int index) { return "slice " + std::to_string(index) + ": "; };
+// The entries of a node without their geometry. `before` is the entry before, or null.
+Result<std::vector<Entry>> read_entries(const tinygltf::Model& model,
+                                        const nlohmann::json& json_node, std::size_t node,
+                                        const AssetSlice* before, const Eigen::Affine3d& frame,
+                                        const Asset& asset) {
+  std::vector<Entry> out;
   if (asset.schema == 1) {
     auto slice = slice_of_node_1(json_node);
     if (!slice) return slice.error();
-    auto stated = state_slice(model, model.nodes[node], slice->index, asset);
-    if (!stated) return refused(at(slice->index) + stated.error().message);
-    return Entry{std::move(*slice), *stated};
+    auto stated = state_entries(model, model.nodes[node], slice->index, asset);
+    if (!stated) return stated.error();
+    out.push_back({std::move(*slice), stated->front()});
+    return out;
   }
   const auto said = entry_of_node(json_node, asset.lattice);
   const std::int64_t next = before == nullptr ? 0 : std::int64_t{before->index} + 1;
   if (!said) return refused("node " + std::to_string(node) + ": " + said.error().message);
   if (!said->index && next > std::numeric_limits<int>::max())
     return refused("slice indices do not ascend");
-  const int index = said->index ? *said->index : static_cast<int>(next);
-  const auto stated = state_slice(model, model.nodes[node], index, asset);
-  if (!stated) return refused(at(index) + stated.error().message);
-  auto slice =
-      slice_of_entry(*said, index, stated->record.material, frame, asset.lattice.to_mm(stated->z));
-  if (!slice) return refused(at(index) + slice.error().message);
-  return Entry{std::move(*slice), *stated};
+  const int first = said->index ? *said->index : static_cast<int>(next);
+  const auto all = state_entries(model, model.nodes[node], first, asset);
+  if (!all) return all.error();
+  if ((!said->mean_hu.empty() && said->mean_hu.size() != all->size()) ||
+      (said->z_mm && all->size() > 1))
+    return refused("node " + std::to_string(node) + ": its figures are not one for each slice");
+  for (const Stated& stated : *all) {
+    const int index = stated.record.index;
+    auto slice =
+        slice_of_entry(*said, index, stated.record.material, frame, asset.lattice.to_mm(stated.z));
+    if (!slice) return refused("slice " + std::to_string(index) + ": " + slice.error().message);
+    out.push_back({std::move(*slice), stated});
+  }
+  return out;
 }
 
 bool is_wanted(const DecodeOptions& options, int index) {
@@ -554,7 +618,7 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   if (!tree) return refused(name + ": " + tree.error().message);
   const std::vector<int>& children = model.nodes[tree->list].children;
   MemorySource source(glb);
-  const auto index = index_of(source, asset, extras, nodes, children.size());
+  const auto index = index_of(source, asset, extras, nodes, count_entries(model, children));
   if (!index) return refused(name + ": " + index.error().message);
   std::optional<RecordChecks> records;
   if (*index) records.emplace(source, **index);
@@ -562,26 +626,30 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   for (const int child : children) {
     const auto at = static_cast<std::size_t>(child);
     if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
-    const AssetSlice* const before = asset.slices.empty() ? nullptr : &asset.slices.back();
-    auto entry = read_entry(model, nodes[at], at, before, tree->frame, asset);
-    if (!entry) return refused(name + ": " + entry.error().message);
-    auto& [slice, stated] = *entry;
-    const std::string where = name + ": slice " + std::to_string(slice.index) + ": ";
-    if (records) {
-      if (auto ok = records->check(stated.record, nodes[at]); !ok)
-        return refused(where + ok.error().message);
+    auto entries =
+        read_entries(model, nodes[at], at, asset.slices.empty() ? nullptr : &asset.slices.back(),
+                     tree->frame, asset);
+    if (!entries) return refused(name + ": " + entries.error().message);
+    for (auto& [slice, stated] : *entries) {
+      const AssetSlice* const before = asset.slices.empty() ? nullptr : &asset.slices.back();
+      const std::string where = name + ": slice " + std::to_string(slice.index) + ": ";
+      if (records) {
+        if (auto ok = records->check(stated.record, nodes[at]); !ok)
+          return refused(where + ok.error().message);
+      }
+      if (is_wanted(options, slice.index)) {
+        if (auto ok = decode_geometry(model, stated, asset, slice); !ok)
+          return refused(where + ok.error().message);
+      }
+      if (before != nullptr &&
+          std::pair(before->index, before->material) >= std::pair(slice.index, slice.material)) {
+        return refused(name + ": slice indices do not ascend");
+      }
+      slices += before == nullptr || before->index != slice.index ? 1 : 0;
+      asset.lines = asset.lines || stated.has_lines;
+      asset.colours = asset.colours || stated.has_colours;
+      asset.slices.push_back(std::move(slice));
     }
-    if (is_wanted(options, slice.index)) {
-      if (auto ok = decode_geometry(model, stated, asset, slice); !ok)
-        return refused(where + ok.error().message);
-    }
-    if (before != nullptr &&
-        std::pair(before->index, before->material) >= std::pair(slice.index, slice.material)) {
-      return refused(name + ": slice indices do not ascend");
-    }
-    slices += before == nullptr || before->index != slice.index ? 1 : 0;
-    asset.lines = asset.lines || stated.has_lines;
-    asset.slices.push_back(std::move(slice));
   }
   if (asset.schema != 1 && slices != *stated_slices)
     return refused(name + ": it has " + std::to_string(slices) + " slices and states " +

@@ -23,7 +23,8 @@ namespace {
 using nlohmann::json;
 
 // glTF's numbers for component types and primitive modes.
-constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
+constexpr int kUnsignedByte = 5121, kShort = 5122, kUnsignedShort = 5123, kUnsignedInt = 5125,
+              kFloat = 5126;
 constexpr int kLines = 1;  // triangles, 4, are the default
 constexpr const char* kUnlitExtension = "KHR_materials_unlit";
 
@@ -111,8 +112,15 @@ json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32
       {{"componentType", kUnsignedInt}, {"type", "SCALAR"}, {"count", slice.triangles * 3}});
   if (slice.has_hu) {
     attributes[kHuAttribute] = gltf.add_accessor(
-        {{"componentType", kFloat}, {"type", "SCALAR"}, {"count", slice.vertices}});
+        {{"componentType", kShort}, {"type", "SCALAR"}, {"count", slice.vertices}});
     ids[kHuAttribute] = kDracoHuId;
+  }
+  if (slice.has_colours) {
+    attributes[kColourAttribute] = gltf.add_accessor({{"componentType", kUnsignedByte},
+                                                      {"normalized", true},
+                                                      {"type", "VEC3"},
+                                                      {"count", slice.vertices}});
+    ids[kColourAttribute] = kDracoColourId;
   }
   const auto [view, range] =
       gltf.add_view(slice.draco.data(), slice.draco.size(), GltfWriter::kNoTarget);
@@ -177,6 +185,10 @@ json gltf_materials(const Asset& head) {
     json one = {
         {"doubleSided", true},
         {"pbrMetallicRoughness", {{"baseColorFactor", {r, g, b, 1}}, {"metallicFactor", 0}}}};
+    if (head.colours) {  // seen as they are: neither tinted nor shaded
+      one["pbrMetallicRoughness"] = {{"metallicFactor", 0}};
+      one["extensions"] = {{kUnlitExtension, json::object()}};
+    }
     if (head.materials.size() > 1) one["name"] = material.name;
     out.push_back(std::move(one));
   }
@@ -188,8 +200,10 @@ json gltf_materials(const Asset& head) {
   return out;
 }
 
-// Writes the slice index into the bytes that were reserved for it.
-void put_index(GltfWriter::File& file, std::vector<EntryRecord> records) {
+// Writes the slice index into the bytes that were reserved for it. `nodes` has the node of each
+// record.
+void put_index(GltfWriter::File& file, std::vector<EntryRecord> records,
+               const std::vector<std::size_t>& nodes) {
   IndexHeader header;
   header.entries = static_cast<std::uint32_t>(records.size());
   header.json_bytes = static_cast<std::uint32_t>(file.json_bytes);
@@ -203,7 +217,7 @@ void put_index(GltfWriter::File& file, std::vector<EntryRecord> records) {
     header.last_index = records.back().index;
   }
   for (std::size_t i = 0; i < records.size(); ++i) {
-    const GltfWriter::Range node = file.nodes[i + kFirstEntryNode];
+    const GltfWriter::Range node = file.nodes[nodes[i]];
     records[i].node_offset = static_cast<std::uint32_t>(node.offset);
     records[i].node_bytes = static_cast<std::uint16_t>(node.size);
   }
@@ -214,8 +228,8 @@ void put_index(GltfWriter::File& file, std::vector<EntryRecord> records) {
   write_index_checksums(file.bytes);
 }
 
-// The three nodes above the entries (slice_payload.h).
-void add_top_nodes(GltfWriter& gltf, std::size_t entries, const Eigen::Affine3d& frame,
+// The three nodes above those of the entries (slice_payload.h).
+void add_top_nodes(GltfWriter& gltf, std::size_t nodes, const Eigen::Affine3d& frame,
                    const Lattice& lattice) {
   // LPS in steps -> glTF metres, +Y up: (x, y, z) -> (x, z, -y).
   const double step = lattice.step_m();
@@ -224,21 +238,62 @@ void add_top_nodes(GltfWriter& gltf, std::size_t entries, const Eigen::Affine3d&
   json node = {{"children", json::array({kListNode})}};
   put_transform(frame, lattice, node);
   gltf.add_node(node);
-  std::vector<std::size_t> children(entries);
+  std::vector<std::size_t> children(nodes);
   std::iota(children.begin(), children.end(), kFirstEntryNode);
-  gltf.add_node(entries > 0 ? json{{"children", children}} : json::object());
+  gltf.add_node(nodes > 0 ? json{{"children", children}} : json::object());
 }
 
-// What the entry's node says beside its transform and mesh.
-json entry_extras(const EncodedSlice& slice, std::int64_t expected_index,
-                  const Eigen::Affine3d& plane) {
-  json out = json::object();
-  if (slice.index != expected_index) out["index"] = slice.index;
-  if (slice.z_mm != z_of_plane(plane)) out["z_mm"] = number(slice.z_mm);
+// The mean HU that the file states, in tenths: only without HU at the vertices.
+std::optional<double> stated_mean_hu(const EncodedSlice& slice) {
+  if (slice.has_hu) return std::nullopt;
   const json measures = json::parse(slice.measures_json);
   const auto mean_hu = measures.find("mean_hu");
-  if (!slice.has_hu && mean_hu != measures.end() && mean_hu->is_number())
-    out["mean_hu"] = number(std::rint(mean_hu->get<double>() * 10) / 10);
+  if (mean_hu == measures.end() || !mean_hu->is_number()) return std::nullopt;
+  return std::rint(mean_hu->get<double>() * 10) / 10;
+}
+
+bool states_z(const EncodedSlice& slice) {
+  return slice.z_mm != z_of_plane(slice.T_lps_plane);
+}
+
+// Entries i to i + count - 1 have one node: slices of one material that follow each other in one
+// frame. A node and its mesh take a tenth of a small slice's text.
+struct NodeEntries {
+  std::size_t first = 0, count = 0;
+};
+std::vector<NodeEntries> node_entries(const std::vector<EncodedSlice>& slices,
+                                      const std::vector<Place>& places) {
+  const auto is_plain = [&](std::size_t i) {
+    return slices[i].triangles > 0 && !places[i].transform && !states_z(slices[i]);
+  };
+  std::vector<NodeEntries> out;
+  for (std::size_t i = 0; i < slices.size(); ++i) {
+    const bool joins =
+        i > 0 && out.back().count < kMaxNodeEntries && is_plain(i - 1) && is_plain(i) &&
+        slices[i].index == std::int64_t{slices[i - 1].index} + 1 &&
+        slices[i].material == slices[i - 1].material &&
+        stated_mean_hu(slices[i]).has_value() == stated_mean_hu(slices[i - 1]).has_value();
+    if (joins) {
+      ++out.back().count;
+    } else {
+      out.push_back({i, 1});
+    }
+  }
+  return out;
+}
+
+// What the node of these entries says beside its transform and mesh.
+json node_extras(std::span<const EncodedSlice> entries, std::int64_t expected_index) {
+  json out = json::object();
+  const EncodedSlice& first = entries.front();
+  if (states_z(first)) out["z_mm"] = number(first.z_mm);
+  json mean_hu = json::array();
+  for (const EncodedSlice& entry : entries) {
+    if (const auto mean = stated_mean_hu(entry)) mean_hu.push_back(number(*mean));
+  }
+  // With the index of the first a reader of one slice finds its place in the list.
+  if (first.index != expected_index || mean_hu.size() > 1) out["index"] = first.index;
+  if (!mean_hu.empty()) out["mean_hu"] = std::move(mean_hu);
   return out;
 }
 
@@ -354,11 +409,13 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
   out.measures_json = slice.measures_json;
   out.material = slice.material;
   if (slice.mesh.triangles.empty()) return out;
+  out.has_hu = !slice.hu.empty();
+  out.has_colours = grid.colours && out.has_hu;
   auto bytes = encode_draco(slice.mesh, grid, slice.hu);
   if (!bytes) return bug(where + bytes.error().message);
   AssetSlice decoded;
-  if (const auto z = decode_slice_geometry(*bytes, decoded); !z)
-    return bug(where + "the bytes that Draco wrote do not decode: " + z.error().message);
+  if (const auto ok = decode_slice_geometry(*bytes, decoded); !ok)
+    return bug(where + "the bytes that Draco wrote do not decode: " + ok.error().message);
   const auto& [vertices, triangles] = decoded.mesh;
   if (vertices.size() != slice.mesh.vertices.size() ||
       triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size()) {
@@ -368,7 +425,6 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
     return bug(where + ok.error().message);
   }
   out.pslg = std::move(decoded.pslg);
-  out.has_hu = !slice.hu.empty();
   const auto z_at = draco_z_at(*bytes, grid);
   if (!z_at) return bug(where + z_at.error().message);
   out.draco_z_at = *z_at;
@@ -400,32 +456,38 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
   gltf.reserve(bytes + counted.index_bytes);
   gltf.add_bytes(std::vector<std::uint8_t>(counted.index_bytes));
   const Places places = places_of(slices, head.lattice);
-  add_top_nodes(gltf, slices.size(), places.frame, head.lattice);
+  const std::vector<NodeEntries> nodes = node_entries(slices, places.entries);
+  add_top_nodes(gltf, nodes.size(), places.frame, head.lattice);
   json extras = document_extras(head, std::move(parameters), slices);
   int meshes = 0;
   std::int64_t expected_index = 0;
-  for (std::size_t i = 0; i < slices.size(); ++i) {
-    EncodedSlice slice = std::move(slices[i]);
-    const auto& [transform, z] = places.entries[i];
-    EntryRecord& record = records[i];
-    record.index = slice.index;
-    json node = json::object();
-    if (transform) put_transform(*transform, head.lattice, node);
-    if (json said = entry_extras(slice, expected_index, slice.T_lps_plane); !said.empty())
+  std::vector<std::size_t> record_nodes;
+  for (const auto& [first, count] : nodes) {
+    json node = json::object(), primitives = json::array();
+    if (const auto& transform = places.entries[first].transform)
+      put_transform(*transform, head.lattice, node);
+    if (json said = node_extras(std::span(slices).subspan(first, count), expected_index);
+        !said.empty())
       node["extras"]["trocar"] = std::move(said);
-    expected_index = std::int64_t{slice.index} + 1;
-    if (slice.triangles > 0) {
+    for (std::size_t i = first; i < first + count; ++i) {
+      EncodedSlice slice = std::move(slices[i]);
+      EntryRecord& record = records[i];
+      record.index = slice.index;
+      expected_index = std::int64_t{slice.index} + 1;
+      if (slice.triangles == 0) continue;
+      const std::int32_t z = places.entries[i].z;
       const auto stored_z = static_cast<float>(z);
       std::memcpy(slice.draco.data() + slice.draco_z_at, &stored_z, sizeof stored_z);
       record.material = static_cast<std::uint16_t>(slice.material);
-      json primitives = json::array();
       primitives.push_back(triangles_primitive(gltf, slice, z, counted, record));
       if (head.lines)
         primitives.push_back(lines_primitive(gltf, slice.pslg, z, head.materials.size(), counted));
+    }
+    if (!primitives.empty()) {
       gltf.add_mesh({{"primitives", std::move(primitives)}});
       node["mesh"] = meshes++;
     }
-    gltf.add_node(node);
+    record_nodes.insert(record_nodes.end(), count, static_cast<std::size_t>(gltf.add_node(node)));
   }
   json scene = json::array({0});
   for (const AssetSurface& surface : head.surfaces) {
@@ -434,7 +496,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
     scene.push_back(*node);
   }
   json used = json::array({kDracoExtension});
-  if (head.lines) used.push_back(kUnlitExtension);
+  if (head.lines || head.colours) used.push_back(kUnlitExtension);
   auto file =
       std::move(gltf).finish({{"asset", {{"version", "2.0"}, {"generator", head.generator}}},
                               {"extensionsUsed", std::move(used)},
@@ -444,7 +506,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                               {"scenes", json::array({{{"nodes", std::move(scene)}}})}},
                              extras);
   if (!file) return file.error();
-  put_index(*file, std::move(records));
+  put_index(*file, std::move(records), record_nodes);
   counted.json_bytes = file->json_bytes;
   if (sizes != nullptr) *sizes = counted;
   return std::move(file->bytes);
@@ -456,8 +518,9 @@ Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* s
   for (const AssetSlice& slice : asset.slices)
     widen(box, slice.mesh.vertices);
   if (box.low.x > box.high.x) box = {};
-  const auto grid = asset_grid(asset.lattice, box);
+  auto grid = asset_grid(asset.lattice, box);
   if (!grid) return grid.error();
+  grid->colours = asset.colours;
   std::vector<EncodedSlice> slices;
   for (const AssetSlice& slice : asset.slices) {
     auto encoded = encode_slice(slice, *grid);

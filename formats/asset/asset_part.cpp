@@ -39,14 +39,12 @@ Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
   }
   const auto entry = entry_of_node(*node, lattice);
   if (!entry) return entry.error();
-  if (entry->index && *entry->index != record.index)
-    return refused("the slice index and the JSON differ");
   AssetSlice geometry;
   std::int32_t z = 0;
   if (!record.is_empty()) {
     const auto decoded = decode_slice_geometry(bytes->draco, geometry);
     if (!decoded) return decoded.error();
-    z = *decoded;
+    z = decoded->z;
   }
   auto slice = slice_of_entry(*entry, record.index, record.material, frame, lattice.to_mm(z));
   if (!slice) return slice;

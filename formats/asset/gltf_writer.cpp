@@ -31,7 +31,7 @@ int GltfWriter::add_accessor(const nlohmann::json& accessor) {
 }
 
 GltfWriter::View GltfWriter::add_view(const void* data, std::size_t size, int target) {
-  buffer_.resize(padded(buffer_.size()));
+  if (target != kNoTarget) buffer_.resize(padded(buffer_.size()));
   const Range range{buffer_.size(), size};
   json view = {{"buffer", 0}, {"byteOffset", range.offset}, {"byteLength", size}};
   if (target != kNoTarget) view["target"] = target;

@@ -34,7 +34,7 @@ class GltfWriter {
     int number = 0;
     Range bytes;
   };
-  /// 4-byte aligned.
+  /// 4-byte aligned if it has a target: other views are no numbers that a GPU reads.
   View add_view(const void* data, std::size_t size, int target);
 
   // Each returns the index of the new element. Equal accessors are one: those of Draco's payloads

@@ -87,6 +87,7 @@ const std::map<std::string, Allowed>& allowed_places() {
                       "/nodes/[]/children",
                       "/nodes/[]/matrix",
                       "/nodes/[]/translation",
+                      "/nodes/[]/extras/trocar/mean_hu",
                       "/extras/trocar/materials",
                       "/extras/trocar/parameters/labels",
                       "/extras/trocar/parameters/joined_labels",
@@ -117,10 +118,12 @@ const std::map<std::string, Allowed>& allowed_places() {
          "/meshes/[]/primitives/[]/indices",
          "/meshes/[]/primitives/[]/attributes/POSITION",
          "/meshes/[]/primitives/[]/attributes/_HU",
+         "/meshes/[]/primitives/[]/attributes/COLOR_0",
          "/meshes/[]/primitives/[]/attributes/NORMAL",
          "/meshes/[]/primitives/[]/extensions/KHR_draco_mesh_compression/bufferView",
          "/meshes/[]/primitives/[]/extensions/KHR_draco_mesh_compression/attributes/POSITION",
          "/meshes/[]/primitives/[]/extensions/KHR_draco_mesh_compression/attributes/_HU",
+         "/meshes/[]/primitives/[]/extensions/KHR_draco_mesh_compression/attributes/COLOR_0",
          "/meshes/[]/primitives/[]/extensions/KHR_draco_mesh_compression/attributes/NORMAL",
          "/nodes/[]/mesh",
          "/nodes/[]/children/[]",
@@ -128,7 +131,7 @@ const std::map<std::string, Allowed>& allowed_places() {
          "/nodes/[]/translation/[]",
          "/nodes/[]/extras/trocar/index",
          "/nodes/[]/extras/trocar/z_mm",
-         "/nodes/[]/extras/trocar/mean_hu",
+         "/nodes/[]/extras/trocar/mean_hu/[]",
          "/nodes/[]/extras/trocar/surface",
          "/nodes/[]/extras/trocar/lattice_bits",
          "/nodes/[]/extras/trocar/distance_mm",
@@ -137,13 +140,29 @@ const std::map<std::string, Allowed>& allowed_places() {
          "/extras/trocar/slices",
          "/extras/trocar/hu_step",
          "/extras/trocar/materials/[]/label"});
-    for (const char* number :
-         {"tolerance_mm", "min_angle_deg", "min_region_mm2", "lattice_bits", "max_area_mm2",
-          "max_area_px2", "threshold", "equalize", "labels/[]", "joined_labels/[]/[]", "slices/[]",
-          "crop/[]", "spacing_mm/[]", "close_mm", "min_volume_mm3", "largest", "surface_triangles",
-          "seeds_lps_mm/[]/[]", "mask_labels/[]"})
+    for (const char* number : {"tolerance_mm",
+                               "min_angle_deg",
+                               "min_region_mm2",
+                               "lattice_bits",
+                               "max_area_mm2",
+                               "max_area_px2",
+                               "grade_hu",
+                               "threshold",
+                               "equalize",
+                               "labels/[]",
+                               "joined_labels/[]/[]",
+                               "slices/[]",
+                               "crop/[]",
+                               "spacing_mm/[]",
+                               "close_mm",
+                               "min_volume_mm3",
+                               "largest",
+                               "surface_triangles",
+                               "seeds_lps_mm/[]/[]",
+                               "mask_labels/[]"})
       out[std::string("/extras/trocar/parameters/") + number] = {};
-    add(Kind::kFlag, {"/materials/[]/doubleSided", "/extras/trocar/parameters/values_are_hu"});
+    add(Kind::kFlag, {"/materials/[]/doubleSided", "/accessors/[]/normalized",
+                      "/extras/trocar/parameters/hu", "/extras/trocar/parameters/values_are_hu"});
     const auto extension = [](const std::string& text) {
       return is_any_of(text, {"KHR_draco_mesh_compression", "KHR_materials_unlit"});
     };

@@ -257,11 +257,16 @@ Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& latti
       return refused("a slice index out of range");
     out.index = index->get<int>();
   }
-  for (const auto& [key, number] : {std::pair{"z_mm", &out.z_mm}, {"mean_hu", &out.mean_hu}}) {
-    const auto found = ours.find(key);
-    if (found == ours.end()) continue;
-    if (!found->is_number()) return refused(std::string("a node whose ") + key + " is no number");
-    *number = found->get<double>();
+  if (const auto z_mm = ours.find("z_mm"); z_mm != ours.end()) {
+    if (!z_mm->is_number()) return refused("a node whose z_mm is no number");
+    out.z_mm = z_mm->get<double>();
+  }
+  if (const auto mean_hu = ours.find("mean_hu"); mean_hu != ours.end()) {
+    if (!mean_hu->is_array() || mean_hu->empty() || mean_hu->size() > kMaxNodeEntries ||
+        !std::all_of(mean_hu->begin(), mean_hu->end(), [](const auto& n) { return n.is_number(); }))
+      return refused("a node whose mean_hu is not a number for each slice");
+    out.mean_hu = mean_hu->get<std::vector<double>>();
+    if (out.mean_hu.size() > 1 && !out.index) return refused("a node with mean_hu and no index");
   }
   return out;
 }
@@ -288,7 +293,12 @@ Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material
   slice.z_mm = node.z_mm ? *node.z_mm : z_of_plane(slice.T_lps_plane);
   if (!slice.T_lps_plane.matrix().allFinite() || !std::isfinite(slice.z_mm))
     return refused("its plane is not finite");
-  if (node.mean_hu) slice.measures_json = json_text({{"mean_hu", *node.mean_hu}});
+  const std::int64_t place = node.index ? std::int64_t{index} - *node.index : 0;
+  const std::size_t places = node.mean_hu.empty() ? kMaxNodeEntries : node.mean_hu.size();
+  if (place < 0 || static_cast<std::size_t>(place) >= places)
+    return refused("the slice index and the JSON differ");
+  if (!node.mean_hu.empty())
+    slice.measures_json = json_text({{"mean_hu", node.mean_hu[static_cast<std::size_t>(place)]}});
   return slice;
 }
 
@@ -303,7 +313,7 @@ Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBy
   return {};
 }
 
-Result<std::int32_t> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice) {
+Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice) {
   constexpr std::uint64_t kMax = std::numeric_limits<std::uint32_t>::max();
   auto out = decode_draco(draco, kMax, kMax);
   if (!out) return out.error();
@@ -311,7 +321,7 @@ Result<std::int32_t> decode_slice_geometry(std::span<const std::uint8_t> draco, 
   slice.mesh = std::move(out->mesh);
   slice.hu = std::move(out->hu);
   slice.pslg = boundary_rings(slice.mesh);
-  return out->z;
+  return PayloadFacts{out->z, out->has_colours};
 }
 
 Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice) {

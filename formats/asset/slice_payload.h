@@ -17,8 +17,11 @@ namespace trocar {
 
 // The nodes above those of the entries, in schema 2: node 0, LPS in lattice steps to glTF's metres;
 // its only child, the frame, which all slices share; its only child, whose children are the
-// entries. The frame's text does not depend on the number of entries, and is read for each part.
+// nodes of the entries. The frame's text does not depend on the number of entries, and is read for
+// each part.
 inline constexpr std::size_t kFrameNode = 1, kListNode = 2, kFirstEntryNode = 3;
+/// A node holds so many entries at most, so that the text to be read for one of them is short.
+inline constexpr std::size_t kMaxNodeEntries = 32;
 
 /// JSON text from a file; refused if it does not parse or is nested too deeply (recursion).
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text);
@@ -38,11 +41,11 @@ Result<AssetSlice> slice_of_node_1(const nlohmann::json& node);
 /// without either. Refused if it has both or its numbers are not finite.
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// What the node of an entry says in schema 2.
+/// What a node of entries says in schema 2. Their indices ascend by 1.
 struct EntryNode {
-  std::optional<int> index;    ///< absent: that of the entry before, plus 1
-  std::optional<double> z_mm;  ///< absent: z_of_plane()
-  std::optional<double> mean_hu;
+  std::optional<int> index;     ///< of the first; absent: that of the entry before, plus 1
+  std::optional<double> z_mm;   ///< absent: z_of_plane()
+  std::vector<double> mean_hu;  ///< of each; or empty
   Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< mm
 };
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice);
@@ -53,7 +56,8 @@ Eigen::Affine3d plane_of(const Eigen::Affine3d& frame, const Eigen::Affine3d& tr
 /// Of a plane's origin, along its own normal.
 double z_of_plane(const Eigen::Affine3d& T_lps_plane);
 
-/// The slice of an entry, without its geometry. Refused if its plane is not finite.
+/// The slice of an entry, without its geometry. Refused if its plane is not finite, or its index
+/// not one of the node's.
 Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material,
                                   const Eigen::Affine3d& frame, double z_mm);
 
@@ -65,9 +69,13 @@ struct GeometryBytes {
 Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
                                      const Lattice& lattice, AssetSlice& slice);
 
-/// Decodes mesh and HU of a payload of schema 2, and the outline from them; gives the z of its
-/// vertices in steps.
-Result<std::int32_t> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice);
+/// What a payload says beside its slice.
+struct PayloadFacts {
+  std::int32_t z = 0;  ///< of the vertices, steps
+  bool has_colours = false;
+};
+/// Decodes mesh and HU of a payload of schema 2, and the outline from them.
+Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice);
 /// Refused if the payload's counts, box or HU differ from what the JSON states.
 Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice);
 /// Refused if the lines are not the slice's outline, at z steps.

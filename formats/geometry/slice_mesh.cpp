@@ -5,14 +5,72 @@
 #include <map>
 #include <utility>
 
-#include "formats/geometry/edge_table.h"
-
 namespace trocar {
+namespace {
+
+// By a hash table, which is faster than sorting. Points that collide in it too often are sorted.
+bool has_a_point_twice(const Ring& ring) {
+  std::size_t slots = 4;
+  while (slots < 2 * ring.size())
+    slots *= 2;
+  std::vector<std::uint32_t> table(slots, 0);  // index in the ring, from 1
+  std::size_t probes = 16 * ring.size();
+  for (std::uint32_t i = 0; i < ring.size(); ++i) {
+    const std::uint64_t xy = std::uint64_t{static_cast<std::uint32_t>(ring[i].x)} << 32U |
+                             static_cast<std::uint32_t>(ring[i].y);
+    std::size_t at = ((xy * 0x9E3779B97F4A7C15U) >> 32U) & (slots - 1);
+    for (; table[at] != 0; at = (at + 1) & (slots - 1)) {
+      if (ring[table[at] - 1] == ring[i]) return true;
+      if (--probes == 0) {
+        Ring sorted = ring;
+        std::sort(sorted.begin(), sorted.end());
+        return std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end();
+      }
+    }
+    table[at] = i + 1;
+  }
+  return false;
+}
+
+// The next vertex along the boundary, of each vertex on it. Around a vertex of a valid mesh, the
+// second corners of its triangles are their third corners, except that on the boundary the next
+// vertex is only a second corner, and the one before only a third. So the sums over the triangles
+// of second - third and of their squares' difference are n - p and n^2 - p^2, which give n. One
+// pass without a search. In a mesh that is not valid, which check_mesh() finds, it may be any
+// vertex.
+constexpr std::uint32_t kNone = 0xffffffff;
+std::vector<std::uint32_t> boundary_steps(const SliceMesh& mesh) {
+  struct Sums {
+    std::uint64_t difference = 0, squares = 0;  // modulo 2^64; indices are below 2^31
+  };
+  std::vector<Sums> sums(mesh.vertices.size());
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::uint64_t second = t[(i + 1) % 3], third = t[(i + 2) % 3];
+      sums[t[i]].difference += second - third;
+      sums[t[i]].squares += (second - third) * (second + third);
+    }
+  }
+  std::vector<std::uint32_t> next(mesh.vertices.size(), kNone);
+  const auto count = static_cast<std::int64_t>(next.size());
+  const auto is_within = [](std::int64_t value, std::int64_t bound) {
+    return -bound < value && value < bound;
+  };
+  for (std::size_t v = 0; v < next.size(); ++v) {
+    const auto difference = static_cast<std::int64_t>(sums[v].difference);
+    const auto squares = static_cast<std::int64_t>(sums[v].squares);
+    if (difference == 0 || !is_within(difference, count) || !is_within(squares, count * count))
+      continue;
+    const std::int64_t twice = squares / difference + difference;
+    if (is_within(twice, 2 * count) && twice >= 0) next[v] = static_cast<std::uint32_t>(twice / 2);
+  }
+  return next;
+}
+
+}  // namespace
 
 void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
-  Ring sorted = ring;
-  std::sort(sorted.begin(), sorted.end());
-  if (std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end()) {
+  if (!has_a_point_twice(ring)) {
     out.push_back(ring);
     return;
   }
@@ -60,18 +118,7 @@ std::int64_t doubled_area(const SliceMesh& mesh) {
 }
 
 Pslg boundary_rings(const SliceMesh& mesh) {
-  // An edge without its opposite is boundary.
-  const std::vector<DirectedEdge> edges = sorted_edges(mesh);
-  constexpr std::uint32_t kNone = 0xffffffff;
-  std::vector<std::uint32_t> next(mesh.vertices.size(), kNone);
-  for (std::size_t i = 0; i < edges.size();) {
-    if (i + 1 < edges.size() && edges[i].key() == edges[i + 1].key()) {
-      i += 2;
-    } else {
-      next[edges[i].from] = edges[i].to;
-      ++i;
-    }
-  }
+  std::vector<std::uint32_t> next = boundary_steps(mesh);
   Pslg out;
   for (std::uint32_t v = 0; v < next.size(); ++v) {
     if (next[v] == kNone) continue;

@@ -168,7 +168,8 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
       counts.add(only);
       const SlicePlane& plane = scan.stack.plane(k);
       asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(only.outline),
-                              std::move(only.refined.mesh)});
+                              std::move(only.refined.mesh), "{}", 0,
+                              only.hu ? std::move(only.hu->values) : std::vector<float>()});
     }
   }
   Result<std::vector<std::uint8_t>> glb = bug("not encoded");
@@ -183,8 +184,8 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
   row["triangle_bytes"] = sizes.triangle_bytes;
   row["outline_bytes"] = sizes.outline_bytes;
   row["json_bytes"] = sizes.json_bytes;
-  row["bytes_per_triangle"] = static_cast<double>(sizes.triangle_bytes) /
-                              std::max(1.0, static_cast<double>(sizes.triangles));
+  row["bytes_per_triangle"] =
+      static_cast<double>(glb->size()) / std::max(1.0, static_cast<double>(sizes.triangles));
   row.update(stage_times(times, encode_ms / scan.stack.size()));
   return row;
 }

@@ -140,7 +140,7 @@ def parameter(curves, key, name, log, default, no_bound):
                           ("smallest_angle_deg", "smallest angle (deg)")),
         "max_area_mm2": (("triangles", "triangles per slice"), ("asset_bytes", "asset bytes per slice"),
                          ("total_ms_per_slice", "ms per slice")),
-        "lattice_bits": (("mean_distance_mm", "mean distance (mm)"), ("bytes_per_triangle", "bytes per triangle, without outline"),
+        "lattice_bits": (("mean_distance_mm", "mean distance (mm)"), ("bytes_per_triangle", "bytes per triangle of the whole file"),
                          ("triangles_below_min_angle", "triangles below 30\N{DEGREE SIGN} a slice")),
     }[key]
     captions = {

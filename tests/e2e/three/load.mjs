@@ -46,13 +46,20 @@ function bounds(geometry) {
   return { min: min.toArray(), max: max.toArray() };
 }
 
-/** What one node of the scene holds. Positions are as stored: lattice steps. */
-function describe(node) {
+/** [HU, red, green, blue] of each vertex, colours from 0 to 255; null without. */
+function colours_with_hu(geometry) {
+  const hu = geometry.getAttribute('_hu'), colour = geometry.getAttribute('color');
+  if (!colour) return null;
+  return Array.from({ length: hu.count }, (_, i) => [8 * hu.getX(i), ...['getX', 'getY', 'getZ'].map(
+    (component) => Math.round(255 * colour[component](i)))]);
+}
+
+/** What some objects of the scene hold. Positions are as stored: lattice steps. */
+function describe(index, objects) {
   const slice = {
-    name: node.name, index: node.userData.trocar?.index ?? null,
-    triangles: 0, vertices: 0, line_segments: 0, bounds: null, matrix: node.matrix.toArray(),
+    index, triangles: 0, vertices: 0, line_segments: 0, bounds: null, has_hu: false, colours: null,
   };
-  node.traverse((object) => {
+  for (const top of objects) top.traverse((object) => {
     const geometry = object.geometry;
     if (!geometry) return;
     const positions = geometry.getAttribute('position');
@@ -65,6 +72,8 @@ function describe(node) {
       slice.triangles += elements / 3;
       slice.vertices += positions.count;
       slice.bounds = bounds(geometry);
+      slice.has_hu = geometry.hasAttribute('_hu');
+      slice.colours = colours_with_hu(geometry);
     } else if (object.isLineSegments) {
       slice.line_segments += elements / 2;
       slice.lines_bounds = bounds(geometry);
@@ -86,21 +95,25 @@ server.listen(0, '127.0.0.1', async () => {
     gltf.scene.updateMatrixWorld(true);
     const box = new three.Box3().setFromObject(gltf.scene, true);
 
-    // Node 2's children are the slices; their indices ascend by 1 where a node does not say otherwise.
-    // Surfaces for display say so.
+    // Node 2's children hold the slices: triangles, which their lines may follow. Indices ascend by 1
+    // where a node does not say otherwise. Surfaces for display say so.
     const slices = [], surfaces = [];
     let next = 0;
     for (const number of gltf.parser.json.nodes[2].children ?? []) {
-      const slice = describe(await gltf.parser.getDependency('node', number));
-      slice.index ??= next;
-      next = slice.index + 1;
-      slices.push(slice);
+      const node = await gltf.parser.getDependency('node', number);
+      next = node.userData.trocar?.index ?? next;
+      const objects = node.isMesh || node.children.length === 0 ? [node] : node.children;
+      objects.forEach((object, i) => {
+        if (object.isLineSegments) return;
+        const lines = objects[i + 1]?.isLineSegments ? [objects[i + 1]] : [];
+        slices.push(describe(next++, [object, ...lines]));
+      });
     }
     gltf.scene.traverse((node) => {
-      if (Number.isInteger(node.userData.trocar?.surface)) surfaces.push(describe(node));
+      if (Number.isInteger(node.userData.trocar?.surface)) surfaces.push(describe(null, [node]));
     });
     if (complaints.length) throw new Error('the loaders complained');
-    const drawn = describe(gltf.scene);
+    const drawn = describe(null, [gltf.scene]);
     const sum_of = (list, field) => list.reduce((sum, one) => sum + one[field], 0);
     const total = (field) => sum_of(slices, field);
     if (slices.length === 0) throw new Error('no slices');

@@ -254,6 +254,39 @@ TEST(Asset, MaterialsOfASliceAreEntriesOfItsIndex) {
   EXPECT_EQ(encode_asset(wrong).error().code, ExitCode::kBug);
 }
 
+// Colours for viewers are those of the HU, and change nothing else.
+TEST(Asset, ColoursAreThoseOfTheHu) {
+  EXPECT_EQ(hu_colour(-8192), (HuColour{15, 0, 23}));
+  EXPECT_EQ(hu_colour(-200), (HuColour{15, 0, 23}));
+  EXPECT_EQ(hu_colour(56), (HuColour{16, 6, 50}));
+  EXPECT_EQ(hu_colour(184), (HuColour{14, 14, 58}));  // half way: 13.5, 13.5, 57.5
+  EXPECT_EQ(hu_colour(1848), (HuColour{250, 204, 4}));
+  EXPECT_EQ(hu_colour(24568), (HuColour{250, 204, 4}));
+  Asset in = with_hu(two_materials());
+  const auto plain = decode_asset(*encode_asset(in), "test");
+  in.colours = true;
+  const std::vector<std::uint8_t> glb = *encode_asset(in);
+  const std::string text(glb.begin(), glb.end());
+  EXPECT_NE(text.find(R"("COLOR_0":2)"), std::string::npos);
+  const auto out = decode_asset(glb, "test");
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_TRUE(out->colours);
+  EXPECT_FALSE(plain->colours);
+  const auto part = decode_asset_part(glb, "test", {6});
+  ASSERT_TRUE(part) << part.error().message;
+  EXPECT_EQ(part->asset.slices[1].hu, out->slices[5].hu);
+  for (std::size_t i = 0; i < in.slices.size(); ++i) {
+    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+    EXPECT_EQ(mean_hu_of(out->slices[i]), mean_hu_of(plain->slices[i]));
+  }
+  // Without HU there are none.
+  for (AssetSlice& slice : in.slices)
+    slice.hu.clear();
+  const auto bare = decode_asset(*encode_asset(in), "test");
+  ASSERT_TRUE(bare) << bare.error().message;
+  EXPECT_FALSE(bare->colours);
+}
+
 // Planes above each other share a frame; others have each their own. Both come back bit for bit.
 TEST(Asset, EveryPlaneComesBackBitForBit) {
   Eigen::Matrix3d prone;
@@ -311,7 +344,7 @@ TEST(Asset, LinesAreTheOutlineAndChangeNothingElse) {
   EXPECT_FALSE(decode_asset(moved, "test"));
 }
 
-// A slice costs at most 420 bytes beside its triangles and HU.
+// A slice costs at most 360 bytes beside its triangles and HU.
 TEST(Asset, ASliceCostsLittleJson) {
   const auto overhead = [](int slices, bool hu) {
     Asset asset = make_asset(8);
@@ -329,9 +362,96 @@ TEST(Asset, ASliceCostsLittleJson) {
     const std::size_t bytes = encode_asset(asset, &sizes)->size();
     return bytes - sizes.triangle_bytes;
   };
-  EXPECT_LE(overhead(40, false) - overhead(10, false), 30U * 420);
-  EXPECT_LE(overhead(40, true) - overhead(10, true), 30U * 490);
+  EXPECT_LE(overhead(40, false) - overhead(10, false), 30U * 360);
+  EXPECT_LE(overhead(40, true) - overhead(10, true), 30U * 430);
   EXPECT_LE(overhead(1, false), 420U + 1100);
+}
+
+// Seventy slices above each other, and two more after a gap; without HU, so that nodes hold means.
+Asset tower() {
+  Asset asset = make_asset(8);
+  const AssetSlice one = asset.slices[0];
+  asset.slices.clear();
+  for (int i = 0; i < 72; ++i) {
+    AssetSlice slice = one;
+    slice.index = i < 70 ? i : i + 5;
+    slice.T_lps_plane = Eigen::Translation3d(-79.84375, -54.84375, -17 + 1.5 * slice.index);
+    slice.z_mm = -17 + 1.5 * slice.index;
+    slice.measures_json = "{\"mean_hu\":" + std::to_string(400 + i) + "}";
+    asset.slices.push_back(slice);
+  }
+  return asset;
+}
+
+std::string json_of(const std::vector<std::uint8_t>& glb) {
+  std::uint32_t bytes = 0;
+  std::memcpy(&bytes, glb.data() + 12, sizeof bytes);
+  return {glb.begin() + 20, glb.begin() + 20 + bytes};
+}
+
+// The file with another JSON text and without its index.
+std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::string text) {
+  text.resize((text.size() + 3) & ~std::size_t{3}, ' ');
+  const std::size_t before = 20, after = before + json_of(glb).size();
+  std::vector<std::uint8_t> out(glb.size() - after + before + text.size());
+  std::memcpy(out.data(), glb.data(), before);
+  std::memcpy(out.data() + before, text.data(), text.size());
+  std::memcpy(out.data() + before + text.size(), glb.data() + after, glb.size() - after);
+  const auto size = static_cast<std::uint32_t>(out.size()),
+             bytes = static_cast<std::uint32_t>(text.size());
+  std::memcpy(out.data() + 8, &size, sizeof size);
+  std::memcpy(out.data() + 12, &bytes, sizeof bytes);
+  out[28 + text.size()] ^= 0xFF;
+  return out;
+}
+
+TEST(Asset, SlicesThatFollowEachOtherShareANode) {
+  const std::vector<std::uint8_t> glb = *encode_asset(tower());
+  const std::string text = json_of(glb);
+  std::size_t nodes = 0;
+  for (std::size_t at = 0; (at = text.find(R"("mesh":)", at)) != std::string::npos; ++at)
+    ++nodes;
+  EXPECT_EQ(nodes, 4U);  // of 32, 32, 6 and 2 slices
+  const auto whole = decode_asset(glb, "test");
+  ASSERT_TRUE(whole) << whole.error().message;
+  ASSERT_EQ(whole->slices.size(), 72U);
+  for (std::size_t i = 0; i < 72; ++i) {
+    const AssetSlice& slice = whole->slices[i];
+    EXPECT_EQ(slice.index, static_cast<int>(i < 70 ? i : i + 5));
+    EXPECT_EQ(mean_hu_of(slice), 400 + static_cast<double>(i));
+    const auto part = decode_asset_part(glb, "test", {slice.index});
+    ASSERT_TRUE(part) << part.error().message;
+    EXPECT_EQ(part->asset.slices[0].measures_json, slice.measures_json);
+    EXPECT_EQ(part->asset.slices[0].T_lps_plane.matrix(), slice.T_lps_plane.matrix());
+    EXPECT_EQ(part->asset.slices[0].mesh.vertices, slice.mesh.vertices);
+  }
+}
+
+TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
+  const std::vector<std::uint8_t> glb = *encode_asset(tower());
+  const std::string text = json_of(glb);
+  ASSERT_TRUE(decode_asset(with_json(glb, text), "same"));
+  const std::string primitive =
+      text.substr(text.find(R"([{"attributes")") + 1,
+                  text.find(R"(,{"attributes")") - text.find(R"([{"attributes")"));
+  for (const auto& [from, to, said] : std::vector<std::array<std::string, 3>>{
+           {"400,401,", "400,", "its figures are not one for each slice"},
+           {"400,401,", "[],401,", "mean_hu is not a number for each slice"},
+           {R"("index":0,)", "", "mean_hu and no index"},
+           {R"("index":32,)", R"("index":31,)", "slice indices do not ascend"},
+           {R"("index":75,)", R"("index":2147483647,)", "too many slices in its node"},
+           {R"("index":0,)", R"("index":0,"z_mm":1,)", "its figures are not one for each slice"},
+           {R"({"primitives":[)", R"({"primitives":[)" + primitive, "too many slices in its node"},
+       }) {
+    std::string changed = text;
+    const std::size_t at = changed.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    changed.replace(at, from.size(), to);
+    const auto out = decode_asset(with_json(glb, changed), "test");
+    ASSERT_FALSE(out) << from << " to " << to;
+    EXPECT_EQ(out.error().code, ExitCode::kRefused);
+    EXPECT_NE(out.error().message.find(said), std::string::npos) << out.error().message;
+  }
 }
 
 TEST(Asset, DecodesOnlyTheRequestedSlices) {

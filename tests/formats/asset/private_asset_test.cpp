@@ -20,7 +20,7 @@ Asset plain_asset() {
   Asset asset;
   asset.generator = "trocar-mesh 0.2.0";
   asset.parameters_json =
-      R"({"axis":"coronal","contour":"subpixel","crop":[1,2,3,4],"fill_mm2":"all","threshold":226.5})";
+      R"({"axis":"coronal","contour":"subpixel","crop":[1,2,3,4],"fill_mm2":"all","grade_hu":50,"hu":false,"threshold":226.5})";
   asset.materials = {{"L3", 22}, {"disc L3/L4 (left)", {}}};
   AssetSlice slice;
   slice.mesh = {{{0, 0}, {300, 0}, {0, 300}}, {{0, 1, 2}}};
@@ -49,6 +49,8 @@ TEST(PrivateAsset, AnAssetAsItIsWrittenIsPrivate) {
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
   asset.lines = true;
   asset.input_key_digest = std::string(64, 'a');
+  EXPECT_EQ(found_in(*encode_asset(asset)), "");
+  asset.colours = true;
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
   asset.slices[1].measures_json = R"({"mean_hu":300.25,"patient":"DOE"})";
   asset.slices[1].hu.clear();

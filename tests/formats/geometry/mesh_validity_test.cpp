@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <random>
+#include <set>
+#include <utility>
 
 namespace trocar {
 namespace {
@@ -151,6 +153,56 @@ TEST(BoundaryRings, SplitWhereTheBoundaryTouchesItself) {
 
 // A band wound into a square spiral over the whole lattice. Partial sums of the area exceed 64
 // bits; the whole, summed in 128 bits, does not.
+// A grid with the triangles of random cells left out: holes, several pieces, any order of vertices.
+SliceMesh random_grid(std::mt19937_64& rng) {
+  constexpr std::int32_t kCells = 9;
+  std::vector<std::uint32_t> number((kCells + 1) * (kCells + 1));
+  for (std::uint32_t i = 0; i < number.size(); ++i)
+    number[i] = i;
+  std::shuffle(number.begin(), number.end(), rng);
+  SliceMesh mesh;
+  mesh.vertices.resize(number.size());
+  const auto at = [&number](std::int32_t x, std::int32_t y) {
+    return number[static_cast<std::size_t>(y * (kCells + 1) + x)];
+  };
+  for (std::int32_t y = 0; y <= kCells; ++y) {
+    for (std::int32_t x = 0; x <= kCells; ++x)
+      mesh.vertices[at(x, y)] = {10 * x, 10 * y};
+  }
+  for (std::int32_t y = 0; y < kCells; ++y) {
+    for (std::int32_t x = 0; x < kCells; ++x) {
+      if (rng() % 16 == 0) continue;
+      mesh.triangles.push_back({at(x, y), at(x + 1, y), at(x + 1, y + 1)});
+      mesh.triangles.push_back({at(x + 1, y + 1), at(x, y + 1), at(x, y)});
+    }
+  }
+  return mesh;
+}
+
+TEST(BoundaryRings, AreTheEdgesWithoutAnOpposite) {
+  std::mt19937_64 rng(4);
+  int valid = 0;
+  for (int i = 0; i < 400; ++i) {
+    const SliceMesh mesh = random_grid(rng);
+    if (!check_mesh(mesh)) continue;  // a pinch
+    ++valid;
+    using Edge = std::pair<LatticePoint, LatticePoint>;
+    std::set<Edge> expected, found;
+    for (const Triangle& t : mesh.triangles) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const LatticePoint a = mesh.vertices[t[k]], b = mesh.vertices[t[(k + 1) % 3]];
+        if (expected.erase({b, a}) == 0) expected.insert({a, b});
+      }
+    }
+    for (const Ring& ring : boundary_rings(mesh).rings) {
+      for (std::size_t k = 0; k < ring.size(); ++k)
+        EXPECT_TRUE(found.insert({ring[k], ring[(k + 1) % ring.size()]}).second);
+    }
+    EXPECT_EQ(found, expected);
+  }
+  EXPECT_GT(valid, 100);
+}
+
 TEST(DoubledArea, IsExactForASpiralOverTheWholeLattice) {
   constexpr std::int32_t kTurns = 40, kStep = kMaxCoordinate / kTurns, kWidth = kStep / 2;
   Ring outer, inner;

@@ -16,7 +16,11 @@ from dicom_segmentation_test import (HEIGHT, NAMES, ORIGIN, SLICES, SPACING_U, S
 
 def asset_means(asset):
     """mean_hu of each slice of an asset without HU at vertices."""
-    return [node.get("extras", {}).get("trocar", {}).get("mean_hu") for node in asset.json["nodes"][3:]]
+    out = []
+    for node in asset.json["nodes"][3:]:
+        slices = len(asset.json["meshes"][node["mesh"]]["primitives"]) if "mesh" in node else 1
+        out += node.get("extras", {}).get("trocar", {}).get("mean_hu", [None] * slices)
+    return out
 
 
 def means(labels, hu, wanted):

@@ -103,7 +103,7 @@ def per_slice(row, key):
 
 
 HEAD = ("", "Hausdorff mm", "99 % mm", "mean mm", "area error %", "triangles per slice", "asset bytes per slice",
-        "triangle bytes each", "ms per slice", "smallest angle deg", "below the bound", "of these unexplained")
+        "file bytes a triangle", "ms per slice", "smallest angle deg", "below the bound", "of these unexplained")
 
 
 def cells(label, row):
@@ -228,7 +228,7 @@ def chosen_rows(data):
 
 
 def results(data):
-    lines = ["| scan, contour | tolerance mm | mean distance mm | Hausdorff mm | area error % | triangles per slice | bytes per triangle | ms per slice |",
+    lines = ["| scan, contour | tolerance mm | mean distance mm | Hausdorff mm | area error % | triangles per slice | file's bytes per triangle | ms per slice |",
              "| --- | --- | --- | --- | --- | --- | --- | --- |"]
     for scan, contour, row in chosen_rows(data):
         lines.append(f"| {scan}, {contour} | {row['tolerance_mm']:g} | {row['mean_distance_mm']:.3f} | {row['hausdorff_mm']:.2f} | {row['area_error_percent']:+.2f} | "

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""colour_test.py SOURCE PROGRAMS SCAN WORK: HU as colours of the vertices (`--colour`), as three.js sees them and as the table of
+formats/asset/asset.md says; nothing else of the asset changes; without HU the option is a usage error. SCAN is trocar-sample-ct's
+folder. What three.js sees is left out where it is not installed."""
+import json
+import pathlib
+import re
+import shutil
+import sys
+
+from e2e import check, outcome, run
+
+SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:5])
+MESH, LOAD = PROGRAMS / "trocar-mesh", SOURCE / "tests" / "e2e" / "three" / "load.mjs"
+SLICES = ("--slices", "10:14")
+
+
+def colour_map():
+    """The page's colour of a stored HU."""
+    page = (SOURCE / "formats" / "asset" / "asset.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| (HU|red|green|blue) \| ((?:-?\d+ \| ){8}-?\d+) \|$", page, re.MULTILINE))
+    hu, *rgb = ([int(v) for v in rows[name].split("|")] for name in ("HU", "red", "green", "blue"))
+
+    def colour(value):
+        steps = (min(max(value, hu[0]), hu[-1]) - hu[0]) // 8
+        i = min(steps // 32, 7)
+        k = steps - 32 * i
+        return [(c[i] * (32 - k) + c[i + 1] * k + 16) // 32 for c in rgb]
+    return colour
+
+
+def make(name, *options):
+    asset = WORK / f"{name}.glb"
+    run(MESH, SCAN / "dicom", "-o", asset, "--quiet", *SLICES, *options)
+    run(MESH, "verify", "--private", asset)
+    return asset
+
+
+def seen_by_three(asset):
+    return json.loads(run("node", LOAD, asset).stdout)["slices"]
+
+
+def check_colours(plain, coloured):
+    plain, coloured, of_hu = seen_by_three(plain), seen_by_three(coloured), colour_map()
+    check(len(coloured) == 5, f"{len(coloured)} slices")
+    used = set()
+    for a, b in zip(plain, coloured):
+        check(a["has_hu"] and a["colours"] is None, f"slice {a['index']}: coloured without --colour")
+        check((a["index"], a["triangles"], a["bounds"]) == (b["index"], b["triangles"], b["bounds"]), f"slice {b['index']}: another mesh")
+        check(b["colours"] and len(b["colours"]) == b["vertices"], f"slice {b['index']}: a colour is missing")
+        for hu, *rgb in b["colours"] or []:
+            check(hu == int(hu) and hu % 8 == 0, f"slice {b['index']}: {hu} HU")
+            check(rgb == of_hu(int(hu)), f"slice {b['index']}: {hu} HU is {rgb}, the page says {of_hu(int(hu))}")
+            used.add(tuple(rgb))
+    check(len(used) > 50, f"{len(used)} colours only")
+
+
+def main():
+    WORK.mkdir(parents=True, exist_ok=True)
+    plain, coloured = make("plain"), make("coloured", "--colour")
+    make("bare", "--no-hu")
+    info = [json.loads(run(MESH, "info", file, "--json").stdout)["slices"] for file in (plain, coloured)]
+    check(info[0] == info[1], "info tells other slices with --colour")
+    for what, options in (("--no-hu", (SCAN / "dicom", "--no-hu")),
+                          ("images", (SCAN / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "150")),
+                          ("labels", (SCAN / "sample.nii.gz", "--labels", "300"))):
+        done = run(MESH, *options, "-o", WORK / "refused.glb", "--colour", *SLICES, expect=2)
+        check("--colour" in done.stderr and "HU" in done.stderr and len(done.stderr.splitlines()) == 1, f"{what}: {done.stderr}")
+        check(not (WORK / "refused.glb").exists(), f"{what}: an asset was written")
+    if (LOAD.parent / "node_modules" / "three").is_dir() and shutil.which("node"):
+        check_colours(plain, coloured)
+    else:
+        print("three.js is not installed: the colours were not read back")
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
