@@ -246,6 +246,9 @@ TEST(Materials, APlantedOverlapIsRefused) {
   within.slices.erase(within.slices.begin() + 2, within.slices.end());
   EXPECT_FALSE(verify_asset(within, "within.glb"));
   EXPECT_FALSE(confirm_by_cgal(within, "within.glb"));
+  Asset damaged = asset;
+  damaged.slices[1].mesh.triangles[0][1] = 0xffffff;
+  EXPECT_FALSE(weld_materials(damaged, "damaged.glb"));
   Asset apart = asset;
   apart.slices[1].T_lps_plane.translation().z() += 0.5;
   EXPECT_FALSE(verify_asset(apart, "apart.glb"));
