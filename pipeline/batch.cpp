@@ -262,7 +262,7 @@ Result<json> add_surface(const SliceStack& stack, int first, int last, const Bat
   const auto start = std::chrono::steady_clock::now();
   MeshOptions mesh = options.mesh;
   mesh.segmentation = segmentation;
-  auto volume = read_surface_volume(stack, first, last, mesh);
+  auto volume = read_surface_volume(stack, first, last, mesh, asset.materials.size() > 1);
   if (!volume) return volume.error();
   json out = {{"material", material},
               {"dropped",
@@ -302,18 +302,22 @@ Result<json> add_surface(const SliceStack& stack, int first, int last, const Bat
 }
 
 // Of each material of the asset: what it is in the scan.
-std::vector<Segmentation> materials_in_scan(const Asset& asset, const MeshOptions& options) {
-  if (asset.materials.size() == 1) return {options.segmentation};
+std::vector<Segmentation> materials_in_scan(const std::map<int, int>& first_labels,
+                                            const Segmentation& segmentation) {
+  const auto* const wanted = std::get_if<Labels>(&segmentation);
+  if (wanted == nullptr) return {segmentation};
   std::vector<Segmentation> out;
-  for (const AssetMaterial& material : asset.materials)
-    out.emplace_back(Labels{{material.label.value()}});
+  for (const auto& [first_label, place] : first_labels) {
+    const std::set<int>* const joined = joined_with(*wanted, first_label);
+    out.emplace_back(Labels{joined == nullptr ? std::set{first_label} : *joined});
+  }
   return out;
 }
 
 Result<json> add_surfaces(const SliceStack& stack, int first, int last, const BatchOptions& options,
-                          Asset& asset, json& warnings) {
+                          const std::vector<Segmentation>& materials, Asset& asset,
+                          json& warnings) {
   json out = json::array();
-  const auto materials = materials_in_scan(asset, options.mesh);
   for (std::size_t k = 0; k < materials.size(); ++k) {
     auto one = add_surface(stack, first, last, options, static_cast<int>(k), materials[k], asset,
                            warnings);
@@ -494,7 +498,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
 
   json surface;
   if (options.surface) {
-    auto added = add_surfaces(stack, first, last, options, asset, warnings);
+    auto added =
+        add_surfaces(stack, first, last, options,
+                     materials_in_scan(places, options.mesh.segmentation), asset, warnings);
     if (!added) return added.error();
     surface = std::move(*added);
   }

@@ -254,12 +254,13 @@ std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double 
     return out;
   };
   constexpr std::uint64_t kAll = 27, kMiddle = 13;
-  const auto [u, v, w] = volume.voxel_mm();
+  const std::array<double, 3> sides = volume.voxel_mm();
+  const double step = *std::min_element(sides.begin(), sides.end()) / 8;
   std::vector<Eigen::Vector3d> out;
   each_crossing(volume, [&](std::size_t, std::size_t i, std::size_t j) {
     const auto a = static_cast<double>(volume.values[i]), b = static_cast<double>(volume.values[j]);
     const Eigen::Vector3d low = volume.place(i), p = low + a / (a - b) * (volume.place(j) - low);
-    const Eigen::Vector3d up = volume.gradient(p, std::min({u, v, w}) / 8);
+    const Eigen::Vector3d up = volume.gradient(p, step);
     for (std::uint64_t k = 0; k < kAll; ++k) {
       const auto near = cells.find(cell(p, k));
       if (near == cells.end()) continue;
@@ -275,7 +276,7 @@ std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double 
 }
 
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
-  const auto [fx, fy, fz] = factor;
+  const int fx = factor[0], fy = factor[1], fz = factor[2];
   SurfaceVolume out;
   out.u_mm = volume.u_mm * fx;
   out.v_mm = volume.v_mm * fy;
@@ -312,7 +313,7 @@ SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& fac
 }
 
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
-                                          const MeshOptions& options) {
+                                          const MeshOptions& options, bool is_one_of_several) {
   constexpr double kMostVoxels = 2e9;
   if (auto ok = check_planes(stack, first, last); !ok) return ok.error();
   const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
@@ -337,7 +338,12 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
       return;
     }
     Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
-    if (options.solid != nullptr) options.solid->apply(first + k, crop.x0, crop.y0, field);
+    if (options.solid != nullptr) {
+      const std::vector<float> own = is_one_of_several ? field.image.values : std::vector<float>();
+      options.solid->apply(first + k, crop.x0, crop.y0, field);
+      for (std::size_t i = 0; i < own.size(); ++i)
+        field.image.values[i] = std::min(field.image.values[i], own[i]);
+    }
     if (k == 0) is_mask = field.is_mask;
     auto& [x0, x1, y0, y1] = boxes[here];
     for (int y = 0; y < height; ++y) {

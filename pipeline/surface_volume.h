@@ -77,11 +77,13 @@ inline constexpr int kLeastSurfaceVoxels = 8;
 
 /// Reads the slices from `first` to `last`, several at the same time, within the crop. A mask (of
 /// labels) is smoothed by a Gaussian, and each voxel stays on its side, so that the surface moves
-/// by less than half a voxel. Empty if no piece is large enough. Errors: those of reading;
-/// (refused) fewer than two slices, slices that are not parallel, with different pixels, or not in
-/// ascending order; a volume too large for memory. Memory: 8 bytes a voxel.
+/// by less than half a voxel. `is_one_of_several`: of MeshOptions::solid, which knows all materials
+/// as one, only what it leaves out is used. Empty if no piece is large enough. Errors: those of
+/// reading; (refused) fewer than two slices, slices that are not parallel, with different pixels,
+/// or not in ascending order; a volume too large for memory. Memory: 8 bytes a voxel.
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
-                                          const MeshOptions& options);
+                                          const MeshOptions& options,
+                                          bool is_one_of_several = false);
 
 inline int SurfaceVolume::slice_below(double z_mm) const {
   const double first = origin_mm.front().z(), last = origin_mm.back().z();

@@ -171,6 +171,30 @@ def check_scan(name, scan, triangles, voxel_mm, slices, *options):
     check_three(name, asset, files, info)
 
 
+def check_materials():
+    """Each label has its surface: two halves of a ball, and a speck that is too small for one."""
+    x, y, z = numpy.mgrid[:30, :30, :30]
+    labels = numpy.where(numpy.sqrt((x - 14.5) ** 2 + (y - 14.5) ** 2 + (z - 14.5) ** 2) < 10, numpy.where(x < 15, 4, 7), 0)
+    labels[1, 1:4, 1] = 9
+    file, asset, report = WORK / "labels.nii.gz", WORK / "labels.glb", WORK / "labels.json"
+    nibabel.save(nibabel.Nifti1Image(labels.astype(numpy.int16), numpy.eye(4)), file)
+    run(MESH, file, "--labels", "4,7,9", "-o", asset, "--surface", "--report", report, "--quiet")
+    run(MESH, "verify", "--independent", asset)
+    told = json.loads(report.read_text())
+    check([(s["material"], "triangles" in s, s["dropped"]["specks"]) for s in told["surface"]] ==
+          [(0, True, 0), (1, True, 0), (2, False, 1)], f"labels: {told['surface']}")
+    absent = [w["where"] for w in told["warnings"] if w["code"] == "surface_absent"]
+    check(len(absent) == 1 and "9" in absent[0], f"labels: {told['warnings']}")
+    run(MESH, "export", asset, "-o", WORK / "labels_files", "--surface")
+    files = sorted((WORK / "labels_files").glob("*.stl"))
+    check(len(files) == 2, f"labels: exported {files}")
+    for file, low, high in zip(files, (-15, -25), (-4, -14)):  # x of LPS, across the plane between the halves
+        corners, normals = read_stl(file)
+        volume = check_closed(file.name, corners, normals)
+        check(abs(volume / (2 / 3 * numpy.pi * 1000) - 1) < 0.05, f"{file.name}: {volume} mm^3 of half a ball")
+        check(low < corners[..., 0].min() < corners[..., 0].max() < high, f"{file.name}: x from {corners[..., 0].min()} to {corners[..., 0].max()}")
+
+
 def main():
     subprocess.run(["rm", "-rf", str(WORK)], check=True)
     WORK.mkdir(parents=True)
@@ -198,6 +222,7 @@ def main():
     refused = run(MESH, "export", plain, "-o", WORK / "none", "--surface", expect=3).stderr
     check("no surface in this asset" in refused and not (WORK / "none").exists(), f"export without a surface: {refused}")
     check("needs --surface" in run(MESH, scan, "-o", plain, "--surface-triangles", 5000, expect=2).stderr, "no word of --surface")
+    check_materials()
     return outcome()
 
 
