@@ -398,7 +398,7 @@ def damages(t):
     t.refused(t.save(over), "frame 1: a value above its MaximumFractionalValue of 100")
     # Uneven slices stay where they are.
     code, lines, report, _ = t.run(t.save(damaged(lambda ds: moved(ds, *ORIGIN[:2], ORIGIN[2] + 20.3 * STEP))), "--labels", "all")
-    check(code == 0 and "uneven_spacing" in codes(report) and len(report["slices"]) == 8, f"uneven: {code} {lines}")
+    check(code == 0 and "uneven_spacing" in codes(report) and len({s["index"] for s in report["slices"]}) == 8, f"uneven: {code} {lines}")
 
 
 def main():
