@@ -655,7 +655,9 @@ double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
   for (int doubling = 0; doubling < 6 && !std::isfinite(best); ++doubling, reach *= 4) {
     along(inside ? Vector3d(-up) : up, reach);
     for (int k = 0; k < 27; ++k)
-      if (k != 13) along(Vector3d(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).normalized(), reach);
+      if (k != 13)
+        along(Eigen::Vector3i(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).cast<double>().normalized(),
+              reach);
   }
   for (int i = 0; i < 3 && std::isfinite(best); ++i) {
     const Vector3d g = volume.gradient(nearest, step);
@@ -702,7 +704,7 @@ std::vector<Vector3d> points_on(const TriangleSurface& surface,
 
 // Points of the zero level on edges of the grid, evenly taken from all.
 std::vector<Vector3d> points_on_zero(const SurfaceVolume& volume) {
-  const auto [nx, ny, nz] = volume.size;
+  const int nx = volume.size[0], ny = volume.size[1], nz = volume.size[2];
   const auto each = [&](const auto& visit) {
     for (int z = 0; z < nz; ++z) {
       for (int y = 0; y < ny; ++y) {
