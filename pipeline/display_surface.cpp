@@ -99,20 +99,72 @@ struct NegatedVolume {
   }
 };
 
-// Puts the points that the mesher finds on the surface on the lattice.
-struct PutOnLattice {
-  void new_point(MesherKernel::Point_3& p) const {
-    const Vector3d q = rounded({p.x(), p.y(), p.z()});
-    p = {q.x(), q.y(), q.z()};
+using MesherSurface = CGAL::Implicit_surface_3<MesherKernel, NegatedVolume>;
+
+// Where the dual of a facet crosses the surface, on the lattice; the same from either side. Only
+// facets of the hull, far from the surface, have a ray.
+struct MesherTraits {
+  using Surface_3 = MesherSurface;
+  using Intersection_point = MesherKernel::Point_3;
+  struct Intersect_3 {
+    CGAL::Object operator()(const Surface_3& surface, const MesherKernel::Segment_3& s) const {
+      Intersection_point low = s.source(), high = s.target();
+      if (high < low) std::swap(low, high);
+      const bool side = surface(low) >= 0;
+      if ((surface(high) >= 0) == side) return {};
+      while (CGAL::squared_distance(low, high) > surface.squared_error_bound()) {
+        const auto middle = CGAL::midpoint(low, high);
+        if (middle == low || middle == high) break;
+        ((surface(middle) >= 0) == side ? low : high) = middle;
+      }
+      const Vector3d p = rounded({high.x(), high.y(), high.z()});
+      return CGAL::make_object(Intersection_point(p.x(), p.y(), p.z()));
+    }
+    CGAL::Object operator()(const Surface_3&, const MesherKernel::Ray_3&) const { return {}; }
+    CGAL::Object operator()(const Surface_3&, const MesherKernel::Line_3&) const { return {}; }
+  };
+  Intersect_3 intersect_3_object() const { return {}; }
+};
+
+struct MesherBounds {
+  double angle_deg = 0, radius_mm = 0, distance_mm = 0, bisection_mm = 0;
+};
+
+// The criteria of CGAL::Surface_mesh_default_criteria_3. The order of refinement depends on places
+// only: CGAL's, of equals, is that of addresses in memory.
+struct MesherCriteria {
+  double least_sine = 0, radius = 0, distance = 0;  // in steps
+
+  struct Quality {
+    double worst = 1;  // of bound and value; below 1: bad
+    std::array<MesherKernel::Point_3, 3> corners;
+    bool operator<(const Quality& other) const {
+      return worst != other.worst ? worst < other.worst : corners < other.corners;
+    }
+  };
+
+  bool is_bad(const MesherTriangulation::Facet& f, Quality& q) const {
+    for (int k = 0; k < 3; ++k)
+      q.corners.at(static_cast<std::size_t>(k)) = f.first->vertex((f.second + 1 + k) & 3)->point();
+    std::sort(q.corners.begin(), q.corners.end());
+    const auto& [a, b, c] = q.corners;
+    const auto& centre = f.first->get_facet_surface_center(f.second);
+    const double ab = CGAL::squared_distance(a, b), bc = CGAL::squared_distance(b, c),
+                 ca = CGAL::squared_distance(c, a),
+                 four_areas2 = CGAL::cross_product(b - a, c - a).squared_length(),
+                 longest = std::max({ab, bc, ca});
+    q.worst = 0;
+    if (four_areas2 <= 0) return true;
+    // The sine of the least angle, which lies between the two longer sides.
+    const double sine = std::sqrt(four_areas2 * std::min({ab, bc, ca}) / (ab * bc * ca));
+    const double off =
+        std::sqrt(CGAL::squared_distance(centre, CGAL::circumcenter(a, b, c)) + 1e-12 * longest);
+    const double around = std::sqrt(CGAL::squared_distance(centre, a) + 1e-12 * longest);
+    q.worst = std::min({sine / least_sine, distance / off, radius / around});
+    return q.worst < 1;
   }
 };
 
-using MesherSurface = CGAL::Implicit_surface_3<MesherKernel, NegatedVolume>;
-using MesherTraits = CGAL::Surface_mesher::Implicit_surface_oracle_3<
-    MesherKernel, MesherSurface, CGAL::Real_embeddable_traits<double>::Sgn,
-    CGAL::Surface_mesher::Return_min<CGAL::Sign>,
-    CGAL::Creator_uniform_3<double, MesherKernel::Point_3>, PutOnLattice>;
-using MesherCriteria = CGAL::Surface_mesh_default_criteria_3<MesherTriangulation>;
 using MesherBase = CGAL::Surface_mesher::Surface_mesher_base<MesherComplex, MesherSurface,
                                                              MesherTraits, MesherCriteria>;
 
@@ -172,16 +224,36 @@ Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const Lattice
   const auto sphere = sphere_around(volume);
   const Vector3d centre(sphere.center().x(), sphere.center().y(), sphere.center().z());
   Tetrahedra out;
+  // In the order of places: CGAL's depends on addresses in memory.
+  std::vector<MesherTriangulation::Vertex_handle> vertices;
+  for (auto v = triangulation.finite_vertices_begin(); v != triangulation.finite_vertices_end();
+       ++v)
+    vertices.push_back(v);
+  std::sort(vertices.begin(), vertices.end(),
+            [](auto a, auto b) { return a->point() < b->point(); });
+  vertices.push_back(triangulation.infinite_vertex());
   std::unordered_map<MesherTriangulation::Vertex_handle, std::uint32_t, decltype(kHash)> vertex;
-  for (auto v = triangulation.all_vertices_begin(); v != triangulation.all_vertices_end(); ++v) {
+  for (const auto v : vertices) {
     vertex.emplace(v, static_cast<std::uint32_t>(vertex.size()));
     const auto& p = v->point();
     out.vertices.emplace_back(p.x(), p.y(), p.z());
   }
-  std::unordered_map<MesherTriangulation::Cell_handle, std::uint32_t, decltype(kHash)> number;
-  for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c)
-    number.emplace(c, static_cast<std::uint32_t>(number.size()));
+  using Cell = std::pair<std::array<std::uint32_t, 4>, MesherTriangulation::Cell_handle>;
+  std::vector<Cell> cells;
   for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c) {
+    std::array<std::uint32_t, 4> corners{};
+    for (int i = 0; i < 4; ++i)
+      corners.at(static_cast<std::size_t>(i)) = vertex.at(c->vertex(i));
+    std::sort(corners.begin(), corners.end());
+    cells.emplace_back(corners, c);
+  }
+  std::sort(cells.begin(), cells.end(),
+            [](const Cell& a, const Cell& b) { return a.first < b.first; });
+  std::unordered_map<MesherTriangulation::Cell_handle, std::uint32_t, decltype(kHash)> number;
+  for (const auto& [sorted, c] : cells)
+    number.emplace(c, static_cast<std::uint32_t>(number.size()));
+  for (const Cell& cell : cells) {
+    const auto c = cell.second;
     std::array<std::uint32_t, 4> corners{}, neighbours{};
     for (int i = 0; i < 4; ++i) {
       corners.at(static_cast<std::size_t>(i)) = vertex.at(c->vertex(i));
@@ -198,10 +270,10 @@ Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const Lattice
       continue;
     }
     Vector3d middle = Vector3d::Zero();
-    for (const std::uint32_t v : corners)
+    for (const std::uint32_t v : cell.first)
       middle += out.vertices[v] / 4;
     int within = volume.at(middle) >= 0 ? 1 : 0;
-    for (const std::uint32_t v : corners)
+    for (const std::uint32_t v : cell.first)
       within += volume.at((middle + out.vertices[v]) / 2) >= 0 ? 1 : 0;
     if (within > 0 && within < kSamples) {
       const auto p = triangulation.dual(c);
@@ -297,22 +369,25 @@ Soup triangles_of(const Tetrahedra& tets) {
         // Counter-clockwise seen from this cell, which is outside the material.
         const auto corner = static_cast<std::size_t>(
             MesherTriangulation::vertex_triple_index(static_cast<int>(i), k));
-        const std::uint32_t v = tets.corners[c].at(corner);
-        if (number[v] == kNone) {
-          number[v] = static_cast<std::uint32_t>(out.vertices.size());
-          out.vertices.push_back(tets.vertices[v]);
-        }
-        triangle.at(static_cast<std::size_t>(k)) = number[v];
+        triangle.at(static_cast<std::size_t>(k)) = tets.corners[c].at(corner);
       }
+      std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()),
+                  triangle.end());
       out.triangles.push_back(triangle);
+    }
+  }
+  std::sort(out.triangles.begin(), out.triangles.end());
+  for (auto& triangle : out.triangles) {
+    for (std::uint32_t& v : triangle) {
+      if (number[v] == kNone) {
+        number[v] = static_cast<std::uint32_t>(out.vertices.size());
+        out.vertices.push_back(tets.vertices[v]);
+      }
+      v = number[v];
     }
   }
   return out;
 }
-
-struct MesherBounds {
-  double angle_deg = 0, radius_mm = 0, distance_mm = 0, bisection_mm = 0;
-};
 
 // `points_mm`: on the surface, to begin with.
 Result<Soup> mesh_surface(const std::vector<Vector3d>& points_mm, const LatticeVolume& volume,
@@ -337,8 +412,8 @@ Result<Soup> mesh_surface(const std::vector<Vector3d>& points_mm, const LatticeV
     initial.emplace_back(q.x(), q.y(), q.z());
   }
   triangulation.insert(initial.begin(), initial.end());
-  const MesherCriteria criteria(bounds.angle_deg, volume.steps(bounds.radius_mm),
-                                volume.steps(bounds.distance_mm));
+  const MesherCriteria criteria{std::sin(bounds.angle_deg * 3.14159265358979 / 180),
+                                volume.steps(bounds.radius_mm), volume.steps(bounds.distance_mm)};
   const MesherTraits traits;
   SurfaceMesher mesher(complex, surface, traits, criteria);
   mesher.init();
@@ -580,7 +655,9 @@ double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
   for (int doubling = 0; doubling < 6 && !std::isfinite(best); ++doubling, reach *= 4) {
     along(inside ? Vector3d(-up) : up, reach);
     for (int k = 0; k < 27; ++k)
-      if (k != 13) along(Vector3d(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).normalized(), reach);
+      if (k != 13)
+        along(Eigen::Vector3i(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).cast<double>().normalized(),
+              reach);
   }
   for (int i = 0; i < 3 && std::isfinite(best); ++i) {
     const Vector3d g = volume.gradient(nearest, step);
@@ -627,7 +704,7 @@ std::vector<Vector3d> points_on(const TriangleSurface& surface,
 
 // Points of the zero level on edges of the grid, evenly taken from all.
 std::vector<Vector3d> points_on_zero(const SurfaceVolume& volume) {
-  const auto [nx, ny, nz] = volume.size;
+  const int nx = volume.size[0], ny = volume.size[1], nz = volume.size[2];
   const auto each = [&](const auto& visit) {
     for (int z = 0; z < nz; ++z) {
       for (int y = 0; y < ny; ++y) {
