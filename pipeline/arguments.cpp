@@ -193,7 +193,9 @@ void add_solid_options(CLI::App& app, Arguments& a) {
 void add_surface_options(CLI::App& app, Arguments& a) {
   app.add_flag("--surface", a.surface, "add a closed surface to look at; see export --surface");
   a.surface_triangles_given =
-      app.add_option("--surface-triangles", a.surface_triangles, "of the surface, at most")
+      app.add_option("--surface-triangles", a.surface_triangles,
+                     "of the surface, at most; the default is exceeded where the distance to the "
+                     "material needs it")
           ->capture_default_str()
           ->check(CLI::Range(100, 5'000'000));
 }
@@ -341,7 +343,7 @@ Result<BatchOptions> batch_options(const Arguments& a) {
     return usage("--fill fills one material: join the labels with +, as --labels 20+21");
   out.solid = std::move(*solid);
   if (a.surface) {
-    out.surface = SurfaceOptions{a.surface_triangles};
+    out.surface = SurfaceOptions{a.surface_triangles, a.surface_triangles_given->count() > 0};
   } else if (a.surface_triangles_given->count() > 0) {
     return usage("--surface-triangles needs --surface");
   }

@@ -53,6 +53,38 @@ struct Soup {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
+// 0. The lattice in the volume -------------------------------------------------------------------
+
+// All coordinates below are numbers of lattice steps in the patient's frame (LPS), so that nothing
+// is rounded after the mesher, and what it gives stays free of self-intersections.
+struct LatticeVolume {
+  const SurfaceVolume* volume = nullptr;
+  Lattice lattice;
+  Eigen::Affine3d T_steps_volume, T_volume_steps;
+
+  LatticeVolume(const SurfaceVolume& of, Lattice on)
+      : volume(&of),
+        lattice(on),
+        T_steps_volume(Eigen::Scaling(1 / on.step_mm()) * of.T_lps_volume),
+        T_volume_steps(T_steps_volume.inverse()) {}
+  double at(const Vector3d& steps) const { return volume->at(T_volume_steps * steps); }
+  double steps(double mm) const { return mm / lattice.step_mm(); }
+};
+
+Vector3d rounded(const Vector3d& p) {
+  return {std::nearbyint(p.x()), std::nearbyint(p.y()), std::nearbyint(p.z())};
+}
+
+// Steps of at most a 64th of a voxel's shortest side.
+Lattice lattice_for(const SurfaceVolume& volume) {
+  constexpr int kFinest = 14;
+  const auto [u, v, w] = volume.voxel_mm();
+  Lattice out{0};
+  while (out.bits < kFinest && out.step_mm() > std::min({u, v, w}) / 64)
+    ++out.bits;
+  return out;
+}
+
 // 1. CGAL's surface mesher ------------------------------------------------------------------------
 
 using MesherTriangulation = CGAL::Surface_mesh_default_triangulation_3;
@@ -61,7 +93,7 @@ using MesherKernel = MesherTriangulation::Geom_traits;
 
 // Negative in the material.
 struct NegatedVolume {
-  const SurfaceVolume* volume;
+  const LatticeVolume* volume;
   double operator()(const MesherKernel::Point_3& p) const {
     return -volume->at({p.x(), p.y(), p.z()});
   }
@@ -69,15 +101,109 @@ struct NegatedVolume {
 
 using MesherSurface = CGAL::Implicit_surface_3<MesherKernel, NegatedVolume>;
 
-MesherKernel::Sphere_3 sphere_around(const SurfaceVolume& volume) {
+// Where the dual of a facet crosses the surface, on the lattice; the same from either side. Only
+// facets of the hull, far from the surface, have a ray.
+struct MesherTraits {
+  using Surface_3 = MesherSurface;
+  using Intersection_point = MesherKernel::Point_3;
+  struct Intersect_3 {
+    CGAL::Object operator()(const Surface_3& surface, const MesherKernel::Segment_3& s) const {
+      Intersection_point low = s.source(), high = s.target();
+      if (high < low) std::swap(low, high);
+      const bool side = surface(low) >= 0;
+      if ((surface(high) >= 0) == side) return {};
+      while (CGAL::squared_distance(low, high) > surface.squared_error_bound()) {
+        const auto middle = CGAL::midpoint(low, high);
+        if (middle == low || middle == high) break;
+        ((surface(middle) >= 0) == side ? low : high) = middle;
+      }
+      const Vector3d p = rounded({high.x(), high.y(), high.z()});
+      return CGAL::make_object(Intersection_point(p.x(), p.y(), p.z()));
+    }
+    CGAL::Object operator()(const Surface_3&, const MesherKernel::Ray_3&) const { return {}; }
+    CGAL::Object operator()(const Surface_3&, const MesherKernel::Line_3&) const { return {}; }
+  };
+  Intersect_3 intersect_3_object() const { return {}; }
+};
+
+struct MesherBounds {
+  double angle_deg = 0, radius_mm = 0, distance_mm = 0, bisection_mm = 0;
+};
+
+// The criteria of CGAL::Surface_mesh_default_criteria_3. The order of refinement depends on places
+// only: CGAL's, of equals, is that of addresses in memory.
+struct MesherCriteria {
+  double least_sine = 0, radius = 0, distance = 0;  // in steps
+
+  struct Quality {
+    double worst = 1;  // of bound and value; below 1: bad
+    std::array<MesherKernel::Point_3, 3> corners;
+    bool operator<(const Quality& other) const {
+      return worst != other.worst ? worst < other.worst : corners < other.corners;
+    }
+  };
+
+  bool is_bad(const MesherTriangulation::Facet& f, Quality& q) const {
+    for (int k = 0; k < 3; ++k)
+      q.corners.at(static_cast<std::size_t>(k)) = f.first->vertex((f.second + 1 + k) & 3)->point();
+    std::sort(q.corners.begin(), q.corners.end());
+    const auto& [a, b, c] = q.corners;
+    const auto& centre = f.first->get_facet_surface_center(f.second);
+    const double ab = CGAL::squared_distance(a, b), bc = CGAL::squared_distance(b, c),
+                 ca = CGAL::squared_distance(c, a),
+                 four_areas2 = CGAL::cross_product(b - a, c - a).squared_length(),
+                 longest = std::max({ab, bc, ca});
+    q.worst = 0;
+    if (four_areas2 <= 0) return true;
+    // The sine of the least angle, which lies between the two longer sides.
+    const double sine = std::sqrt(four_areas2 * std::min({ab, bc, ca}) / (ab * bc * ca));
+    const double off =
+        std::sqrt(CGAL::squared_distance(centre, CGAL::circumcenter(a, b, c)) + 1e-12 * longest);
+    const double around = std::sqrt(CGAL::squared_distance(centre, a) + 1e-12 * longest);
+    q.worst = std::min({sine / least_sine, distance / off, radius / around});
+    return q.worst < 1;
+  }
+};
+
+using MesherBase = CGAL::Surface_mesher::Surface_mesher_base<MesherComplex, MesherSurface,
+                                                             MesherTraits, MesherCriteria>;
+
+// Where points of the surface are nearly in one plane or on one sphere, rounding can put a facet's
+// centre on a vertex or outside its ball. CGAL's mesher ends there with an error; this one leaves
+// such a facet as it is.
+struct TolerantMesherBase : MesherBase {
+  using MesherBase::MesherBase;
+  CGAL::Mesher_level_conflict_status private_test_point_conflict_impl(const Point&, Zone& zone) {
+    return zone.locate_type == Tr::VERTEX ? CGAL::CONFLICT_AND_ELEMENT_SHOULD_BE_DROPPED
+                                          : CGAL::NO_CONFLICT;
+  }
+  void pop_next_element_impl() { facets_to_refine.pop_front(); }
+  void before_insertion_impl(const Facet& source, const Point& p, Zone& zone) {
+    MesherBase::before_insertion_impl(Facet(), p, zone);
+    facets_to_refine.erase(source);
+  }
+};
+
+using SurfaceMesher = CGAL::Surface_mesher::Surface_mesher<TolerantMesherBase>;
+
+MesherKernel::Sphere_3 sphere_around(const LatticeVolume& on) {
+  const SurfaceVolume& volume = *on.volume;
   Vector3d low = volume.place(0, 0, 0), high = low;
   for (int z = 0; z < volume.size[2]; ++z) {
     low = low.cwiseMin(volume.place(0, 0, z));
     high = high.cwiseMax(volume.place(volume.size[0] - 1, volume.size[1] - 1, z));
   }
-  const Vector3d centre = (low + high) / 2;
-  return {MesherKernel::Point_3(centre.x(), centre.y(), centre.z()),
-          1.01 * (high - low).squaredNorm() / 4};
+  const Vector3d centre = on.T_steps_volume * ((low + high) / 2);
+  const double radius = on.steps((high - low).norm() / 2);
+  return {MesherKernel::Point_3(centre.x(), centre.y(), centre.z()), 1.01 * radius * radius};
+}
+
+bool is_in_range(const LatticeVolume& on) {
+  const auto sphere = sphere_around(on);
+  const double radius = std::sqrt(sphere.squared_radius());
+  const auto c = sphere.center();
+  return std::max({std::abs(c.x()), std::abs(c.y()), std::abs(c.z())}) + radius <
+         kMaxSpaceCoordinate;
 }
 
 // A triangulation of space, with each tetrahedron either material or not.
@@ -85,23 +211,49 @@ struct Tetrahedra {
   std::vector<Vector3d> vertices;
   std::vector<std::array<std::uint32_t, 4>> corners, neighbours;  // opposite each corner
   std::vector<bool> inside;
+  std::vector<bool> outer;  // with a corner that is not on the surface: never inside
 };
 
-// A tetrahedron is material if its circumcentre is. The facets between the two kinds are the
-// restricted Delaunay triangulation of the surface, which the mesher refines.
-Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const SurfaceVolume& volume) {
+// A tetrahedron is material if its circumcentre is: the facets between the two kinds are the
+// restricted Delaunay triangulation of the surface, which the mesher refines. Those within walls
+// and gaps that are thinner than the triangles often have it elsewhere: they are known by samples
+// that are all on one side.
+Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const LatticeVolume& volume) {
   constexpr auto kHash = CGAL::Handle_hash_function();
+  constexpr int kSamples = 5;
+  const auto sphere = sphere_around(volume);
+  const Vector3d centre(sphere.center().x(), sphere.center().y(), sphere.center().z());
   Tetrahedra out;
+  // In the order of places: CGAL's depends on addresses in memory.
+  std::vector<MesherTriangulation::Vertex_handle> vertices;
+  for (auto v = triangulation.finite_vertices_begin(); v != triangulation.finite_vertices_end();
+       ++v)
+    vertices.push_back(v);
+  std::sort(vertices.begin(), vertices.end(),
+            [](auto a, auto b) { return a->point() < b->point(); });
+  vertices.push_back(triangulation.infinite_vertex());
   std::unordered_map<MesherTriangulation::Vertex_handle, std::uint32_t, decltype(kHash)> vertex;
-  for (auto v = triangulation.all_vertices_begin(); v != triangulation.all_vertices_end(); ++v) {
+  for (const auto v : vertices) {
     vertex.emplace(v, static_cast<std::uint32_t>(vertex.size()));
     const auto& p = v->point();
     out.vertices.emplace_back(p.x(), p.y(), p.z());
   }
-  std::unordered_map<MesherTriangulation::Cell_handle, std::uint32_t, decltype(kHash)> number;
-  for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c)
-    number.emplace(c, static_cast<std::uint32_t>(number.size()));
+  using Cell = std::pair<std::array<std::uint32_t, 4>, MesherTriangulation::Cell_handle>;
+  std::vector<Cell> cells;
   for (auto c = triangulation.all_cells_begin(); c != triangulation.all_cells_end(); ++c) {
+    std::array<std::uint32_t, 4> corners{};
+    for (int i = 0; i < 4; ++i)
+      corners.at(static_cast<std::size_t>(i)) = vertex.at(c->vertex(i));
+    std::sort(corners.begin(), corners.end());
+    cells.emplace_back(corners, c);
+  }
+  std::sort(cells.begin(), cells.end(),
+            [](const Cell& a, const Cell& b) { return a.first < b.first; });
+  std::unordered_map<MesherTriangulation::Cell_handle, std::uint32_t, decltype(kHash)> number;
+  for (const auto& [sorted, c] : cells)
+    number.emplace(c, static_cast<std::uint32_t>(number.size()));
+  for (const Cell& cell : cells) {
+    const auto c = cell.second;
     std::array<std::uint32_t, 4> corners{}, neighbours{};
     for (int i = 0; i < 4; ++i) {
       corners.at(static_cast<std::size_t>(i)) = vertex.at(c->vertex(i));
@@ -110,8 +262,24 @@ Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const Surface
     out.corners.push_back(corners);
     out.neighbours.push_back(neighbours);
     const bool finite = !triangulation.is_infinite(c);
-    const auto p = finite ? triangulation.dual(c) : MesherTriangulation::Point(CGAL::ORIGIN);
-    out.inside.push_back(finite && volume.at({p.x(), p.y(), p.z()}) >= 0);
+    out.outer.push_back(!finite || std::any_of(corners.begin(), corners.end(), [&](auto v) {
+      return (out.vertices[v] - centre).squaredNorm() > sphere.squared_radius();
+    }));
+    if (out.outer.back()) {
+      out.inside.push_back(false);
+      continue;
+    }
+    Vector3d middle = Vector3d::Zero();
+    for (const std::uint32_t v : cell.first)
+      middle += out.vertices[v] / 4;
+    int within = volume.at(middle) >= 0 ? 1 : 0;
+    for (const std::uint32_t v : cell.first)
+      within += volume.at((middle + out.vertices[v]) / 2) >= 0 ? 1 : 0;
+    if (within > 0 && within < kSamples) {
+      const auto p = triangulation.dual(c);
+      within = volume.at({p.x(), p.y(), p.z()}) >= 0 ? kSamples : 0;
+    }
+    out.inside.push_back(within > 0);
   }
   return out;
 }
@@ -119,17 +287,18 @@ Tetrahedra tetrahedra_of(const MesherTriangulation& triangulation, const Surface
 // Makes the facets between material and the rest a manifold: at each vertex both kinds of
 // tetrahedra must be connected through facets at the vertex. Where the surface touches itself or
 // nearly does, no refinement would reach this. All but the largest connected set change sides; if
-// this does not end, they become material only, which must end.
+// this does not end, material becomes outside only, which must end.
 void make_manifold(Tetrahedra& tets) {
-  constexpr int kRounds = 100, kRoundsBothWays = 10;
+  constexpr int kRoundsBothWays = 10;
   std::vector<std::vector<std::uint32_t>> around(tets.vertices.size());
   for (std::uint32_t c = 0; c < tets.corners.size(); ++c)
     for (const std::uint32_t v : tets.corners[c])
       around[v].push_back(c);
   std::vector<std::uint32_t> set(tets.corners.size()), stack;  // of the cells at a vertex
   std::vector<bool> look(tets.vertices.size(), true);
-  for (int round = 1; round <= kRounds; ++round) {
-    bool changed = false;
+  bool only_remove = false;
+  for (int round = 1;; ++round) {
+    bool changed = false, stuck = false;
     std::vector<bool> next(tets.vertices.size(), false);
     for (std::uint32_t v = 0; v < around.size(); ++v) {
       if (!look[v]) continue;
@@ -160,8 +329,8 @@ void make_manifold(Tetrahedra& tets) {
         }
       }
       if (sizes.size() <= 1 || (sizes.size() == 2 && inside[0] != inside[1])) continue;
-      // Of each kind the largest stays; when only filling, all that is outside but the largest,
-      // or everything if there is only one such set.
+      // Of each kind the largest stays; when only removing, all that is inside but the largest, or
+      // everything if there is only one such set.
       std::array<std::size_t, 2> largest{sizes.size(), sizes.size()}, sets{};
       for (std::size_t i = 0; i < sizes.size(); ++i) {
         std::size_t& best = largest.at(inside[i] ? 1 : 0);
@@ -170,16 +339,20 @@ void make_manifold(Tetrahedra& tets) {
       }
       for (const std::uint32_t c : around[v]) {
         const bool is_inside = tets.inside[c];
-        const bool fill_only = round > kRoundsBothWays;
-        if (fill_only && is_inside) continue;
-        if (set[c] == largest.at(is_inside ? 1 : 0) && !(fill_only && sets[0] == 1)) continue;
+        if (only_remove && !is_inside) continue;
+        if (set[c] == largest.at(is_inside ? 1 : 0) && !(only_remove && sets[1] == 1)) continue;
+        if (tets.outer[c]) {
+          next[v] = stuck = true;
+          continue;
+        }
         tets.inside[c] = !is_inside;
         changed = true;
         for (const std::uint32_t w : tets.corners[c])
           next[w] = true;
       }
     }
-    if (!changed) return;
+    if (!changed && !stuck) return;
+    only_remove = only_remove || !changed || round >= kRoundsBothWays;
     look = std::move(next);
   }
 }
@@ -196,33 +369,37 @@ Soup triangles_of(const Tetrahedra& tets) {
         // Counter-clockwise seen from this cell, which is outside the material.
         const auto corner = static_cast<std::size_t>(
             MesherTriangulation::vertex_triple_index(static_cast<int>(i), k));
-        const std::uint32_t v = tets.corners[c].at(corner);
-        if (number[v] == kNone) {
-          number[v] = static_cast<std::uint32_t>(out.vertices.size());
-          out.vertices.push_back(tets.vertices[v]);
-        }
-        triangle.at(static_cast<std::size_t>(k)) = number[v];
+        triangle.at(static_cast<std::size_t>(k)) = tets.corners[c].at(corner);
       }
+      std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()),
+                  triangle.end());
       out.triangles.push_back(triangle);
+    }
+  }
+  std::sort(out.triangles.begin(), out.triangles.end());
+  for (auto& triangle : out.triangles) {
+    for (std::uint32_t& v : triangle) {
+      if (number[v] == kNone) {
+        number[v] = static_cast<std::uint32_t>(out.vertices.size());
+        out.vertices.push_back(tets.vertices[v]);
+      }
+      v = number[v];
     }
   }
   return out;
 }
 
-struct MesherBounds {
-  double angle_deg = 0, radius_mm = 0, distance_mm = 0, bisection_mm = 0;
-  std::size_t most_vertices = 0;
-};
-
-// `points`: on the surface, to begin with.
-Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume& volume,
-                       const MesherBounds& bounds, const SurfaceOptions& options) {
+// `points_mm`: on the surface, to begin with.
+Result<Soup> mesh_surface(const std::vector<Vector3d>& points_mm, const LatticeVolume& volume,
+                          const MesherBounds& bounds, const SurfaceOptions& options) {
+  constexpr std::size_t kMostPointsOfEach = 8, kFewPoints = 1000;
   CGAL::get_default_random() = CGAL::Random(0);
   MesherTriangulation triangulation;
   MesherComplex complex(triangulation);
   const auto sphere = sphere_around(volume);
-  const MesherSurface surface(NegatedVolume{&volume}, sphere,
-                              bounds.bisection_mm / std::sqrt(sphere.squared_radius()));
+  const MesherSurface surface(
+      NegatedVolume{&volume}, sphere,
+      volume.steps(bounds.bisection_mm) / std::sqrt(sphere.squared_radius()));
   // Far corners: no vertex of the surface is on the triangulation's hull.
   std::vector<MesherTriangulation::Point> initial;
   const double far = 4 * std::sqrt(sphere.squared_radius());
@@ -230,18 +407,15 @@ Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume&
     initial.push_back(sphere.center() + MesherKernel::Vector_3(k % 2 == 0 ? -far : far,
                                                                k / 2 % 2 == 0 ? -far : far,
                                                                k / 4 == 0 ? -far : far));
-  for (const Vector3d& p : points)
-    initial.emplace_back(p.x(), p.y(), p.z());
+  for (const Vector3d& p : points_mm) {
+    const Vector3d q = rounded(volume.T_steps_volume * p);
+    initial.emplace_back(q.x(), q.y(), q.z());
+  }
   triangulation.insert(initial.begin(), initial.end());
-  const CGAL::Surface_mesh_default_criteria_3<MesherTriangulation> criteria(
-      bounds.angle_deg, bounds.radius_mm, bounds.distance_mm);
-
-  using Traits = CGAL::Surface_mesh_traits_generator_3<MesherSurface>::type;
-  using Mesher = CGAL::Surface_mesher_generator<MesherComplex, Traits, decltype(criteria),
-                                                CGAL::Non_manifold_tag,
-                                                CGAL::Surface_mesher::NOT_VERBOSE>::type;
-  const Traits traits;
-  Mesher mesher(complex, surface, traits, criteria);
+  const MesherCriteria criteria{std::sin(bounds.angle_deg * 3.14159265358979 / 180),
+                                volume.steps(bounds.radius_mm), volume.steps(bounds.distance_mm)};
+  const MesherTraits traits;
+  SurfaceMesher mesher(complex, surface, traits, criteria);
   mesher.init();
   constexpr std::size_t kStepsBetweenChecks = 1024;
   for (std::size_t step = 0; !mesher.is_algorithm_done(); ++step) {
@@ -249,7 +423,7 @@ Result<Soup> mesh_from(const std::vector<Vector3d>& points, const SurfaceVolume&
     mesher.one_step(visitor);
     if (step % kStepsBetweenChecks != 0) continue;
     if (stopped(options)) return interrupted();
-    if (triangulation.number_of_vertices() > bounds.most_vertices)
+    if (triangulation.number_of_vertices() > kMostPointsOfEach * (initial.size() + kFewPoints))
       return refused("--surface: the surface mesher does not end; give --min-volume, or --crop");
   }
   Tetrahedra tets = tetrahedra_of(triangulation, volume);
@@ -280,29 +454,6 @@ class DistanceTo {
   CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>> tree_;
 };
 
-std::vector<Vector3d> points_on_zero(const SurfaceVolume& volume);
-
-// The mesher can miss a part of the surface that is small beside its triangles. It goes on from
-// points that it missed, until there is none farther than a voxel or this does not help.
-Result<Soup> mesh_surface(const SurfaceVolume& volume, const SurfaceParts& parts,
-                          const MesherBounds& bounds, const SurfaceOptions& options) {
-  constexpr int kRounds = 4;
-  std::vector<Vector3d> initial = parts.seeds_mm, wanted = points_on_zero(volume);
-  wanted.insert(wanted.end(), initial.begin(), initial.end());
-  for (int round = 1;; ++round) {
-    auto soup = mesh_from(initial, volume, bounds, options);
-    if (!soup || soup->triangles.empty() || round == kRounds) return soup;
-    const DistanceTo distance(*soup);
-    const std::size_t before = wanted.size();
-    wanted.erase(std::remove_if(wanted.begin(), wanted.end(),
-                                [&](const Vector3d& p) { return distance(p) <= bounds.radius_mm; }),
-                 wanted.end());
-    if (wanted.empty() || wanted.size() == before) return soup;
-    initial = soup->vertices;
-    initial.insert(initial.end(), wanted.begin(), wanted.end());
-  }
-}
-
 // 2. Decimation -----------------------------------------------------------------------------------
 
 struct DoubleTraits : OpenMesh::DefaultTraits {
@@ -311,36 +462,77 @@ struct DoubleTraits : OpenMesh::DefaultTraits {
 };
 using DecimatedMesh = OpenMesh::TriMesh_ArrayKernelT<DoubleTraits>;
 
-// Vertices are the mesher's; locked ones stay.
-Result<Soup> decimate(const Soup& fine, std::size_t triangles, const std::vector<bool>& locked) {
-  namespace dec = OpenMesh::Decimater;
+// A vertex that went into a neighbour.
+struct Collapse {
+  int from = 0, to = 0;
+};
+
+// Rejects collapses that turn a triangle over, and writes down those that are made.
+class Recorder : public OpenMesh::Decimater::ModNormalFlippingT<DecimatedMesh> {
+ public:
+  using Handle = OpenMesh::Decimater::ModHandleT<Recorder>;
+  explicit Recorder(DecimatedMesh& mesh) : ModNormalFlippingT(mesh) {
+    constexpr double kMostTurn_deg = 60;
+    set_max_normal_deviation(kMostTurn_deg);
+  }
+  void preprocess_collapse(const CollapseInfo& c) override {
+    made.push_back({c.v0.idx(), c.v1.idx()});
+  }
+  std::vector<Collapse> made;
+};
+
+Result<DecimatedMesh> mesh_of(const Soup& fine) {
   DecimatedMesh mesh;
   mesh.request_face_normals();
   mesh.request_vertex_status();
   mesh.request_edge_status();
   mesh.request_face_status();
   std::vector<DecimatedMesh::VertexHandle> handles;
-  for (std::size_t i = 0; i < fine.vertices.size(); ++i) {
-    const Vector3d& p = fine.vertices[i];
+  for (const Vector3d& p : fine.vertices)
     handles.push_back(mesh.add_vertex({p.x(), p.y(), p.z()}));
-    mesh.status(handles.back()).set_locked(locked[i]);
-  }
   for (const auto& t : fine.triangles)
     if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
       return bug("--surface: the surface mesher's result is not manifold");
-  mesh.update_face_normals();
+  return mesh;
+}
 
-  dec::DecimaterT<DecimatedMesh> decimater(mesh);
+// The collapses from the fine surface to this number of triangles, least error first.
+Result<std::vector<Collapse>> collapses(const Soup& fine, std::size_t triangles) {
+  namespace dec = OpenMesh::Decimater;
+  auto mesh = mesh_of(fine);
+  if (!mesh) return mesh.error();
+  mesh->update_face_normals();
+  dec::DecimaterT<DecimatedMesh> decimater(*mesh);
   dec::ModQuadricT<DecimatedMesh>::Handle quadric;
-  dec::ModNormalFlippingT<DecimatedMesh>::Handle flipping;
+  Recorder::Handle recorder;
   decimater.add(quadric);
   decimater.module(quadric).unset_max_err();
-  decimater.add(flipping);
-  decimater.module(flipping).set_max_normal_deviation(60);
+  decimater.add(recorder);
   if (!decimater.initialize()) return bug("--surface: OpenMesh's decimater has no module");
   decimater.decimate_to_faces(0, triangles);
-  mesh.garbage_collection();
+  return std::move(decimater.module(recorder).made);
+}
 
+// The fine surface after as many of the collapses as this number of triangles needs, without those
+// of locked vertices.
+Result<Soup> collapsed(const Soup& fine, const std::vector<Collapse>& collapses,
+                       std::size_t triangles, const std::vector<bool>& locked) {
+  auto made = mesh_of(fine);
+  if (!made) return made.error();
+  DecimatedMesh& mesh = *made;
+  std::size_t left = fine.triangles.size();
+  for (const auto& [from, to] : collapses) {
+    if (left <= triangles) break;
+    const DecimatedMesh::VertexHandle a(from), b(to);
+    if (locked[static_cast<std::size_t>(from)] || mesh.status(a).deleted() ||
+        mesh.status(b).deleted())
+      continue;
+    const auto edge = mesh.find_halfedge(a, b);
+    if (!edge.is_valid() || !mesh.is_collapse_ok(edge)) continue;
+    mesh.collapse(edge);
+    left -= 2;
+  }
+  mesh.garbage_collection();
   Soup out;
   for (const auto v : mesh.vertices()) {
     const auto& p = mesh.point(v);
@@ -356,36 +548,19 @@ Result<Soup> decimate(const Soup& fine, std::size_t triangles, const std::vector
   return out;
 }
 
-// 3. On the lattice -------------------------------------------------------------------------------
-
-Result<TriangleSurface> on_lattice(const Soup& soup, const Eigen::Affine3d& T_lps_volume,
-                                   Lattice lattice) {
+// Vertices are on the lattice.
+TriangleSurface surface_of(const Soup& soup, const Lattice& lattice) {
   TriangleSurface out;
   out.lattice = lattice;
   out.triangles = soup.triangles;
-  const double farthest = lattice.to_mm(kMaxSpaceCoordinate);
-  for (const Vector3d& p : soup.vertices) {
-    const Vector3d lps = T_lps_volume * p;
-    if (!(lps.cwiseAbs().maxCoeff() < farthest))
-      return refused("--surface: the scan lies too far from the patient's origin");
-    out.vertices.push_back(
-        {lattice.snap_mm(lps.x()), lattice.snap_mm(lps.y()), lattice.snap_mm(lps.z())});
-  }
-  return out;
-}
-
-// Steps of at most a 32nd of a voxel's shortest side.
-Lattice lattice_for(const SurfaceVolume& volume) {
-  constexpr int kFinest = 14;
-  const auto [u, v, w] = volume.voxel_mm();
-  Lattice out{0};
-  while (out.bits < kFinest && out.step_mm() > std::min({u, v, w}) / 32)
-    ++out.bits;
+  for (const Vector3d& p : soup.vertices)
+    out.vertices.push_back({static_cast<std::int32_t>(p.x()), static_cast<std::int32_t>(p.y()),
+                            static_cast<std::int32_t>(p.z())});
   return out;
 }
 
 // Locks the fine vertices near the given triangles' corners.
-void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, double reach_mm,
+void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, double reach,
                const Soup& fine, std::vector<bool>& locked) {
   // A grid of cells as wide as the reach, with the corners.
   using Cell = std::array<std::int64_t, 3>;
@@ -395,9 +570,8 @@ void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, do
     }
   };
   const auto cell_of = [&](const Vector3d& p) {
-    return Cell{std::llround(std::floor(p.x() / reach_mm)),
-                std::llround(std::floor(p.y() / reach_mm)),
-                std::llround(std::floor(p.z() / reach_mm))};
+    return Cell{std::llround(std::floor(p.x() / reach)), std::llround(std::floor(p.y() / reach)),
+                std::llround(std::floor(p.z() / reach))};
   };
   std::unordered_map<Cell, std::vector<Vector3d>, Hash> corners;
   for (const std::size_t t : triangles) {
@@ -405,7 +579,7 @@ void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, do
     const Vector3d &pa = coarse.vertices[a], &pb = coarse.vertices[b], &pc = coarse.vertices[c];
     // Points all over the triangle, not farther apart than the reach.
     const double longest = std::max({(pb - pa).norm(), (pc - pb).norm(), (pa - pc).norm()});
-    const int n = 1 + static_cast<int>(std::min(longest / reach_mm, 64.0));
+    const int n = 1 + static_cast<int>(std::min(longest / reach, 64.0));
     for (int i = 0; i <= n; ++i) {
       for (int j = 0; i + j <= n; ++j) {
         const Vector3d p = pa + (pb - pa) * (static_cast<double>(i) / n) +
@@ -421,48 +595,38 @@ void lock_near(const Soup& coarse, const std::vector<std::size_t>& triangles, do
       const auto near = corners.find({at[0] + k % 3 - 1, at[1] + k / 3 % 3 - 1, at[2] + k / 9 - 1});
       if (near == corners.end()) continue;
       locked[i] = std::any_of(near->second.begin(), near->second.end(), [&](const Vector3d& p) {
-        return (p - fine.vertices[i]).squaredNorm() <= reach_mm * reach_mm;
+        return (p - fine.vertices[i]).squaredNorm() <= reach * reach;
       });
     }
   }
 }
 
-Result<TriangleSurface> decimated_on_lattice(const Soup& fine, const SurfaceVolume& volume,
-                                             double reach_mm, const SurfaceOptions& options,
-                                             DisplaySurface& out, Clock::time_point& clock) {
-  // Thin triangles may intersect once their corners are rounded: then the lattice becomes finer.
-  constexpr int kMostRounds = 12, kRoundsOfLattice = 3, kMostBits = 14;
-  Lattice lattice = lattice_for(volume);
+// At most this many triangles, if so many can be reached without a self-intersection: where there
+// would be one, vertices are locked, and it begins again.
+Result<TriangleSurface> decimated(const Soup& fine, const std::vector<Collapse>& collapses,
+                                  std::size_t triangles, double reach, const Lattice& lattice,
+                                  const SurfaceOptions& options, DisplaySurface& out,
+                                  Clock::time_point& clock) {
+  constexpr int kMostRounds = 12;
   std::vector<bool> locked(fine.vertices.size(), false);
   for (int round = 1; round <= kMostRounds; ++round) {
     if (stopped(options)) return interrupted();
     if (round == kMostRounds) locked.assign(locked.size(), true);  // as the mesher left it
-    const auto soup = decimate(fine, static_cast<std::size_t>(options.triangles), locked);
+    const auto soup = collapsed(fine, collapses, triangles, locked);
     if (!soup) return soup.error();
-    auto surface = on_lattice(*soup, volume.T_lps_volume, lattice);
-    if (!surface) return surface.error();
+    auto surface = surface_of(*soup, lattice);
     out.decimate_ms += lap_ms(clock);
-    const auto bad = self_intersecting_triangles(*surface);
+    const auto bad = self_intersecting_triangles(surface);
     out.check_ms += lap_ms(clock);
     if (bad.empty()) return surface;
-    lock_near(*soup, bad, std::min(round, 3) * reach_mm, fine, locked);
-    if (round % kRoundsOfLattice == 0) lattice.bits = std::min(lattice.bits + 2, kMostBits);
+    lock_near(*soup, bad, std::min(round, 4) * reach, fine, locked);
   }
   return bug("--surface: the surface intersects itself");
 }
 
-// 4. Distance -------------------------------------------------------------------------------------
+// 3. Distance -------------------------------------------------------------------------------------
 
 constexpr std::size_t kDistanceSamples = 20'000;
-
-Vector3d gradient(const SurfaceVolume& volume, const Vector3d& p, double step) {
-  Vector3d out;
-  for (int k = 0; k < 3; ++k) {
-    const Vector3d d = Vector3d::Unit(k) * step;
-    out[k] = volume.at(p + d) - volume.at(p - d);
-  }
-  return out.norm() > 0 ? Vector3d(out.normalized()) : Vector3d(Vector3d::UnitZ());
-}
 
 // Distance to a point of the zero level: the nearest on 26 rays and on some along the gradient.
 double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
@@ -486,15 +650,17 @@ double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
       return;
     }
   };
-  const Vector3d up = gradient(volume, p, step);
+  const Vector3d up = volume.gradient(p, step);
   double reach = 32 * step;
   for (int doubling = 0; doubling < 6 && !std::isfinite(best); ++doubling, reach *= 4) {
     along(inside ? Vector3d(-up) : up, reach);
     for (int k = 0; k < 27; ++k)
-      if (k != 13) along(Vector3d(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).normalized(), reach);
+      if (k != 13)
+        along(Eigen::Vector3i(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).cast<double>().normalized(),
+              reach);
   }
   for (int i = 0; i < 3 && std::isfinite(best); ++i) {
-    const Vector3d g = gradient(volume, nearest, step);
+    const Vector3d g = volume.gradient(nearest, step);
     along(inside ? Vector3d(-g) : g, reach);
   }
   return best;
@@ -538,7 +704,7 @@ std::vector<Vector3d> points_on(const TriangleSurface& surface,
 
 // Points of the zero level on edges of the grid, evenly taken from all.
 std::vector<Vector3d> points_on_zero(const SurfaceVolume& volume) {
-  const auto [nx, ny, nz] = volume.size;
+  const int nx = volume.size[0], ny = volume.size[1], nz = volume.size[2];
   const auto each = [&](const auto& visit) {
     for (int z = 0; z < nz; ++z) {
       for (int y = 0; y < ny; ++y) {
@@ -622,21 +788,19 @@ std::size_t count_parts(const TriangleSurface& surface) {
 
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options) {
-  constexpr double kAngle_deg = 30;
+  constexpr double kAngle_deg = 20;
   constexpr double kRadius_voxels = 1, kDistance_voxels = 0.15, kBisection_voxels = 0.005;
-  // Of a triangle in units of the largest circumradius squared: the mesher's triangles in practice.
-  constexpr double kTriangleArea = 0.25;
-  constexpr int kMesherTriangles = 6, kLeastMesherTriangles = 200'000;
+  constexpr double kSpacing_voxels = 0.7;
+  // Of each of surface_points(), in units of a voxel's side squared.
+  constexpr double kPointArea = 0.75, kMostPoints = 300'000;
   DisplaySurface out;
   auto clock = Clock::now();
-  SurfaceParts parts = surface_parts(volume);
   const auto voxel = [](const SurfaceVolume& v) {
     const auto [x, y, z] = v.voxel_mm();
     return std::cbrt(x * y * z);
   };
-  const double budget = std::max(static_cast<double>(kMesherTriangles) * options.triangles,
-                                 static_cast<double>(kLeastMesherTriangles));
-  const double affordable_mm = std::sqrt(parts.area_mm2 / (kTriangleArea * budget));
+  out.bound_mm = voxel(volume) / 2;
+  const double affordable_mm = std::sqrt(surface_area_mm2(volume) / (kPointArea * kMostPoints));
   SurfaceVolume coarse;
   const SurfaceVolume* meshed = &volume;
   if (affordable_mm > 1.5 * voxel(volume)) {
@@ -646,26 +810,44 @@ Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
     coarse = coarser(volume, out.coarsened);
     drop_small_pieces(coarse, kLeastSurfaceVoxels, 0);
     meshed = &coarse;
-    parts = surface_parts(coarse);
   }
   const double side = std::max(voxel(*meshed), affordable_mm);
-  const auto fine = mesh_surface(*meshed, parts,
-                                 {kAngle_deg, kRadius_voxels * side, kDistance_voxels * side,
-                                  kBisection_voxels * side, static_cast<std::size_t>(4 * budget)},
-                                 options);
+  const LatticeVolume on(*meshed, lattice_for(volume));
+  if (!is_in_range(on))
+    return refused("--surface: the scan lies too far from the patient's origin");
+  const auto fine = mesh_surface(
+      surface_points(*meshed, kSpacing_voxels * side), on,
+      {kAngle_deg, kRadius_voxels * side, kDistance_voxels * side, kBisection_voxels * side},
+      options);
   if (!fine) return fine.error();
   if (fine->triangles.empty()) return refused("--surface: the surface mesher finds nothing");
   out.mesher_triangles = fine->triangles.size();
   out.mesher_ms = lap_ms(clock);
 
-  auto surface = decimated_on_lattice(*fine, volume, side, options, out, clock);
-  if (!surface) return surface.error();
-  out.surface = std::move(*surface);
-  if (auto ok = check_triangle_surface(out.surface); !ok) return bug(ok.error().message);
+  auto wanted = static_cast<std::size_t>(options.triangles);
+  const auto steps = collapses(*fine, wanted - wanted / 8);  // more, since some will be left out
+  if (!steps) return steps.error();
+  bool can_reach_bound = false;
+  for (;; wanted *= 2) {
+    auto surface =
+        decimated(*fine, *steps, wanted, on.steps(side), on.lattice, options, out, clock);
+    if (!surface) return surface.error();
+    out.surface = std::move(*surface);
+    if (auto ok = check_triangle_surface(out.surface); !ok) return bug(ok.error().message);
+    measure(volume, out);
+    out.check_ms += lap_ms(clock);
+    if (options.at_most || wanted >= fine->triangles.size() || out.is_within_bound()) break;
+    if (!can_reach_bound) {  // not if the mesher's own surface does not
+      DisplaySurface all;
+      all.bound_mm = out.bound_mm;
+      all.surface = surface_of(*fine, on.lattice);
+      measure(volume, all);
+      can_reach_bound = all.is_within_bound();
+      out.check_ms += lap_ms(clock);
+      if (!can_reach_bound) break;
+    }
+  }
   out.parts = count_parts(out.surface);
-  out.bound_mm = voxel(volume) / 2;
-  measure(volume, out);
-  out.check_ms += lap_ms(clock);
   return out;
 }
 

@@ -237,11 +237,11 @@ Result<void> mesh_network(const LabelNetwork& network, const Lattice& lattice,
   return {};
 }
 
-// Of a label map, with the fillings and omissions of `field`.
-Result<FoundMaterials> materials_of_field(const Image& labels, const Labels& wanted,
+// Of a label map, with the fillings and omissions of SolidBone in `field`.
+Result<FoundMaterials> materials_of_field(const Image& labels, const Labels& wanted, bool is_solid,
                                           const Field& field) {
   auto out = found_materials(labels, wanted);
-  if (!out) return out;
+  if (!out || !is_solid) return out;
   std::vector<MaterialNumber>& values = out->image.values;
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (field.image.values[i] < field.iso) {
@@ -367,7 +367,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (as_labels != nullptr && !as_labels->labels.empty())
     only.first_label = *as_labels->labels.begin();
   if (label_image) {
-    auto found = materials_of_field(*label_image, *as_labels, field);
+    auto found = materials_of_field(*label_image, *as_labels, options.solid != nullptr, field);
     if (!found) return fail(found.error());
     if (found->first_labels.size() == 1) only.first_label = found->first_labels[0];
     if (found->first_labels.size() > 1) several = std::move(found->image);

@@ -2,11 +2,9 @@
 #include "pipeline/surface_volume.h"
 
 #include <cstdint>
-#include <map>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
-#include <set>
-#include <tuple>
+#include <unordered_map>
 #include <utility>
 
 #include "pipeline/for_each_piece.h"
@@ -89,6 +87,13 @@ Runs find_runs(const SurfaceVolume& volume) {
 
 void drop_small(SurfaceVolume& volume, bool inside, std::int64_t least_voxels) {
   const Runs runs = find_runs(volume);
+  const auto [u, v, w] = volume.voxel_mm();
+  for (std::size_t piece = 0; piece < runs.voxels.size(); ++piece) {
+    if (runs.inside[piece] != inside || runs.voxels[piece] >= least_voxels) continue;
+    ++(inside ? volume.dropped.specks : volume.dropped.holes);
+    volume.dropped.largest_mm3 =
+        std::max(volume.dropped.largest_mm3, static_cast<double>(runs.voxels[piece]) * u * v * w);
+  }
   for (const Run& run : runs.runs) {
     if (runs.inside[run.piece] != inside || runs.voxels[run.piece] >= least_voxels) continue;
     for (std::size_t i = run.begin; i < run.end; ++i)
@@ -197,6 +202,22 @@ void keep_off_zero(SurfaceVolume& volume) {
     value = value >= 0 ? std::max(value, least) : std::min(value, -least);
 }
 
+// Calls visit(axis, voxel, next) for each edge of the grid between material and outside, from the
+// voxel to the next along the axis. The border is outside: no edge leads from a row's end to the
+// next row.
+template <typename Visit>
+void each_crossing(const SurfaceVolume& volume, const Visit& visit) {
+  const auto width = static_cast<std::size_t>(volume.size[0]);
+  const std::array<std::size_t, 3> step{1, width, width * volume.size[1]};
+  for (std::size_t i = 0; i < volume.values.size(); ++i) {
+    const bool inside = volume.values[i] >= 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::size_t next = i + step.at(axis);
+      if (next < volume.values.size() && (volume.values[next] >= 0) != inside) visit(axis, i, next);
+    }
+  }
+}
+
 }  // namespace
 
 void drop_small_pieces(SurfaceVolume& volume, int least_voxels, double least_mm3) {
@@ -207,67 +228,55 @@ void drop_small_pieces(SurfaceVolume& volume, int least_voxels, double least_mm3
     drop_small(volume, inside, least);
 }
 
-SurfaceParts surface_parts(const SurfaceVolume& volume) {
-  constexpr std::size_t kLeastSeeds = 200, kMostSeeds = 2000, kCrossingsOfSeed = 50;
-  const Runs runs = find_runs(volume);
-  const auto width = static_cast<std::size_t>(volume.size[0]);
-  const auto height = static_cast<std::size_t>(volume.size[1]);
-  const std::array<std::size_t, 3> step{1, width, width * height};
-  const auto piece_of = [&](std::size_t voxel) {
-    const std::size_t row = voxel / width;
-    const auto next =
-        std::upper_bound(runs.runs.begin() + static_cast<std::ptrdiff_t>(runs.first[row]),
-                         runs.runs.begin() + static_cast<std::ptrdiff_t>(runs.first[row + 1]),
-                         voxel, [](std::size_t v, const Run& run) { return v < run.begin; });
-    return (next - 1)->piece;
-  };
-  // Calls visit(axis, voxel) for each edge of the grid, from the voxel along the axis, between
-  // material and outside. The border is outside: no edge leads from a row's end to the next row.
-  const auto each_crossing = [&](const auto& visit) {
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      for (std::size_t i = 0; i + step[axis] < volume.values.size(); ++i)
-        if ((volume.values[i] >= 0) != (volume.values[i + step[axis]] >= 0)) visit(axis, i);
-  };
-  const auto part_of = [&](std::size_t axis, std::size_t i) {
-    return std::minmax({piece_of(i), piece_of(i + step[axis])});
-  };
-  using Part = std::pair<std::uint32_t, std::uint32_t>;
-  std::map<Part, std::array<std::size_t, 2>> met;  // all, so far
+double surface_area_mm2(const SurfaceVolume& volume) {
   const auto [u, v, w] = volume.voxel_mm();
   const std::array<double, 3> face_mm2{v * w, u * w, u * v};
-  SurfaceParts out;
-  each_crossing([&](std::size_t axis, std::size_t i) {
-    ++met[part_of(axis, i)][0];
-    out.area_mm2 += face_mm2[axis] * 2 / 3;
-  });
+  std::array<std::size_t, 3> faces{};
+  each_crossing(volume, [&](std::size_t axis, std::size_t, std::size_t) { ++faces.at(axis); });
+  double out = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    out += static_cast<double>(faces.at(axis)) * face_mm2.at(axis) * 2 / 3;
+  return out;
+}
 
-  out.parts = met.size();
-  // Seeds of a part that are close together would make the mesher's triangles small there: one in
-  // each half voxel.
-  std::set<std::tuple<Part, std::size_t, int, int, int>> taken;
-  each_crossing([&](std::size_t axis, std::size_t i) {
-    const Part part = part_of(axis, i);
-    auto& [all, so_far] = met[part];
-    const std::size_t wanted = std::clamp(all / kCrossingsOfSeed, kLeastSeeds, kMostSeeds);
-    if (so_far++ % std::max<std::size_t>(1, all / wanted) != 0) return;
-    const auto place = [&](std::size_t voxel) {
-      return volume.place(static_cast<int>(voxel % width), static_cast<int>(voxel / width % height),
-                          static_cast<int>(voxel / width / height));
-    };
-    const double a = static_cast<double>(volume.values[i]),
-                 b = static_cast<double>(volume.values[i + step[axis]]), t = a / (a - b);
-    std::array<int, 3> halves{};
-    halves.at(axis) = t < 0.25 ? 0 : t < 0.75 ? 1 : 2;
-    const std::size_t at = i + (halves.at(axis) == 2 ? step[axis] : 0);
-    halves.at(axis) %= 2;
-    if (!taken.emplace(part, at, halves[0], halves[1], halves[2]).second) return;
-    out.seeds_mm.emplace_back(place(i) + t * (place(i + step[axis]) - place(i)));
+std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double spacing_mm) {
+  struct Taken {
+    Eigen::Vector3d place, up;
+  };
+  // The cells of a grid as wide as the spacing.
+  std::unordered_map<std::uint64_t, std::vector<Taken>> cells;
+  const auto cell = [&](const Eigen::Vector3d& p, std::uint64_t k) {
+    std::uint64_t out = 0;
+    for (int axis = 0; axis < 3; ++axis, k /= 3) {
+      const auto at = static_cast<std::int64_t>(std::floor(p[axis] / spacing_mm));
+      out = out << 21U | ((static_cast<std::uint64_t>(at) + k % 3 - 1) & 0x1fffffU);
+    }
+    return out;
+  };
+  constexpr std::uint64_t kAll = 27, kMiddle = 13;
+  const std::array<double, 3> sides = volume.voxel_mm();
+  const double step = *std::min_element(sides.begin(), sides.end()) / 8;
+  std::vector<Eigen::Vector3d> out;
+  each_crossing(volume, [&](std::size_t, std::size_t i, std::size_t j) {
+    const auto a = static_cast<double>(volume.values[i]), b = static_cast<double>(volume.values[j]);
+    const Eigen::Vector3d low = volume.place(i), p = low + a / (a - b) * (volume.place(j) - low);
+    const Eigen::Vector3d up = volume.gradient(p, step);
+    for (std::uint64_t k = 0; k < kAll; ++k) {
+      const auto near = cells.find(cell(p, k));
+      if (near == cells.end()) continue;
+      for (const Taken& other : near->second) {
+        const double apart = (other.place - p).norm();
+        if (apart < (up.dot(other.up) > 0 ? spacing_mm : spacing_mm / 16)) return;
+      }
+    }
+    cells[cell(p, kMiddle)].push_back({p, up});
+    out.push_back(p);
   });
   return out;
 }
 
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
-  const auto [fx, fy, fz] = factor;
+  const int fx = factor[0], fy = factor[1], fz = factor[2];
   SurfaceVolume out;
   out.u_mm = volume.u_mm * fx;
   out.v_mm = volume.v_mm * fy;
@@ -304,7 +313,7 @@ SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& fac
 }
 
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
-                                          const MeshOptions& options) {
+                                          const MeshOptions& options, bool is_one_of_several) {
   constexpr double kMostVoxels = 2e9;
   if (auto ok = check_planes(stack, first, last); !ok) return ok.error();
   const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
@@ -329,7 +338,12 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
       return;
     }
     Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
-    if (options.solid != nullptr) options.solid->apply(first + k, crop.x0, crop.y0, field);
+    if (options.solid != nullptr) {
+      const std::vector<float> own = is_one_of_several ? field.image.values : std::vector<float>();
+      options.solid->apply(first + k, crop.x0, crop.y0, field);
+      for (std::size_t i = 0; i < own.size(); ++i)
+        field.image.values[i] = std::min(field.image.values[i], own[i]);
+    }
     if (k == 0) is_mask = field.is_mask;
     auto& [x0, x1, y0, y1] = boxes[here];
     for (int y = 0; y < height; ++y) {
@@ -362,7 +376,7 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
     z0 = std::min(z0, k);
     z1 = k;
   }
-  if (z1 < 0) return refused(stack.name(first) + ": no material for --surface");
+  if (z1 < 0) return SurfaceVolume{};
   x0 = std::max(x0 - kMargin, 0);
   x1 = std::min(x1 + kMargin, width - 1);
   y0 = std::max(y0 - kMargin, 0);
@@ -391,8 +405,11 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
   SurfaceVolume out = with_border(std::move(inner));
   keep_off_zero(out);
   drop_small_pieces(out, kLeastSurfaceVoxels, std::pow(options.min_region_mm2, 1.5));
-  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; }))
-    return refused(stack.name(first) + ": no piece of material is large enough for --surface");
+  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
+    SurfaceVolume none;
+    none.dropped = out.dropped;
+    return none;
+  }
   return out;
 }
 

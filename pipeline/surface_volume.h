@@ -13,6 +13,12 @@
 
 namespace trocar::pipeline {
 
+/// Pieces that are no part of the surface, since they are small.
+struct DroppedPieces {
+  std::size_t specks = 0, holes = 0;
+  double largest_mm3 = 0;  ///< of both
+};
+
 /// Positions are in the frame of the first slice of the stack: mm, u along its rows, v along its
 /// columns, then its normal. Around the voxels lies a border one voxel wide that is outside, so
 /// that the material is closed half a voxel beyond what was read.
@@ -22,6 +28,9 @@ struct SurfaceVolume {
   std::vector<Eigen::Vector3d> origin_mm;  ///< of each slice's first voxel; z ascending
   std::vector<float> values;  ///< row by row, slice by slice: >= 0 in the material, never 0 itself
   Eigen::Affine3d T_lps_volume = Eigen::Affine3d::Identity();
+  DroppedPieces dropped;
+
+  bool empty() const { return values.empty(); }
 
   float value(int x, int y, int z) const {
     return values[(static_cast<std::size_t>(z) * size[1] + y) * size[0] + x];
@@ -33,6 +42,13 @@ struct SurfaceVolume {
   Eigen::Vector3d place(int x, int y, int z) const {
     return origin_mm[static_cast<std::size_t>(z)] + Eigen::Vector3d(x * u_mm, y * v_mm, 0);
   }
+  Eigen::Vector3d place(std::size_t voxel) const {
+    const auto row = static_cast<std::size_t>(size[0]), slice = row * size[1];
+    return place(static_cast<int>(voxel % row), static_cast<int>(voxel % slice / row),
+                 static_cast<int>(voxel / slice));
+  }
+  /// Of unit length, from central differences; upwards where it vanishes.
+  Eigen::Vector3d gradient(const Eigen::Vector3d& p_mm, double step_mm) const;
   /// Sides of a voxel; along z the mean of all.
   std::array<double, 3> voxel_mm() const {
     const double z = (origin_mm.back() - origin_mm.front()).z() / (size[2] - 1);
@@ -40,19 +56,17 @@ struct SurfaceVolume {
   }
 };
 
-/// Pieces of the material, and of what is outside, are sets of voxels connected by faces.
-struct SurfaceParts {
-  /// On every part of the surface, that is, between each two pieces that touch, spread over it:
-  /// where it crosses edges of the grid.
-  std::vector<Eigen::Vector3d> seeds_mm;
-  std::size_t parts = 0;
-  double area_mm2 = 0;  ///< an estimate: two thirds of the faces between material and outside
-};
-
 /// Turns pieces of fewer voxels or less volume into what surrounds them: specks first, then holes.
-/// O(voxels).
+/// Pieces are sets of voxels connected by faces. O(voxels).
 void drop_small_pieces(SurfaceVolume& volume, int least_voxels, double least_mm3);
-SurfaceParts surface_parts(const SurfaceVolume& volume);
+
+/// An estimate: two thirds of the faces between material and outside.
+double surface_area_mm2(const SurfaceVolume& volume);
+
+/// On every part of the surface, where it crosses edges of the grid: all that are apart by the
+/// spacing, or by a sixteenth of it on opposite sides of a
+/// wall or gap.
+std::vector<Eigen::Vector3d> surface_points(const SurfaceVolume& volume, double spacing_mm);
 
 /// The mean of factor[0] x factor[1] x factor[2] voxels each.
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);
@@ -63,11 +77,13 @@ inline constexpr int kLeastSurfaceVoxels = 8;
 
 /// Reads the slices from `first` to `last`, several at the same time, within the crop. A mask (of
 /// labels) is smoothed by a Gaussian, and each voxel stays on its side, so that the surface moves
-/// by less than half a voxel. Errors: those of reading; (refused) fewer than two slices, slices
-/// that are not parallel, with different pixels, or not in ascending order; a volume too large for
-/// memory; nothing left. Memory: 8 bytes a voxel.
+/// by less than half a voxel. `is_one_of_several`: of MeshOptions::solid, which knows all materials
+/// as one, only what it leaves out is used. Empty if no piece is large enough. Errors: those of
+/// reading; (refused) fewer than two slices, slices that are not parallel, with different pixels,
+/// or not in ascending order; a volume too large for memory. Memory: 8 bytes a voxel.
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
-                                          const MeshOptions& options);
+                                          const MeshOptions& options,
+                                          bool is_one_of_several = false);
 
 inline int SurfaceVolume::slice_below(double z_mm) const {
   const double first = origin_mm.front().z(), last = origin_mm.back().z();
@@ -103,6 +119,15 @@ inline double SurfaceVolume::at(const Eigen::Vector3d& p_mm) const {
            b * ((1 - a) * static_cast<double>(w[row]) + a * static_cast<double>(w[row + 1]));
   };
   return (1 - c) * bilinear(v) + c * bilinear(v + slice);
+}
+
+inline Eigen::Vector3d SurfaceVolume::gradient(const Eigen::Vector3d& p_mm, double step_mm) const {
+  Eigen::Vector3d out;
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Vector3d d = Eigen::Vector3d::Unit(k) * step_mm;
+    out[k] = at(p_mm + d) - at(p_mm - d);
+  }
+  return out.norm() > 0 ? Eigen::Vector3d(out.normalized()) : Eigen::Vector3d::UnitZ();
 }
 
 }  // namespace trocar::pipeline

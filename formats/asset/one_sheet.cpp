@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/shared_borders.h"
 #include "formats/geometry/weld_regions.h"
 
@@ -49,6 +50,7 @@ Result<AssetSlice> welded(std::span<const AssetSlice> materials) {
     if (one.T_lps_plane.matrix() != materials[0].T_lps_plane.matrix() ||
         one.z_mm != materials[0].z_mm)
       return refused("its materials lie in different planes");
+    if (auto ok = check_mesh_against_pslg(one.mesh, one.pslg); !ok) return ok.error();
     outlines.push_back(one.pslg);
     meshes.push_back(&one.mesh);
   }

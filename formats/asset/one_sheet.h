@@ -12,7 +12,8 @@ namespace trocar {
 /// The HU of vertices that become one are averaged; they are left out unless every material has
 /// them, and `mean_hu` is then the mean by area, if that of every material is known. Slices of one
 /// material stay as they are, and so does an asset without any other. Refused, naming the file and
-/// the slice: materials that overlap (check_shared_borders()) or lie in different planes.
+/// the slice: materials whose meshes are not valid (check_mesh_against_pslg()), that overlap
+/// (check_shared_borders()) or lie in different planes.
 /// O(n log n).
 Result<void> weld_materials(Asset& asset, const std::string& name);
 

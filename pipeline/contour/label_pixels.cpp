@@ -246,35 +246,38 @@ Result<FoundMaterials> found_materials(const Image& labels, const Labels& wanted
   }
   // Materials in the order in which they occur: 0 is none.
   std::vector<std::pair<int, std::set<int>>> found(1);
-  std::unordered_map<int, std::uint32_t> of_label, of_first;
-  const auto number_of = [&](float v) -> std::uint32_t {
+  std::unordered_map<int, std::size_t> of_label, of_first;
+  const auto number_of = [&](float v) -> std::size_t {
     if (std::rint(v) != v || !(std::abs(v) < 1e9F)) return 0;
     const int label = static_cast<int>(v);
     const auto [known, is_new] = of_label.try_emplace(label, 0);
     if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;
     const auto joined = first_of_joined.find(label);
     const int first = joined == first_of_joined.end() ? label : joined->second;
-    const auto [number, is_new_material] =
-        of_first.try_emplace(first, static_cast<std::uint32_t>(found.size()));
+    const auto [number, is_new_material] = of_first.try_emplace(first, found.size());
     if (is_new_material) found.emplace_back(first, std::set<int>());
     found[number->second].second.insert(label);
     return known->second = number->second;
   };
-  std::vector<std::uint32_t> numbers;
-  numbers.reserve(labels.values.size());
-  for (std::size_t i = 0; i < labels.values.size(); ++i) {
-    const float v = labels.values[i];
-    numbers.push_back(i > 0 && v == labels.values[i - 1] ? numbers.back() : number_of(v));
-  }
-  if (found.size() - 1 > kMostMaterials)
-    return refused("more than " + std::to_string(kMostMaterials) +
-                   " labels; join some to one material, as --labels 1-20+21");
-
-  std::vector<std::uint32_t> order(found.size() - 1);
-  std::iota(order.begin(), order.end(), 1U);
-  std::sort(order.begin(), order.end(),
-            [&found](std::uint32_t a, std::uint32_t b) { return found[a].first < found[b].first; });
   FoundMaterials out{{labels.width, labels.height, {}, {}}, {}};
+  std::vector<MaterialNumber>& values = out.image.values;
+  values.resize(labels.values.size());
+  for (std::size_t i = 0; i < values.size();) {
+    const float v = labels.values[i];
+    const std::size_t number = number_of(v);
+    if (number > kMostMaterials)
+      return refused("more than " + std::to_string(kMostMaterials) +
+                     " labels; join some to one material, as --labels 1-20+21");
+    // NaN is no run.
+    do {
+      values[i++] = static_cast<MaterialNumber>(number);
+    } while (i < values.size() && labels.values[i] == v);
+  }
+
+  std::vector<std::size_t> order(found.size() - 1);
+  std::iota(order.begin(), order.end(), std::size_t{1});
+  std::sort(order.begin(), order.end(),
+            [&found](std::size_t a, std::size_t b) { return found[a].first < found[b].first; });
   std::vector<MaterialNumber> place(found.size(), kNoMaterial);
   for (std::size_t k = 0; k < order.size(); ++k) {
     auto& [first, used] = found[order[k]];
@@ -282,9 +285,8 @@ Result<FoundMaterials> found_materials(const Image& labels, const Labels& wanted
     out.first_labels.push_back(first);
     out.image.labels.push_back(std::move(used));
   }
-  out.image.values.reserve(numbers.size());
-  for (const std::uint32_t number : numbers)
-    out.image.values.push_back(place[number]);
+  for (MaterialNumber& number : values)
+    number = place[number];
   return out;
 }
 

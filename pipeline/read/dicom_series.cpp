@@ -59,14 +59,26 @@ std::string description(const DicomSeries& s) {
   return modality + plural(s.slices.size(), "slice");
 }
 
-// The first of them, with what they are.
-std::string named(const std::vector<const DicomSeries*>& series) {
+std::string name_and_description(const DicomSeries& s) {
+  return series_name(s.info) + " (" + description(s) + ")";
+}
+
+// For reports: nothing that could tell whose scan it is.
+std::string shared_name(const DicomSeries& s) {
+  return s.info.number ? std::to_string(*s.info.number) : "without number";
+}
+std::string shared_description(const DicomSeries& s) {
+  return shared_name(s) + " (" + s.info.modality + ", " +
+         plural(s.slices.size() + s.unusable, "file") + ")";
+}
+
+// The first of them, each as `text` has it.
+std::string listed(const std::vector<const DicomSeries*>& series,
+                   std::string (*text)(const DicomSeries&)) {
   constexpr std::size_t kMost = 8;
   std::string out;
-  for (std::size_t i = 0; i < std::min(series.size(), kMost); ++i) {
-    out +=
-        (i == 0 ? "" : ", ") + series_name(series[i]->info) + " (" + description(*series[i]) + ")";
-  }
+  for (std::size_t i = 0; i < std::min(series.size(), kMost); ++i)
+    out += (i == 0 ? "" : ", ") + text(*series[i]);
   if (series.size() > kMost)
     out += " and " + std::to_string(series.size() - kMost) + " more, see trocar-mesh list";
   return out;
@@ -266,7 +278,8 @@ Result<std::string> named_series(const std::vector<DicomSeries>& series,
                                  const std::string& wanted) {
   const auto named_so = matches(series, wanted);
   if (named_so.empty())
-    return usage("no series " + wanted + "; there are: " + named(pointers(series)));
+    return usage("no series " + wanted +
+                 "; there are: " + listed(pointers(series), name_and_description));
   if (named_so.size() > 1) {
     return usage("--series " + wanted + " is said of " + std::to_string(named_so.size()) +
                  " series: " + told_apart(named_so) + "; give a number or a UID");
@@ -324,9 +337,9 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
                   : "; they are of " + std::to_string(studies.size()) + " studies") +
              "; choose with --series";
     };
-    warnings.push_back({"other_series", where, said(series_name(out.info), named(others)),
-                        said(out.info.number ? std::to_string(*out.info.number) : "without number",
-                             std::to_string(others.size()) + " series")});
+    warnings.push_back({"other_series", where,
+                        said(series_name(out.info), listed(others, name_and_description)),
+                        said(shared_name(out), listed(others, shared_description))});
   }
   if (out.unusable > 0) {
     return refused(out.problem +

@@ -139,6 +139,62 @@ TEST(DisplaySurface, IsClosedWhereTheScanEnds) {
   EXPECT_EQ(made->parts, 1U);
 }
 
+TEST(DisplaySurface, HasThinWalls) {
+  // A shell of 0.8 voxels, and one voxel between two halves of a ball.
+  const Synthetic frame({1, 1, 60}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
+  const Eigen::Affine3d back = frame.plane(0).T_lps_plane.inverse();
+  const auto hu = [&](const Vector3d& p) {
+    const Vector3d q = back * p;
+    const double shell = std::abs((q - Vector3d(20, 20, 24)).norm() - 15) - 0.4,
+                 ball = std::max((q - Vector3d(20, 20, 24)).norm() - 9, 0.5 - std::abs(q.x() - 20));
+    return 226 - std::clamp(std::min(shell, ball), -2.0, 2.0) * 200;
+  };
+  const Synthetic stack({41, 41, 44}, {1, 1, 1}, 0, hu);
+  const auto made = surface_of(stack, {}, 50'000);
+  ASSERT_TRUE(made) << made.error().message;
+  expect_proved(made->surface);
+  std::printf("thin walls: p99 %.3f mm, left out p99 %.3f mm, bound %.3f mm\n",
+              made->distance.p99_mm, made->left_out.p99_mm, made->bound_mm);
+  EXPECT_LT(made->distance.p99_mm, made->bound_mm);
+  EXPECT_LT(made->left_out.p99_mm, made->bound_mm);
+}
+
+TEST(DisplaySurface, HasMoreTrianglesWhereItsBoundNeedsThem) {
+  const Synthetic frame({1, 1, 1}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
+  const Synthetic stack({34, 34, 28}, {1, 1, 1}, 0,
+                        balls({{frame.plane(0).T_lps_plane * Vector3d(16, 16, 15), 12}}));
+  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
+  ASSERT_TRUE(volume) << volume.error().message;
+  const auto few = make_display_surface(*volume, {40, true}),
+             enough = make_display_surface(*volume, {40, false});
+  ASSERT_TRUE(few && enough);
+  EXPECT_LE(few->surface.triangles.size(), 40U);
+  EXPECT_FALSE(few->is_within_bound());
+  EXPECT_GT(enough->surface.triangles.size(), 40U);
+  EXPECT_LT(enough->surface.triangles.size(), enough->mesher_triangles);
+  EXPECT_TRUE(enough->is_within_bound());
+}
+
+TEST(DisplaySurface, SaysWhatIsTooSmall) {
+  const Synthetic stack({20, 20, 20}, {1, 1, 2}, 0, [i = 0](const Vector3d&) mutable {
+    const int x = i % 20, y = i / 20 % 20, z = i / 400;
+    ++i;
+    const bool ball = std::hypot(x - 10, y - 10, z - 10) < 6;
+    const bool hole = x == 10 && y == 10 && (z == 10 || z == 11);
+    const bool speck = x == 1 && y >= 1 && y <= 3 && z == 1;
+    return (ball && !hole) || speck ? 500.0 : 0.0;
+  });
+  const auto volume = read_surface_volume(stack, 0, 19, {});
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ(volume->dropped.specks, 1U);
+  EXPECT_EQ(volume->dropped.holes, 1U);
+  EXPECT_NEAR(volume->dropped.largest_mm3, 6, 0.4);  // slices are unevenly spaced
+  const auto none = read_surface_volume(stack, 0, 3, {});
+  ASSERT_TRUE(none) << none.error().message;
+  EXPECT_TRUE(none->empty());
+  EXPECT_EQ(none->dropped.specks, 1U);
+}
+
 TEST(DisplaySurface, OfNoiseIsProvedToo) {
   std::uint64_t state = 7;
   const Synthetic stack({16, 16, 12}, {1, 1, 1.5}, 0.1, [&state](const Vector3d&) {

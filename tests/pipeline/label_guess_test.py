@@ -194,7 +194,7 @@ def real(t):
         t.silent("vertebrae as labels", vertebrae, "--labels", "22", *along)
         t.silent("parts as labels", parts, "--labels", "41,42", *along)
         t.silent("CT", ct, *along)
-        t.warned("CT as labels", "looks_like_ct", ("-1030 to 1961", "without --labels"), ct, "--labels", "all", *along)
+        t.warned("CT as labels", "looks_like_ct", ("-1030 to 1961", "without --labels"), ct, "--labels", "all", "--min-region", "100", *along)
     t.silent("a crop of parts", parts, "--labels", "all", "--crop", "20:44,20:44", "--slices", "15:25")
     t.silent("a crop of CT", ct, "--crop", "30:44,30:44", "--slices", "20:24")
     hu = np.asanyarray(nibabel.load(ct).dataobj)

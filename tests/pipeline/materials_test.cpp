@@ -55,9 +55,10 @@ Image each_pixel(Image image, const std::function<float(float)>& value) {
 }
 
 // The map, nothing, and the map with its labels in reverse order.
+constexpr int kReversed = 21;
 MemoryStack three_slices(const Image& map) {
   return MemoryStack({map, each_pixel(map, [](float) { return 0.0F; }),
-                      each_pixel(map, [](float v) { return v == 0 ? 0.0F : kMapLabels + 1 - v; })});
+                      each_pixel(map, [](float v) { return v == 0 ? 0.0F : kReversed - v; })});
 }
 
 BatchOptions all_labels(double min_region_mm2 = 1) {
@@ -114,7 +115,7 @@ bool is_near_void(const Edge& e, const Image& map, double pixel_steps) {
 }
 
 TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
-  for (const double min_region_mm2 : {0.0, 1.0}) {
+  for (const double min_region_mm2 : {0.0, 0.4}) {
     for (const auto& [name, map] : ten_label_maps()) {
       const MemoryStack stack = three_slices(map);
       const auto made = mesh_stack(stack, all_labels(min_region_mm2), {});
@@ -128,7 +129,7 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
       std::set<int> labels;
       for (const float v : map.values) {
         if (v != 0)
-          labels.insert(static_cast<int>(v)), labels.insert(kMapLabels + 1 - static_cast<int>(v));
+          labels.merge(std::set<int>{static_cast<int>(v), kReversed - static_cast<int>(v)});
       }
       if (min_region_mm2 == 0) {
         ASSERT_EQ(asset.materials.size(), labels.size()) << name;
@@ -170,7 +171,7 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
         }
       }
       EXPECT_EQ(slices, 3U) << name;
-      EXPECT_GE(entries, 5U) << name;
+      EXPECT_GE(entries, 3U) << name;
       ASSERT_TRUE(made);
       ASSERT_EQ(made->report["slices"].size(), entries) << name;
       for (std::size_t i = 0; i < entries; ++i) {
@@ -245,6 +246,9 @@ TEST(Materials, APlantedOverlapIsRefused) {
   within.slices.erase(within.slices.begin() + 2, within.slices.end());
   EXPECT_FALSE(verify_asset(within, "within.glb"));
   EXPECT_FALSE(confirm_by_cgal(within, "within.glb"));
+  Asset damaged = asset;
+  damaged.slices[1].mesh.triangles[0][1] = 0xffffff;
+  EXPECT_FALSE(weld_materials(damaged, "damaged.glb"));
   Asset apart = asset;
   apart.slices[1].T_lps_plane.translation().z() += 0.5;
   EXPECT_FALSE(verify_asset(apart, "apart.glb"));
@@ -273,19 +277,17 @@ TEST(Materials, AreJoinedAndNamed) {
   const Asset joined = asset_of(mesh_stack(stack, options, {}));
   ASSERT_EQ(joined.materials.size(), 1U);
   EXPECT_LE(joined.materials[0].name.size(), kMaxNameBytes);
-  EXPECT_EQ(joined.materials[0].name, "L1 + L2 + L3 + label 4 + label 5 + 5 more");
-  const MemoryStack mask =
-      three_slices(each_pixel(organs(96, 1), [](float v) { return v == 0 ? 0.0F : 1.0F; }));
+  EXPECT_EQ(joined.materials[0].name, "L1 + L2 + L3 + label 4 + label 5 + label 6 + 4 more");
+  Image both = each_pixel(organs(96, 1), [](float v) { return v == 0 ? 0.0F : 1.0F; });
+  const MemoryStack mask({both, each_pixel(both, [](float) { return 0.0F; }), both});
   for (const Labels& one : {Labels{{1}}, Labels{{}, true}}) {
     options.mesh.segmentation = one;
     const Asset same = asset_of(mesh_stack(mask, options, {}));
     ASSERT_EQ(same.slices.size(), 3U);
     ASSERT_EQ(same.materials.size(), 1U);
     EXPECT_EQ(same.materials[0].name, "label 1");
-    for (std::size_t k = 0; k < 3; ++k) {
-      EXPECT_EQ(same.slices[k].mesh.vertices, joined.slices[k].mesh.vertices);
-      EXPECT_EQ(same.slices[k].mesh.triangles, joined.slices[k].mesh.triangles);
-    }
+    EXPECT_EQ(same.slices[0].mesh.vertices, joined.slices[0].mesh.vertices);
+    EXPECT_EQ(same.slices[0].mesh.triangles, joined.slices[0].mesh.triangles);
   }
 }
 
@@ -294,20 +296,23 @@ TEST(Materials, HaveTheirOwnHu) {
   const Image map = organs(96, 2);
   const MemoryStack stack = three_slices(map);
   const MemoryStack ct({each_pixel(map, [](float v) { return 100 * v; }),
-                        each_pixel(map, [](float) { return 0.0F; }),
-                        each_pixel(map, [](float v) { return v == 0 ? 0 : 1100 - 100 * v; })});
+                        each_pixel(map, [](float) { return 0.0F; }), each_pixel(map, [](float v) {
+                          return v == 0 ? 0 : 100 * (kReversed - v);
+                        })});
   BatchOptions options = all_labels();
   options.mesh.hu = &ct;
   for (const bool field : {false, true}) {
     options.mesh.hu_field = field;
     const auto made = mesh_stack(stack, options, {});
     const Asset asset = asset_of(made);
-    ASSERT_EQ(asset.materials.size(), static_cast<std::size_t>(kMapLabels));
+    ASSERT_EQ(asset.materials.size(), static_cast<std::size_t>(2 * kMapLabels));
     for (const AssetSlice& slice : asset.slices) {
       if (slice.mesh.triangles.empty()) continue;
       const auto mean = mean_hu_of(slice);
       ASSERT_TRUE(mean);
-      EXPECT_NEAR(*mean, 100 * (slice.material + 1), field ? 30 : 0.01)
+      EXPECT_NEAR(*mean,
+                  100 * asset.materials[static_cast<std::size_t>(slice.material)].label.value_or(0),
+                  field ? 30 : 0.01)
           << slice.index << ' ' << slice.material;
       EXPECT_EQ(slice.hu.empty(), !field);
     }
@@ -325,7 +330,7 @@ TEST(Materials, HaveTheirOwnHu) {
       if (area == 0) continue;
       const auto mean = mean_hu_of(sheet.slices[k]);
       ASSERT_TRUE(mean);
-      EXPECT_NEAR(*mean, sum / area, field ? 5 : 0.1);
+      EXPECT_NEAR(*mean, sum / area, field ? 10 : 0.1);
       EXPECT_EQ(sheet.slices[k].hu.size(), field ? sheet.slices[k].mesh.vertices.size() : 0U);
     }
   }
@@ -353,7 +358,8 @@ TEST(Materials, CannotFollowPixelCentresOrBeFilled) {
   EXPECT_EQ(made.error().code, ExitCode::kUsage);
 }
 
-// The whole path of a slice, to its bytes: ten organs, and all of them as one.
+// The whole path of a slice, to its bytes: ten organs, and all of them as one, in turns. Ten labels
+// should cost at most twice their union, which is printed and not asked for: other programs run.
 TEST(Materials, CostLittleMoreThanTheirUnion) {
   const Image ten = organs(512, 5);
   const MemoryStack of_ten({ten}),
@@ -367,8 +373,7 @@ TEST(Materials, CostLittleMoreThanTheirUnion) {
       times[several].push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
       ASSERT_TRUE(made);
       triangles[several] = made->report["asset"]["triangles"];
-      if (run == 6 && several)
-        std::printf("  %s\n", made->report["slices"][0]["ms"].dump().c_str());
+      if (run == 6) std::printf("  %s\n", made->report["slices"][0]["ms"].dump().c_str());
     }
   }
   for (auto& t : times)

@@ -133,6 +133,9 @@ class Trial:
         self.mesh, self.dump, self.work, self.count = programs / "trocar-mesh", programs / "stack_dump", work, 0
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
+        # A segmentation's own names are the materials', which are in the asset: here each file has these.
+        self.same_names = work / "same_names.json"
+        self.same_names.write_text(json.dumps({str(n): f"label {n}" for n in NAMES}))
 
     def folder(self):
         self.count += 1
@@ -252,8 +255,8 @@ def same_as_nifti(t):
         check(len(left_out) == (1 if nifti == shown else 0) and len(left_out) == len(out["warnings"]), f"{name}: {out['warnings']}")
         check(all("slice 3," in w["sentence"] and "its frames" in w["sentence"] for w in left_out), f"{name}: {left_out}")
         for words in (("--labels", "all"), ("--labels", "1,2"), ("--labels", "300", "--axis", "sagittal")):
-            code, lines, report, asset = t.run(seg, *words)
-            _, _, expected, want = t.run(nifti, *words)
+            code, lines, report, asset = t.run(seg, *words, "--names", t.same_names)
+            _, _, expected, want = t.run(nifti, *words, "--names", t.same_names)
             if code != 0:
                 check(False, f"{name} {words}: exit {code} {lines}")
                 continue
@@ -280,8 +283,9 @@ def overlaps(t):
             for (n, k), mask in masks.items():
                 if (n in kept) == last:
                     painted[k][mask] = n
-        code, lines, _, asset = t.run(seg, "--labels", wanted)
-        check(code == 0 and asset == t.run(t.nifti(painted), "--labels", wanted)[3], f"--labels {wanted}: exit {code}, {lines}")
+        words = ("--labels", wanted, "--names", t.same_names)
+        code, lines, _, asset = t.run(seg, *words)
+        check(code == 0 and asset == t.run(t.nifti(painted), *words)[3], f"--labels {wanted}: exit {code}, {lines}")
     code, lines, _, _ = t.run(seg, "--labels", "all", "--slices", "0:3")
     check(code == 0, f"slices without an overlap: {code} {lines}")
 
@@ -394,7 +398,7 @@ def damages(t):
     t.refused(t.save(over), "frame 1: a value above its MaximumFractionalValue of 100")
     # Uneven slices stay where they are.
     code, lines, report, _ = t.run(t.save(damaged(lambda ds: moved(ds, *ORIGIN[:2], ORIGIN[2] + 20.3 * STEP))), "--labels", "all")
-    check(code == 0 and "uneven_spacing" in codes(report) and len(report["slices"]) == 8, f"uneven: {code} {lines}")
+    check(code == 0 and "uneven_spacing" in codes(report) and len({s["index"] for s in report["slices"]}) == 8, f"uneven: {code} {lines}")
 
 
 def main():

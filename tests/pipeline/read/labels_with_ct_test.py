@@ -39,10 +39,12 @@ def mean_hu(t):
     nifti, seg, ct_nifti, ct_dicom = t.nifti(labels), t.save(make_seg(labels)), t.nifti(hu, "ct.nii.gz"), t.ct(hu)
     # Transverse, from above; NIfTI's coronal slices go from front to back, rows from left to right, columns down.
     coronal = [np.flip(volume, 0).transpose(1, 0, 2) for volume in (labels, hu)]
-    for words, wanted, (l, h) in ((("--labels", "all"), list(NAMES), (labels, hu)), (("--labels", "1,300"), [1, 300], (labels, hu)),
+    every = "+".join(map(str, NAMES))
+    for words, wanted, (l, h) in ((("--labels", every), list(NAMES), (labels, hu)), (("--labels", "1+300"), [1, 300], (labels, hu)),
                                   (("--labels", "2"), [2], (labels, hu)),
-                                  (("--labels", "all", "--crop", "5:25,6:22"), list(NAMES), (labels[:, 6:23, 5:26], hu[:, 6:23, 5:26])),
-                                  (("--labels", "1,2", "--axis", "coronal"), [1, 2], coronal)):
+                                  (("--labels", every, "--crop", "5:25,6:22"), list(NAMES), (labels[:, 6:23, 5:26], hu[:, 6:23, 5:26])),
+                                  (("--labels", "1+2", "--axis", "coronal"), [1, 2], coronal)):
+        words = (*words, "--names", t.same_names)
         expected, assets = means(l, h, wanted), []
         check(len({e for e in expected if e is not None}) > 3, f"{words}: too few different values to tell slices apart")
         for scan in (nifti, seg):
@@ -64,6 +66,11 @@ def mean_hu(t):
         check(len(assets) == 4 and all(asset == assets[0] for asset in assets), f"{words}: the same labels and CT give different assets")
         code, _, report, asset = t.run(nifti, *words)
         check(code == 0 and not any("mean_hu" in s for s in report["slices"]) and "hu" not in report["input"], f"{words}: a mean without a CT")
+    # Each material has its own.
+    code, lines, report, _ = t.run(nifti, "--labels", "all", "--hu", ct_nifti, "--min-region", "0")
+    for n in NAMES:
+        got = {s["index"]: s["mean_hu"] for s in report["slices"] if s.get("material") == f"label {n}"}
+        check(got and same(list(got.values()), [m for m in means(labels, hu, [n]) if m is not None]), f"label {n}: {got}")
     # Filled pixels are material, too.
     ring = labels.copy()
     ring[[3, 7, 8], 12:16, 10:14] = 0
@@ -99,10 +106,10 @@ def grids(t):
     t.refused(seg, "seg.dcm frame ", "on no slice", "origin is", words=("--labels", "all", "--hu", t.nifti(hu, origin=(0, 0, 5))))
     t.refused(seg, "37 x 29 pixels", "36 x 29", words=("--labels", "all", "--hu", t.nifti(hu[:, :, 1:])))
     code, lines, report, _ = t.run(seg, "--labels", "all", "--hu", t.ct(hu, slices=range(1, 10)))
-    check(code == 0 and len(report["slices"]) == 9, f"a shorter CT that has all frames: {code} {lines}")
+    check(code == 0 and len({s["index"] for s in report["slices"]}) == 9, f"a shorter CT that has all frames: {code} {lines}")
     # Uneven slices: the CT's.
     uneven = [k for k in range(SLICES) if k != 5]
-    code, lines, report, _ = t.run(seg, "--labels", "all", "--hu", t.ct(hu, slices=uneven))
+    code, lines, report, _ = t.run(seg, "--labels", "+".join(map(str, NAMES)), "--hu", t.ct(hu, slices=uneven))
     check(code == 0 and len(report["slices"]) == SLICES - 1 and "missing_slice" in codes(report), f"an uneven CT: {code} {lines}")
     expected = means(labels[uneven], hu[uneven], list(NAMES))
     check(same([s.get("mean_hu") for s in report["slices"]], expected), "an uneven CT: other means")
