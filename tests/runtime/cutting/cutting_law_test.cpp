@@ -49,6 +49,28 @@ TEST(CuttingLaw, ThePapersSheet) {
   }
 }
 
+// The same sheet behind a coupling of 10 kN/m breaks at 10.5 mm of the device's depth; a shell of 1
+// mm holds its 35 N for that much longer.
+TEST(CuttingLaw, CouplingAndThicknessMoveTheBreak) {
+  for (const bool has_coupling : {false, true}) {
+    for (const double thickness : {0.0, 1e-3}) {
+      Bench b(even_slabs(1, thickness, 35));
+      b.options.coupling.is_rigid = !has_coupling;
+      b.options.coupling.translation_N_per_m = 10'000;
+      b.options.tip_N_per_m = 5000;
+      double last_loaded = 0, peak = 0;
+      b.move(plate_at(0, -0.001), plate_at(0, 0.014), 1e-5,
+             [&](const CuttingResult& out, const Pose& X) {
+               peak = std::max(peak, out.wrench_device[2]);
+               if (out.wrench_device[2] > 1) last_loaded = -X.p_m.z();
+             });
+      EXPECT_NEAR(last_loaded, 0.007 + thickness + (has_coupling ? 0.0035 : 0), 1.1e-5);
+      EXPECT_NEAR(peak, 35, 0.051);
+      EXPECT_NEAR(b.cut_J, 35 * thickness, 1e-12);
+    }
+  }
+}
+
 // The front's work does not depend on speed or rate, and the force is the quasi-static one.
 TEST(CuttingLaw, WorkIsThatOfTheStrength) {
   CuttingOptions options;
