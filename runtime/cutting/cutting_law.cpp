@@ -157,12 +157,14 @@ class Tick {
     hole_ = state_.hole;
     if (hole_ >= 0) return;
     const int next = slab_at(-tip_.z());
-    if (next >= slab_count()) return;
     for (std::size_t h = 0; h < state_.holes.size(); ++h) {
       const CuttingHole& hole = state_.holes[h];
       if (hole.first < 0) continue;
-      const auto i = static_cast<std::size_t>(std::max(next, hole.first));
-      if (is_near(hole.slabs[i], i)) {
+      // At the slab below the tip, or at the sheet above it, of no thickness, that it has passed.
+      for (const int slab : {std::max(next, hole.first), next - 1}) {
+        if (slab < hole.first || slab >= slab_count()) continue;
+        const auto i = static_cast<std::size_t>(slab);
+        if (!is_near(hole.slabs[i], i)) continue;
         hole_ = static_cast<int>(h);
         return;
       }
@@ -792,7 +794,7 @@ class Tick {
     state_.T_device_proxy = e.X;
     out.front_m = front_;
     out.embedded_m = embedded_;
-    if (front_ > first_front_) record_cut(tip, axis);
+    if (front_ > first_front_) record_cut(tip, axis, out);
     if (o_.coupling.is_rigid) {
       // The derivative of what is stored now, with the shaft as it is now.
       start_at(e.X);
@@ -823,7 +825,7 @@ class Tick {
   }
 
   // What lies above the front is cut, in the hole that the tool is in or now begins.
-  void record_cut(const Vector3d& tip, const Vector3d& axis) noexcept {
+  void record_cut(const Vector3d& tip, const Vector3d& axis, CuttingResult& out) noexcept {
     for (int i = slab_at(first_front_); i < slab_count(); ++i) {
       const CuttingSlab& slab = slabs_[static_cast<std::size_t>(i)];
       if (slab.top_m >= front_) break;
@@ -836,7 +838,13 @@ class Tick {
         for (std::size_t g = 0; g < 2; ++g)
           s.walls[g].open(crossing(tip, axis, gauss_depth(slab, g)), slab.clearance_m);
       }
+      const double passed = slab.bottom_m - 1e-9;  // by rounding the front may stop just above
+      const bool was_passed = s.cut_m >= passed;
       s.cut_m = std::max(s.cut_m, std::min(front_, slab.bottom_m));
+      if (!was_passed && s.cut_m >= passed) {
+        if (out.passed_from == out.passed_to) out.passed_from = i;
+        out.passed_to = i + 1;
+      }
     }
   }
 

@@ -120,8 +120,11 @@ struct CuttingResult {
   double cut_J = 0;       ///< front work of this tick
   double front_m = 0;     ///< depth of the front, or of the next material below the tip
   double embedded_m = 0;  ///< of the shaft, in all slabs
-  int steps = 0;          ///< of Newton's method
-  int evaluations = 0;    ///< of the potential
+  /// Slabs whose bottom the front passed in this tick, [from, to): what is to be cut out of their
+  /// meshes. Each once for each hole through it; none if no hole can be remembered.
+  int passed_from = 0, passed_to = 0;
+  int steps = 0;        ///< of Newton's method
+  int evaluations = 0;  ///< of the potential
   bool has_converged = true;
 };
 

@@ -46,6 +46,7 @@ struct Bench {
   /// The plate moves from one place to the other in steps of at most `step_m`; calls `each(out)`.
   template <class Each>
   void move(const Pose& from, const Pose& to, double step_m, Each each) {
+    if (!state.has_begun) tick(from);
     const Twist d = displacement(from, to);
     const int steps = std::max(1, static_cast<int>(d.head<3>().norm() / step_m + 0.5));
     for (int k = 1; k <= steps; ++k) {

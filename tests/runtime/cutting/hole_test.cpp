@@ -154,6 +154,36 @@ TEST(Hole, OfASheet) {
   }
 }
 
+// Each slab is reported once for each hole through it, however many a tick passes.
+TEST(Hole, PassedSlabsAreReportedOnce) {
+  for (const double step : {2e-5, 1e-4, 3e-3}) {
+    for (const double thickness : {1e-3, 0.0}) {
+      Bench b = bench();
+      for (std::size_t i = 0; i < b.slabs.size(); ++i)
+        b.slabs[i].bottom_m = b.slabs[i].top_m + thickness;
+      for (const double x : {0.0, 0.005}) {
+        std::vector<int> passed(b.slabs.size());
+        int next = 0;
+        const auto note = [&](const CuttingResult& out, const Pose&) {
+          if (out.passed_from == out.passed_to) return;
+          EXPECT_EQ(out.passed_from, next);
+          next = out.passed_to;
+          for (int i = out.passed_from; i < out.passed_to; ++i)
+            ++passed[static_cast<std::size_t>(i)];
+        };
+        b.tick(plate_at(x, -0.002));
+        b.move(plate_at(x, -0.002), plate_at(x, 0.008), step, note);
+        b.move(plate_at(x, 0.008), plate_at(x, -0.002), step, note);  // out and in between
+        b.move(plate_at(x, -0.002), plate_at(x, 0.03), step, note);
+        b.move(plate_at(x, 0.03), plate_at(x, -0.01), step, note);
+        b.move(plate_at(x, -0.002), plate_at(x, 0.03), step, note);
+        b.move(plate_at(x, 0.03), plate_at(x, -0.01), step, note);
+        EXPECT_EQ(passed, std::vector<int>(b.slabs.size(), 1)) << step << " " << thickness;
+      }
+    }
+  }
+}
+
 // The sliver between a tool and an old hole 0.5 mm beside it breaks at its share, and shields
 // nothing.
 TEST(Hole, ASliverBreaksAtItsShare) {
