@@ -87,27 +87,29 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
       return {to.x(), to.y(), true};
     }
   }
-  bool outside = size_ < 3;
+  // All of the outline. A point is within only if it is so beyond rounding: beside a region that is
+  // all but a line, signs are chance, but the distance from its outline is not.
+  constexpr double kRounding = 1e-12;
+  bool within = size_ > 2;
   double best2 = std::numeric_limits<double>::infinity();
   Offset best;
   for (int i = 0; i < size_; ++i) {
     const Eigen::Vector2d& a = corners_[i];
     const Eigen::Vector2d edge = corners_[i + 1 < size_ ? i + 1 : 0] - a, to = p_m - a;
-    const double along = to.dot(edge), length2 = edge.squaredNorm();
-    const bool is_outside = cross(edge, to) < 0;
-    outside = outside || is_outside;
-    if (along > 0 && along < length2) {
-      if (is_outside || size_ == 2) return beside(i, to, edge, along, length2);
-      continue;  // seen from within: another feature is nearer, if the point is outside at all
-    }
-    const double d2 = to.squaredNorm();
+    const double along = to.dot(edge), length2 = edge.squaredNorm(), across = cross(edge, to);
+    within = within && across > 0 &&
+             across * across > kRounding * kRounding * length2 * to.squaredNorm();
+    const bool beside_edge = along > 0 && along < length2;
+    if (along >= length2 && length2 > 0) continue;  // the next corner is nearer
+    const Eigen::Vector2d from = beside_edge ? Eigen::Vector2d(to - edge * (along / length2)) : to;
+    const double d2 = from.squaredNorm();
     if (d2 < best2) {
       best2 = d2;
       last_edge_ = i;
-      best = {to.x(), to.y(), true};
+      best = {from.x(), from.y(), !beside_edge};
     }
   }
-  return outside ? best : Offset{};
+  return within ? Offset{} : best;
 }
 
 Slot::Reach Slot::reach(const Eigen::Vector2d& p_m) const noexcept {

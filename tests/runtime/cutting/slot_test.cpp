@@ -89,5 +89,30 @@ TEST(Slot, Derivatives) {
   }
 }
 
+// A region that is all but a line, as a tool leaves that is pushed along one: beyond its end the
+// distance is that from the end, whatever the signs of areas that are rounding.
+TEST(Slot, AllButALine) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  for (int run = 0; run < 3000; ++run) {
+    const Vector2d from(0.1 * uniform(random), 0.1 * uniform(random));
+    const double angle = 6.28 * uniform(random);
+    const Vector2d along(std::cos(angle), std::sin(angle));
+    Slot slot;
+    slot.open(from, 0);
+    double end = 0;
+    for (int k = 0; k < 6; ++k) {
+      const double at = 0.01 * uniform(random);
+      end = std::max(end, at);
+      slot.include(from + at * along);
+    }
+    const double beyond = 0.01 * uniform(random);
+    const Vector2d p = from + (end + beyond) * along;
+    ASSERT_NEAR(slot.reach(p).distance_m, beyond, 1e-12) << run;
+    ASSERT_NEAR(slot.reach(from + uniform(random) * end * along).distance_m, 0, 1e-12) << run;
+    ASSERT_NEAR(slot.reach(p).distance_m, beyond, 1e-12) << run;
+  }
+}
+
 }  // namespace
 }  // namespace trocar::runtime
