@@ -8,14 +8,18 @@
 namespace trocar::runtime {
 namespace {
 
+constexpr double kFlat = 1e-13;  // radians: above rounding, and below what could be felt
+
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// Andrew's monotone chain (1979); `points` is sorted here. Returns the size of `hull`.
+// Andrew's monotone chain (1979); `points` is sorted here. Returns the size of `hull`. A corner
+// that is flat but for rounding is none: signs of such are chance, and a hull by chance is not
+// convex.
 template <std::size_t N>
 int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
-            std::array<Eigen::Vector2d, N + 1>& hull) noexcept {
+            std::array<Eigen::Vector2d, 2 * N>& hull) noexcept {
   const auto is_before = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
     return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
   };
@@ -28,8 +32,11 @@ int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
   }
   int size = 0;
   const auto add = [&](const Eigen::Vector2d& p, int least) {
-    while (size >= least && cross(hull[size - 1] - hull[size - 2], p - hull[size - 2]) <= 0)
+    while (size >= least) {
+      const Eigen::Vector2d last = hull[size - 1] - hull[size - 2], next = p - hull[size - 2];
+      if (cross(last, next) > kFlat * last.norm() * next.norm()) break;
       --size;
+    }
     hull[size++] = p;
   };
   for (int i = 0; i < count; ++i)
@@ -131,7 +138,7 @@ void Slot::include(const Eigen::Vector2d& p_m) noexcept {
   std::array<Eigen::Vector2d, kMost> points;
   std::copy(corners_.begin(), corners_.begin() + size_, points.begin());
   points[size_] = p_m - clearance_m_ * r.away;
-  std::array<Eigen::Vector2d, kMost + 1> hull;
+  std::array<Eigen::Vector2d, 2 * kMost> hull;
   int size = hull_of(points, size_ + 1, hull);
   while (size > kMostCorners) {
     // Cut off the edge whose removal adds least: its neighbours meet beyond it.
@@ -143,15 +150,25 @@ void Slot::include(const Eigen::Vector2d& p_m) noexcept {
       const Eigen::Vector2d before = a - hull[(i + size - 1) % size],
                             after = hull[(i + 2) % size] - b;
       const double turn = cross(before, after);
-      if (turn <= 1e-9 * before.norm() * after.norm()) continue;
+      if (turn <= 10 * kFlat * before.norm() * after.norm()) continue;
       const double t = cross(b - a, after) / turn;
       const Eigen::Vector2d at = a + t * before;
       const double added = 0.5 * std::abs(cross(at - a, b - a));
       if (added < least) least = added, best = i, meeting = at;
     }
-    if (best < 0) break;  // not with more than four corners: the turns sum to a full one
-    hull[best] = meeting;
-    const int gone = (best + 1) % size;
+    int gone = (best + 1) % size;
+    if (best < 0) {
+      // All but flat: the corner nearest to what joins its neighbours adds nothing.
+      least = std::numeric_limits<double>::infinity();
+      for (int i = 0; i < size; ++i) {
+        const Eigen::Vector2d a = hull[(i + size - 1) % size], chord = hull[(i + 1) % size] - a;
+        const double part = std::clamp((hull[i] - a).dot(chord) / chord.squaredNorm(), 0.0, 1.0);
+        const double height = (hull[i] - a - part * chord).norm();
+        if (height < least) least = height, gone = i;
+      }
+    } else {
+      hull[best] = meeting;
+    }
     for (int i = gone; i + 1 < size; ++i)
       hull[i] = hull[i + 1];
     --size;

@@ -190,7 +190,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
        gained = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");
-  const int sessions = more == nullptr ? 400 : std::atoi(more);
+  const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
     Session s = random_session(random);
     Aim aim;

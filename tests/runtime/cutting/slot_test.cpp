@@ -43,15 +43,18 @@ TEST(Slot, OnlyWidens) {
   for (int run = 0; run < 300; ++run) {
     Slot slot;
     const double clearance = run % 2 ? 5e-5 : 0;
-    slot.open({0, 0}, clearance);
+    // Regions as thin as rounding, too, and not at the origin.
+    const double thin = run % 3 == 0 ? std::pow(10.0, -run % 19) : 1;
+    const Vector2d at = run % 5 == 0 ? Vector2d(0, 0) : Vector2d(0.02, -0.07);
+    slot.open(at, clearance);
     std::vector<Vector2d> probes(60);
     std::vector<double> before(probes.size());
     for (std::size_t i = 0; i < probes.size(); ++i) {
-      probes[i] = {3 * normal(random), 3 * normal(random)};
+      probes[i] = at + Vector2d(3 * normal(random), 3 * normal(random) * (i % 2 ? thin : 1));
       before[i] = slot.reach(probes[i]).distance_m;
     }
     for (int step = 0; step < 40; ++step) {
-      const Vector2d p(normal(random), normal(random));
+      const Vector2d p = at + Vector2d(normal(random), thin * normal(random));
       slot.include(p);
       ASSERT_NEAR(slot.reach(p).distance_m, 0, 1e-12);
       for (std::size_t i = 0; i < probes.size(); ++i) {
@@ -84,8 +87,9 @@ TEST(Slot, Derivatives) {
     EXPECT_NEAR((half2(p + h * along) - half2(p - h * along)) / (2 * h), r.distance_m, 1e-6);
     EXPECT_NEAR((half2(p + h * across) - half2(p - h * across)) / (2 * h), 0, 1e-3);
     const double bend = (half2(p + h * across) - 2 * half2(p) + half2(p - h * across)) / (h * h);
-    if (slot.reach(p + h * across).bend == slot.reach(p - h * across).bend || r.bend > 0)
+    if (slot.reach(p + h * across).bend == slot.reach(p - h * across).bend || r.bend > 0) {
       EXPECT_NEAR(bend, r.bend, 2e-2) << run;
+    }
   }
 }
 
