@@ -13,6 +13,7 @@
 #include "formats/geometry/shared_borders.h"
 #include "pipeline/contour/label_network.h"
 #include "pipeline/graded_area.h"
+#include "pipeline/mesh/refined_network.h"
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/regions.h"
 #include "pipeline/mesh/triangulation.h"
@@ -124,54 +125,6 @@ Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& 
     return bug("after refinement: " + ok.error().message);
   times.check_ms += watch.lap_ms();
   return {};
-}
-
-// The network with the points that refinement put on its edges. `stored` are its outlines,
-// `outlines`, refined: ring by ring from the same vertex (check_shared_borders()).
-LabelNetwork refined_network(const LabelNetwork& network, const std::vector<Pslg>& outlines,
-                             const std::vector<Pslg>& stored) {
-  // An outline's edge, and the edges that it became.
-  struct Divided {
-    LatticePoint from, to;
-    const Ring* ring;
-    std::size_t first, edges;
-    std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
-    LatticePoint point(std::size_t i) const { return (*ring)[(first + i) % ring->size()]; }
-  };
-  std::vector<Divided> divided;
-  for (std::size_t k = 0; k < outlines.size(); ++k) {
-    for (std::size_t r = 0; r < outlines[k].rings.size(); ++r) {
-      const Ring &ring = outlines[k].rings[r], &fine = stored[k].rings[r];
-      std::size_t at = 0;
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        const LatticePoint to = ring[(i + 1) % ring.size()];
-        const std::size_t first = at++;
-        while (at < fine.size() && (i + 1 == ring.size() || fine[at] != to))
-          ++at;
-        divided.push_back({ring[i], to, &fine, first, at - first});
-      }
-    }
-  }
-  std::sort(divided.begin(), divided.end(),
-            [](const Divided& a, const Divided& b) { return a.ends() < b.ends(); });
-  LabelNetwork out = network;
-  for (BorderChain& chain : out.chains) {
-    const std::vector<LatticePoint> coarse = std::exchange(chain.points, {});
-    const std::size_t edges = coarse.size() - (chain.is_closed ? 0 : 1);
-    // The material on the left has the edge, or else that on the right its reverse.
-    const bool is_forward = chain.left != kNoMaterial;
-    for (std::size_t i = 0; i < edges; ++i) {
-      std::pair ends{coarse[i], coarse[(i + 1) % coarse.size()]};
-      if (!is_forward) std::swap(ends.first, ends.second);
-      const auto found =
-          std::lower_bound(divided.begin(), divided.end(), ends,
-                           [](const Divided& a, const auto& b) { return a.ends() < b; });
-      for (std::size_t j = 0; j < found->edges; ++j)
-        chain.points.push_back(found->point(is_forward ? j : found->edges - j));
-    }
-    if (!chain.is_closed) chain.points.push_back(coarse.back());
-  }
-  return out;
 }
 
 // By material: the largest distance, either way, between its borders and those of the same index.
