@@ -163,7 +163,7 @@ SliceMesh random_grid(std::mt19937_64& rng) {
   SliceMesh mesh;
   mesh.vertices.resize(number.size());
   const auto at = [&number](std::int32_t x, std::int32_t y) {
-    return number[static_cast<std::size_t>(y * (kCells + 1) + x)];
+    return number[static_cast<std::size_t>(y) * (kCells + 1) + static_cast<std::size_t>(x)];
   };
   for (std::int32_t y = 0; y <= kCells; ++y) {
     for (std::int32_t x = 0; x <= kCells; ++x)
