@@ -80,7 +80,7 @@ void law_tick(benchmark::State& state) {
   const auto motion = static_cast<Motion>(state.range(0));
   Run run(motion);
   int k = 0;
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     run.tick(pose_at(motion, k));
     k = (k + 1) % kTicks;
     benchmark::DoNotOptimize(run.out);

@@ -189,7 +189,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
        gained = 0;
-  const char* more = std::getenv("TROCAR_SESSIONS");
+  const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
     Session s = random_session(random);

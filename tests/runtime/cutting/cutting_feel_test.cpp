@@ -107,8 +107,8 @@ TEST(CuttingFeel, WorkAtEveryRateWithFriction) {
   // The hand's work, in steps so small that its trapezoids do not show.
   const auto pushed = [&](Bench& b, double step) {
     double work = 0, before = 0;
-    for (double x = -0.002; x < 0.06; x += step) {
-      b.tick(plate_at(0, x));
+    for (int k = 0; step * k < 0.062; ++k) {
+      b.tick(plate_at(0, step * k - 0.002));
       work += 0.5 * (before + b.out.wrench_device[2]) * step;
       before = b.out.wrench_device[2];
     }

@@ -2,6 +2,9 @@
 // Bodies and motions for the tests of the cutting law.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+#include <utility>
 #include <vector>
 
 #include "runtime/cutting/cutting_law.h"
@@ -48,7 +51,7 @@ struct Bench {
   void move(const Pose& from, const Pose& to, double step_m, Each each) {
     if (!state.has_begun) tick(from);
     const Twist d = displacement(from, to);
-    const int steps = std::max(1, static_cast<int>(d.head<3>().norm() / step_m + 0.5));
+    const int steps = std::max(1, static_cast<int>(std::lround(d.head<3>().norm() / step_m)));
     for (int k = 1; k <= steps; ++k) {
       const double part = static_cast<double>(k) / steps;
       Pose X{from.p_m + part * d.head<3>(), from_rotation_vector(part * d.tail<3>()) * from.q};

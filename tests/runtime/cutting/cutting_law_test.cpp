@@ -111,7 +111,7 @@ TEST(CuttingLaw, RodInElasticBed) {
     options.most_steps = 60;
     options.tolerance = 1e-9;
     const double kappa = 2e8, embedded = 0.01;
-    auto slabs = even_slabs(static_cast<int>(0.01 / thickness + 0.5), thickness, 1e-3);
+    auto slabs = even_slabs(static_cast<int>(std::lround(0.01 / thickness)), thickness, 1e-3);
     for (CuttingSlab& slab : slabs) {
       slab.wall_N_per_m2 = kappa;
       slab.wall_strength_N_per_m = 1e9;

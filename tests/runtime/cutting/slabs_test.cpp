@@ -17,8 +17,11 @@ namespace {
 template <class Mean>
 std::vector<BodySlice> slices_of(double from, double to, double spacing, Mean mean) {
   std::vector<BodySlice> slices;
-  for (double top = from; top < to - 1e-9; top += spacing)
+  const auto count = static_cast<int>(std::ceil((to - from) / spacing - 1e-6));
+  for (int i = 0; i < count; ++i) {
+    const double top = from + i * spacing;
     slices.push_back({.depth_m = top + spacing / 2, .strength_N = mean(top, top + spacing)});
+  }
   return slices;
 }
 
