@@ -106,7 +106,7 @@ using MesherSurface = CGAL::Implicit_surface_3<MesherKernel, NegatedVolume>;
 struct MesherTraits {
   using Surface_3 = MesherSurface;
   using Intersection_point = MesherKernel::Point_3;
-  struct Intersect_3 {
+  struct Crossing {
     CGAL::Object operator()(const Surface_3& surface, const MesherKernel::Segment_3& s) const {
       Intersection_point low = s.source(), high = s.target();
       if (high < low) std::swap(low, high);
@@ -123,7 +123,8 @@ struct MesherTraits {
     CGAL::Object operator()(const Surface_3&, const MesherKernel::Ray_3&) const { return {}; }
     CGAL::Object operator()(const Surface_3&, const MesherKernel::Line_3&) const { return {}; }
   };
-  Intersect_3 intersect_3_object() const { return {}; }
+  using Intersect_3 = Crossing;
+  Crossing intersect_3_object() const { return {}; }
 };
 
 struct MesherBounds {
@@ -402,6 +403,7 @@ Result<Soup> mesh_surface(const std::vector<Vector3d>& points_mm, const LatticeV
       volume.steps(bounds.bisection_mm) / std::sqrt(sphere.squared_radius()));
   // Far corners: no vertex of the surface is on the triangulation's hull.
   std::vector<MesherTriangulation::Point> initial;
+  initial.reserve(8 + points_mm.size());
   const double far = 4 * std::sqrt(sphere.squared_radius());
   for (int k = 0; k < 8; ++k)
     initial.push_back(sphere.center() + MesherKernel::Vector_3(k % 2 == 0 ? -far : far,
@@ -636,7 +638,8 @@ double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
   double best = std::numeric_limits<double>::infinity();
   Vector3d nearest = p;
   const auto along = [&](const Vector3d& direction, double reach) {
-    for (double t = step; t < std::min(best, reach) + step; t += step) {
+    for (int k = 1; k * step < std::min(best, reach) + step; ++k) {
+      const double t = k * step;
       if ((volume.at(p + t * direction) >= 0) == inside) continue;
       double low = t - step, high = t;
       for (int i = 0; i < 12; ++i) {
