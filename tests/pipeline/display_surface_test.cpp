@@ -104,7 +104,8 @@ TEST(DisplaySurface, OfATiltedStackIsWhereTheBallsAre) {
   const Synthetic frame({1, 1, 60}, {0.8, 0.8, 0.9}, 0.2, [](const Vector3d&) { return 0.0; });
   for (int i = 0; i < 24; ++i) {
     const SlicePlane& plane = frame.plane(10 + 14 * (i % 4));
-    all.emplace_back(plane.T_lps_plane * Vector3d(9 + 11 * (i / 4 % 3), 9 + 13 * (i / 12), 0),
+    const int column = i / 4 % 3, row = i / 12;
+    all.emplace_back(plane.T_lps_plane * Vector3d(9 + 11 * column, 9 + 13 * row, 0),
                      1.8 + 0.08 * i);
   }
   const Synthetic stack({50, 48, 60}, {0.8, 0.8, 0.9}, 0.2, balls(all));
@@ -283,7 +284,7 @@ TEST(DisplaySurface, OfThePhantomIsWithinItsBoundOfTheExactSurface) {
 }
 
 TEST(DisplaySurface, OfARealVertebra) {
-  const char* folder = std::getenv("TROCAR_REAL_CT");
+  const char* folder = std::getenv("TROCAR_REAL_CT");  // NOLINT(concurrency-mt-unsafe)
   const auto file =
       std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real scan";

@@ -351,7 +351,7 @@ TEST(HuField, UnbiasedOnThePhantom) {
 }
 
 TEST(HuField, UnbiasedOnL3) {
-  const char* folder = std::getenv("TROCAR_REAL_CT");
+  const char* folder = std::getenv("TROCAR_REAL_CT");  // NOLINT(concurrency-mt-unsafe)
   const std::filesystem::path file =
       std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real CT";
