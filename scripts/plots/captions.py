@@ -11,8 +11,8 @@ CAPTIONS = {
     "brightest {share:.1f} % of all pixels as material, while bone above 226 HU fills only {bone_share:.1f} % of this image. The level therefore "
     "falls to {level_HU:g} HU, the density of the disc tissue around the body, and the outline follows the noise there. "
     "(How close the sub-pixel contours are to the phantom's exact outline: tests/bench/RESULTS.md.)",
-    "fig04_simplified": "Douglas-Peucker simplification to {tolerance:g} mm (paper, Fig. 4), slice {slice}: {default_points} points of the sub-pixel "
-    "contours become {default_corners} corners, {paper_points} points of the paper's pixel chains become {paper_corners}.",
+    "fig04_simplified": "Simplification (paper, Fig. 4), slice {slice}: to {tolerance:g} mm with kept areas {default_points} points of the sub-pixel "
+    "contours become {default_corners} corners; by Douglas-Peucker {paper_points} points of the paper's pixel chains become {paper_corners}.",
     "fig05_pslg": "Planar straight-line graph (paper, Fig. 5), slice {slice}, on the lattice of 2^-8 mm. Outer boundaries run counter-clockwise and "
     "holes clockwise in (u, v), so that the material lies on their left; v points down in the picture, which shows both reversed.",
     "fig07_carved": "Constrained Delaunay triangulation without the triangles outside the material (paper, Fig. 7), slice {slice}. Its smallest angle "

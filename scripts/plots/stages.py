@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """stages.py STAGES.json REPORT.json PAPER_STAGES.json PAPER_REPORT.json SLICE.png OUTDIR: one slice through the
 pipeline, by default and with the paper's preset beside it; the counterparts of the paper's Fig. 2 (contours),
-4 (Douglas-Peucker), 5 (PSLG), 7 (constrained Delaunay triangulation of the material) and 9 (refined mesh).
+4 (simplification), 5 (PSLG), 7 (constrained Delaunay triangulation of the material) and 9 (refined mesh).
 STAGES.json and REPORT.json are trocar-mesh's --dump-stages and --report."""
 import dataclasses
 import pathlib
@@ -165,7 +165,7 @@ def draw_contours(runs, image, whole, close, out):
 
 
 def draw_simplified(runs, whole, close, out):
-    figure, axes = four_panels(f"After Douglas-Peucker, slice {runs[0].slice}", runs, lambda run: f"{run.corners} of {run.points} points kept", whole, close)
+    figure, axes = four_panels(f"Simplified, slice {runs[0].slice}", runs, lambda run: f"{run.corners} of {run.points} points kept", whole, close)
     for column, run in enumerate(runs):
         draw_rings(axes[1, column], run.contours, GREY, 0.8, zorder=2)
         for panel in axes[:, column]:
