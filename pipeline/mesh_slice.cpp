@@ -303,17 +303,22 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
     out.values = tally_values(*image, as_labels != nullptr);
 
   const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield && as_labels == nullptr;
-  std::optional<Image> hu;  // segmentation changes the image
-  if (ct) {
-    hu = *ct;
-  } else if (is_hu && (options.hu_field || options.grade_hu > 0)) {
-    hu = *image;
-  }
+  const bool needs_hu = is_hu && (options.hu_field || options.grade_hu > 0);
+  std::optional<Image> unchanged;  // where segmentation changes the image
+  if (needs_hu &&
+      (options.solid != nullptr || !std::holds_alternative<Threshold>(options.segmentation)))
+    unchanged = *image;
   std::optional<Image> label_image;
   if (as_labels != nullptr && (as_labels->all || are_several(*as_labels))) label_image = *image;
 
   const PixelGrid grid = grid_of(plane, options);
   auto [field, solid_mean] = segment_slice(stack, slice, options, std::move(*image));
+  const Image* hu = nullptr;
+  if (ct) {
+    hu = &*ct;
+  } else if (needs_hu) {
+    hu = unchanged ? &*unchanged : &field.image;
+  }
   out.labels = std::move(field.labels);
   MaterialImage several;  // if there are
   MeshedMaterial& only = out.materials.emplace_back();
@@ -372,7 +377,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
       std::min(kFarthestFromOutline_steps,
                left_for_refinement_steps(options.lattice, options.simplification));
   out.max_area_bound_mm2 = refinement.max_area_mm2;
-  if (hu && options.grade_hu > 0) {
+  if (hu != nullptr && options.grade_hu > 0) {
     const auto graded = std::make_shared<GradedArea>(*hu, grid, options.grade_hu);
     refinement.area_mm2_at = [graded](LatticePoint p) { return graded->mm2_at(p); };
     refinement.least_area_mm2 = graded->least_mm2();
@@ -395,7 +400,7 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
                                        [](const Ring& r) { return doubled_area(r) < 0; }));
   }
   out.times.check_ms += watch.lap_ms();
-  if (hu && options.hu_field) {
+  if (hu != nullptr && options.hu_field) {
     for (MeshedMaterial& material : out.materials)
       material.hu = fit_hu_field(material.refined.mesh, *hu, grid);
   }
