@@ -10,8 +10,8 @@
 
 namespace trocar::pipeline {
 
-/// Counts, planes, areas and parameters of an asset, slice by slice, and the area of each material
-/// summed over the slices.
+/// Counts, planes, areas, boxes, centroids, mean HU and parameters of an asset, slice by slice, and
+/// the area of each material summed over the slices (formats/session/info.schema.json).
 nlohmann::json describe_asset(const Asset& asset, std::uint64_t bytes);
 
 /// Per non-empty slice `slice_NNNN.poly` (Triangle's format: the outline with a seed in each

@@ -212,10 +212,15 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   for (MeshedMaterial& material : meshed->materials) {
     std::vector<float> hu;
     if (material.hu) hu = std::move(material.hu->values);
-    auto encoded = encode_slice(
-        {index, plane.z_mm, plane.T_lps_plane, std::move(material.outline),
-         std::move(material.refined.mesh), json_text(slice_measures(material)), 0, std::move(hu)},
-        *grid);
+    auto encoded = encode_slice({index,
+                                 plane.z_mm,
+                                 plane.T_lps_plane,
+                                 {},
+                                 std::move(material.refined.mesh),
+                                 json_text(slice_measures(material)),
+                                 0,
+                                 std::move(hu)},
+                                material.outline, *grid);
     if (!encoded) return encoded.error();
     out.materials.push_back({material.first_label, std::move(*encoded), {}});
   }
@@ -417,6 +422,13 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   if (options.stop != nullptr && options.stop->load()) {
     return unwritable("interrupted; nothing was written");
   }
+  for (const auto& result : done) {
+    if (!*result) return result->error();
+  }
+  for (const SliceStack* const read : {&stack, options.mesh.hu}) {
+    if (read == nullptr) continue;
+    if (const auto whole = read->finish(); !whole) return whole.error();
+  }
   BatchResult out;
   json used = parameters;  // with the labels found, if all are wanted
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
@@ -429,7 +441,6 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   Total total;
   std::set<int> absent = wanted_labels(options.mesh.segmentation);
   for (auto& result : done) {
-    if (!*result) return result->error();
     FinishedSlice one = std::move(**result);
     std::move(one.materials.begin(), one.materials.end(), std::back_inserter(finished_materials));
     of_slices.insert(of_slices.end(), one.warnings.begin(), one.warnings.end());

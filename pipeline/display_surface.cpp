@@ -26,6 +26,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "formats/base/disjoint_sets.h"
 #include "pipeline/surface_proof.h"
 
 namespace trocar::pipeline {
@@ -767,22 +768,11 @@ void measure(const SurfaceVolume& volume, DisplaySurface& out) {
 }
 
 std::size_t count_parts(const TriangleSurface& surface) {
-  std::vector<std::uint32_t> parent(surface.vertices.size());
-  for (std::uint32_t i = 0; i < parent.size(); ++i)
-    parent[i] = i;
-  const auto root = [&parent](std::uint32_t i) {
-    while (parent[i] != i)
-      i = parent[i] = parent[parent[i]];
-    return i;
-  };
-  std::size_t parts = parent.size();
+  DisjointSets sets(surface.vertices.size());
+  std::size_t parts = sets.size();
   for (const auto& t : surface.triangles) {
-    for (std::size_t k = 0; k < 2; ++k) {
-      const std::uint32_t a = root(t[k]), b = root(t[k + 1]);
-      if (a == b) continue;
-      parent[std::max(a, b)] = std::min(a, b);
-      --parts;
-    }
+    for (std::size_t k = 0; k < 2; ++k)
+      if (sets.join(t[k], t[k + 1])) --parts;
   }
   return parts;
 }

@@ -224,6 +224,10 @@ std::map<int, std::string> numbered(const std::array<std::string_view, N>& names
 
 }  // namespace
 
+bool LabelNames::is_table(const std::string& what) {
+  return what == "verse" || what == "totalsegmentator";
+}
+
 Result<LabelNames> LabelNames::named(const std::string& what) {
   LabelNames out;
   if (what == "verse") {

@@ -24,6 +24,7 @@ class LabelNames {
   /// Errors (refused): no such file, larger than 1 MiB, not JSON, a key that is not a label, a name
   /// that is none, a label or a name that is there twice.
   static Result<LabelNames> named(const std::string& what);
+  static bool is_table(const std::string& what);
 
   /// The names that the input itself gives, for labels without one. Names that are there already
   /// are left out; what cannot be shown in a name becomes ?.

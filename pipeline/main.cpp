@@ -25,11 +25,13 @@
 #include "pipeline/arguments.h"
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
+#include "pipeline/batch_command.h"
+#include "pipeline/mesh_scan.h"
 #include "pipeline/presets.h"
 #include "pipeline/preview.h"
 #include "pipeline/preview_file.h"
 #include "pipeline/preview_sheet.h"
-#include "pipeline/read/labels_with_ct.h"
+#include "pipeline/review_command.h"
 #include "pipeline/scan_list.h"
 #include "pipeline/second_opinion.h"
 
@@ -153,37 +155,6 @@ std::function<void(int, int)> progress_bar() {
   };
 }
 
-// Grey levels are not HU: the default threshold has no meaning for them, and one outside 0..255
-// selects all pixels or none.
-Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
-  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_given->count() > 0 ||
-      a.equalize_given->count() > 0)
-    return {};
-  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
-    if (a.threshold_given->count() == 0 || !a.preset.empty()) {
-      stack.warnings.push_back({"default_threshold", "--threshold",
-                                "its default and the presets are meant in HU; values of " +
-                                    stack.modality + " need one of their own"});
-    }
-    return {};
-  }
-  if (!a.preset.empty()) {
-    return usage("--preset " + a.preset +
-                 " is for HU, which images do not carry: give --equalize "
-                 "LEVEL, or --threshold with a grey level of 0..255");
-  }
-  if (a.threshold_given->count() == 0) {
-    return usage(
-        "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
-  }
-  if (!(a.threshold >= 0 && a.threshold <= 255)) {
-    stack.warnings.push_back({"threshold_out_of_range", "--threshold",
-                              "images have grey levels of 0..255, whatever their depth; with this "
-                              "threshold all of a slice is material, or nothing"});
-  }
-  return {};
-}
-
 // Reports hold no absolute paths and nothing that tells whose scan it is, also not in the warnings.
 json to_be_shared(json report, const std::vector<fs::path>& inputs) {
   const auto shorten = [&inputs](json& text) {
@@ -264,14 +235,6 @@ void print_outcome(const Arguments& a, const json& report) {
               report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
 }
 
-// The scan, and with --hu the CT beside it.
-Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options) {
-  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, options);
-  auto stack = open_stack(a.inputs, options);
-  if (!stack) return stack.error();
-  return LabelsWithCt{std::move(*stack), nullptr};
-}
-
 // All that is read: nothing of it may be written over.
 std::vector<fs::path> files_read(const Arguments& a, const LabelsWithCt& scan) {
   std::vector<fs::path> out = scan.labels->files;
@@ -296,6 +259,7 @@ int mesh(const Arguments& a) {
   if (!options) return fail(options.error());
   auto open = open_options(a);
   if (!open) return fail(open.error());
+  open->unpack_behind = true;
   stop_on_signals();
   const auto scan = open_scan(a, *open);
   if (!scan) return fail(scan.error());
@@ -358,11 +322,15 @@ int preview(const Arguments& a) {
   return 0;
 }
 
-int list(const fs::path& folder, bool as_json) {
+int list(const fs::path& folder, bool as_json, bool as_collection) {
   std::vector<Warning> warnings;
   const auto scans = list_scans(folder, warnings);
   if (!scans) return fail(scans.error());
-  std::cout << (as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, folder.string()));
+  if (as_collection) {
+    std::cout << collection_of(*scans, folder, warnings);
+  } else {
+    std::cout << (as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, folder.string()));
+  }
   for (const Warning& w : warnings)
     std::cerr << "trocar-mesh: warning (" << w.code << "): " << w.where << ": " << w.sentence
               << '\n';
@@ -423,17 +391,32 @@ int info(const fs::path& file, bool as_json) {
   }
   const bool several = out["materials"].size() > 1;
   std::printf(
-      "%s\n  written by %s\n  lattice step 2^-%d mm, %zu triangles, %zu bytes\n  parameters %s\n\n "
-      " slice%s      z mm    rings  vertices  triangles   area mm2\n",
+      "%s\n  written by %s\n  lattice step 2^-%d mm, %zu triangles, %zu bytes\n  parameters %s\n"
+      "  u (along a row) and v (along a column) count from the centre of the first pixel\n\n "
+      " slice%s      z mm    rings  vertices  triangles   area mm2  box u mm, v mm                 "
+      "     centroid u, v mm  mean HU\n",
       file.c_str(), asset->generator.c_str(), asset->lattice.bits,
       out["triangles"].get<std::size_t>(), out["bytes"].get<std::size_t>(),
       json_text(out["parameters"]).c_str(), several ? " material" : "");
   for (const json& s : out["slices"]) {
     std::printf("  %5d", s["index"].get<int>());
     if (several) std::printf(" %8d", s["material"].get<int>());
-    std::printf(" %9.3f %8zu %9zu %10zu %10.2f\n", s["z_mm"].get<double>(),
+    std::printf(" %9.3f %8zu %9zu %10zu %10.2f", s["z_mm"].get<double>(),
                 s["rings"].get<std::size_t>(), s["vertices"].get<std::size_t>(),
                 s["triangles"].get<std::size_t>(), s["area_mm2"].get<double>());
+    if (s["centroid_mm"].is_null()) {
+      std::printf("  no material\n");
+      continue;
+    }
+    const auto box = s["box_mm"].get<std::array<std::array<double, 2>, 2>>();
+    const auto middle = s["centroid_mm"].get<std::array<double, 2>>();
+    std::printf("  %7.1f to %6.1f, %6.1f to %6.1f  %7.1f, %7.1f", box[0][0], box[1][0], box[0][1],
+                box[1][1], middle[0], middle[1]);
+    if (s["mean_hu"].is_null()) {
+      std::printf("        -\n");
+    } else {
+      std::printf(" %8.0f\n", s["mean_hu"].get<double>());
+    }
   }
   if (several) {
     std::printf("\n  material   area mm2\n");
@@ -522,6 +505,20 @@ int run(int argc, char** argv) {
   for (CLI::App* command : {list_command, verify_command, info_command})
     command->add_flag("--json", as_json, "as JSON");
   export_command->add_option("-o,--output", folder, "the folder to write to")->required();
+  bool as_collection = false;
+  list_command
+      ->add_flag("--manifest", as_collection,
+                 "as a first collection for batch, with paths from the working directory")
+      ->excludes("--json");
+  BatchArguments batched;
+  CLI::App* batch_command = app.add_subcommand(
+      "batch", "make the assets of a collection of scans that are missing or stale");
+  batch_command->get_formatter()->column_width(46);
+  add_batch_options(*batch_command, batched);
+  ReviewArguments reviewed;
+  CLI::App* review_command =
+      app.add_subcommand("review", "show all assets of a store, and what changed against another");
+  add_review_options(*review_command, reviewed);
   bool surface = false;
   export_command->add_flag("--surface", surface, "the surface as .stl, .ply and .obj instead");
 
@@ -539,7 +536,9 @@ int run(int argc, char** argv) {
   }
   if (const auto ok = check_nothing_before(app); !ok) return fail(ok.error());
   if (*preview_command) return preview(previewed);
-  if (*list_command) return list(study, as_json);
+  if (*list_command) return list(study, as_json, as_collection);
+  if (*batch_command) return run_batch(batched);
+  if (*review_command) return run_review(reviewed);
   if (*verify_command) return verify_all(assets, checks, as_json);
   if (*info_command) return info(asset, as_json);
   return export_to(asset, folder, surface);

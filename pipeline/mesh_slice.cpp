@@ -120,9 +120,11 @@ Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& 
   if (keeps_area && simplification.tolerance_mm > 0 &&
       out.simplification_error_mm > simplification.tolerance_mm)
     return bug("after refinement: the outline is beyond the tolerance");
-  out.outline = boundary_rings(out.refined.mesh);
-  if (auto ok = check_mesh_against_pslg(out.refined.mesh, out.outline); !ok)
+  auto outline = ProvedOutline::of(boundary_rings(out.refined.mesh));
+  if (!outline) return bug("after refinement: " + outline.error().message);
+  if (auto ok = check_delaunay_mesh(out.refined.mesh, *outline); !ok)
     return bug("after refinement: " + ok.error().message);
+  out.outline = std::move(*outline);
   times.check_ms += watch.lap_ms();
   return {};
 }
@@ -167,8 +169,11 @@ Result<void> mesh_network(const LabelNetwork& network, const Lattice& lattice,
   std::vector<Pslg> stored;
   for (std::size_t k = 0; k < outlines.size(); ++k) {
     stored.push_back(refined_rings(refined[k], outlines[k]));
-    if (auto ok = check_mesh_against_pslg(refined[k].mesh, stored[k]); !ok)
+    auto outline = ProvedOutline::of(stored[k]);
+    if (!outline) return bug("after refinement: " + outline.error().message);
+    if (auto ok = check_delaunay_mesh(refined[k].mesh, *outline); !ok)
       return bug("after refinement: " + ok.error().message);
+    out[k].outline = std::move(*outline);
   }
   if (auto ok = check_shared_borders(outlines, stored); !ok)
     return bug("after refinement: " + ok.error().message);
@@ -184,7 +189,6 @@ Result<void> mesh_network(const LabelNetwork& network, const Lattice& lattice,
     material.pslg = std::move(outlines[k]);
     material.cdt = stored_cdt(std::move((*cdts)[k].mesh));
     material.refined = std::move(refined[k]);
-    material.outline = boundary_rings(material.refined.mesh);
   }
   times.check_ms += watch.lap_ms();
   return {};
@@ -390,8 +394,6 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
 
   for (MeshedMaterial& material : out.materials) {
     const SliceMesh& mesh = material.refined.mesh;
-    if (!is_constrained_delaunay(mesh))
-      return fail(bug("after refinement: not constrained Delaunay"));
     material.quality = measure_quality(material.refined, options.lattice, refinement.min_angle_deg);
     material.area_mm2 = 0.5 * static_cast<double>(doubled_area(mesh)) * options.lattice.step_mm() *
                         options.lattice.step_mm();

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "formats/geometry/proved_outline.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/segmentation.h"
 #include "pipeline/contour/simplification.h"
@@ -51,7 +52,7 @@ struct MeshedMaterial {
   Pslg pslg;      ///< simplified
   SliceMesh cdt;  ///< constrained Delaunay, outside removed
   Refined refined;
-  Pslg outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
+  ProvedOutline outline;  ///< the refined mesh's boundary: the PSLG with its Steiner points
   MeshQuality quality;
   /// Of the pixels that are material, before small regions are dropped; only for input in HU that
   /// is segmented by a threshold, and for a label map with its CT beside it.
@@ -95,7 +96,7 @@ Segmented segment_slice(const SliceStack& stack, int slice, const MeshOptions& o
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
                  const Field& field);
 
-/// Every mesh has passed check_pslg(), check_mesh_against_pslg() and is_constrained_delaunay()
+/// Every PSLG has passed check_pslg(), and every mesh check_delaunay_mesh()
 /// (formats/geometry/mesh_validity.h); several materials share one network of borders
 /// (contour/label_network.h) and have passed check_shared_borders()
 /// (formats/geometry/shared_borders.h). Errors: those of stack.read(); (refused) pixels too fine

@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "formats/base/file_io.h"
+#include "formats/base/html_text.h"
 #include "formats/base/json_text.h"
 #include "pipeline/number_ranges.h"
 
@@ -22,29 +23,6 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* kSoftware = "trocar-mesh preview";
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  }
-  return out;
-}
 
 std::string base64(std::span<const std::uint8_t> bytes) {
   std::string out(sodium_base64_ENCODED_LEN(bytes.size(), sodium_base64_VARIANT_ORIGINAL), '\0');
@@ -125,11 +103,13 @@ json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& k
 using Rows = std::vector<std::vector<std::string>>;
 
 std::string table(const std::string& caption, const Rows& rows) {
-  std::string out = "<table><caption>" + escaped(caption) + "</caption>\n";
+  std::string out = "<table><caption>" + html_text(caption) + "</caption>\n";
   for (std::size_t r = 0; r < rows.size(); ++r) {
     out += "<tr>";
     for (const std::string& cell : rows[r])
-      out.append(r == 0 ? "<th>" : "<td>").append(escaped(cell)).append(r == 0 ? "</th>" : "</td>");
+      out.append(r == 0 ? "<th>" : "<td>")
+          .append(html_text(cell))
+          .append(r == 0 ? "</th>" : "</td>");
     out += "</tr>\n";
   }
   return out + "</table>\n";
@@ -158,7 +138,7 @@ std::string tables(const Preview& preview) {
                        std::to_string(c.outlines)});
   }
   return table("Another " + what, changes) + out + "<p>Another " + what + ": " +
-         escaped(changes_text(preview)) + "</p>\n";
+         html_text(changes_text(preview)) + "</p>\n";
 }
 
 constexpr const char* kStyle =
@@ -267,13 +247,13 @@ std::string page_of(const Preview& preview, const Sheet& sheet, const SheetText&
   for (std::size_t at = 0; (at = numbers.find('<', at)) != std::string::npos;)
     numbers.replace(at, 1, "\\u003c");
   std::string out = "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" +
-                    escaped(text.title) + "</title><style>" + kStyle +
-                    "</style></head><body>\n<h1>" + escaped(text.title) + "</h1>\n<p>" +
-                    escaped(size_text(preview, sheet.view)) + "<br>" + escaped(text.options) +
+                    html_text(text.title) + "</title><style>" + kStyle +
+                    "</style></head><body>\n<h1>" + html_text(text.title) + "</h1>\n<p>" +
+                    html_text(size_text(preview, sheet.view)) + "<br>" + html_text(text.options) +
                     "</p>\n";
   for (const Warning& w : shown_warnings(preview)) {
-    out +=
-        "<p class=\"warning\">Warning (" + escaped(w.code) + "): " + escaped(w.sentence) + "</p>\n";
+    out += "<p class=\"warning\">Warning (" + html_text(w.code) + "): " + html_text(w.sentence) +
+           "</p>\n";
   }
   out += "<p><img alt=\"Contact sheet of the slices with their outlines\" width=\"" +
          std::to_string(sheet.picture.width) + "\" height=\"" +

@@ -2,11 +2,11 @@
 #include "pipeline/surface_volume.h"
 
 #include <cstdint>
-#include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <unordered_map>
 #include <utility>
 
+#include "formats/base/disjoint_sets.h"
 #include "pipeline/for_each_piece.h"
 
 namespace trocar::pipeline {
@@ -44,24 +44,15 @@ Runs find_runs(const SurfaceVolume& volume) {
   }
   out.first.push_back(out.runs.size());
 
-  std::vector<std::uint32_t> parent(out.runs.size());
-  std::iota(parent.begin(), parent.end(), 0U);
-  const auto root = [&parent](std::uint32_t i) {
-    while (parent[i] != i)
-      i = parent[i] = parent[parent[i]];
-    return i;
-  };
+  DisjointSets sets(out.runs.size());
   const auto join_rows = [&](std::size_t row, std::size_t other) {
     const std::size_t shift = (row - other) * width;
     for (std::size_t a = out.first[row], b = out.first[other];
          a < out.first[row + 1] && b < out.first[other + 1];) {
       const Run &one = out.runs[a], &two = out.runs[b];
       if ((volume.values[one.begin] >= 0) == (volume.values[two.begin] >= 0) &&
-          one.begin < two.end + shift && two.begin + shift < one.end) {
-        const std::uint32_t p = root(static_cast<std::uint32_t>(a)),
-                            q = root(static_cast<std::uint32_t>(b));
-        parent[std::max(p, q)] = std::min(p, q);
-      }
+          one.begin < two.end + shift && two.begin + shift < one.end)
+        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
       (one.end < two.end + shift ? a : b) += 1;
     }
   };
@@ -71,7 +62,7 @@ Runs find_runs(const SurfaceVolume& volume) {
     if (row >= height) join_rows(row, row - height);
   }
   for (std::size_t i = 0; i < out.runs.size(); ++i) {
-    const std::uint32_t to = root(static_cast<std::uint32_t>(i));
+    const std::uint32_t to = sets.root(static_cast<std::uint32_t>(i));
     Run& run = out.runs[i];
     if (to == i) {
       run.piece = static_cast<std::uint32_t>(out.voxels.size());

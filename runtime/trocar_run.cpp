@@ -27,11 +27,13 @@
 #include "formats/session/scene.h"
 #include "runtime/library_versions.h"
 #include "runtime/session/display.h"
+#include "runtime/session/new_scene.h"
 #include "runtime/session/open_device.h"
 #include "runtime/session/origin.h"
 #include "runtime/session/replay_device.h"
 #include "runtime/session/scene_check.h"
 #include "runtime/session/session.h"
+#include "runtime/session/session_report.h"
 #include "runtime/session/summary.h"
 #include "runtime/session/tissue_report.h"
 
@@ -50,10 +52,11 @@ constexpr const char* kName = "trocar-run";
 constexpr int kProgressWidth = 72;
 
 struct Arguments {
+  std::string new_scene, output;
   std::string scene, asset, device{kDefaultDevice}, key_file, description, clock = "real",
                                                                            force_law;
   std::optional<double> rate_Hz, duration_s;
-  std::string record, summary, replay, meshes, frames;
+  std::string record, summary, replay, meshes, frames, live, session_report;
   std::string black_box, recover = "never", passivity = "on", compensate = "none";
   std::optional<double> coupling_N_per_m, energy_budget_J;
   int cpu = -1, late_ticks = 3;
@@ -71,8 +74,12 @@ std::string version() {
 
 void declare(CLI::App& app, Arguments& arguments) {
   add_help_and_version(app, version());
-  app.add_option("SCENE", arguments.scene, "the scene, JSON (formats/session/scene.schema.json)")
-      ->required();
+  app.add_option(
+      "SCENE", arguments.scene,
+      "the scene, JSON (formats/session/scene.schema.json); needed but with --new-scene");
+  app.add_option("--new-scene", arguments.new_scene,
+                 "propose a scene for this asset (.glb) and write it to -o: no session");
+  app.add_option("-o,--output", arguments.output, "with --new-scene: the scene's file, JSON");
   app.add_option("--device", arguments.device,
                  device_uri_help() + " (" + std::string(kDefaultDevice) + ")");
   app.add_option("--key-file", arguments.key_file,
@@ -86,10 +93,17 @@ void declare(CLI::App& app, Arguments& arguments) {
       "--record", arguments.record,
       "write a recording: CSV, one row a tick; until it is whole its name ends in .partial");
   app.add_option("--summary", arguments.summary, "write what happened: JSON");
+  app.add_option(
+      "--session-report", arguments.session_report,
+      "write a page on the session for the talk afterwards, NAME.html, and its figures,\n"
+      "NAME.json: path, forces, punctures, plunges, tremor, and the scene's goals");
   app.add_option("--meshes", arguments.meshes,
                  "write the sheets before and after the punctures: JSON");
   app.add_option("--frames", arguments.frames,
                  "write the sheet around the tool 30 times a second: JSON lines");
+  app.add_option("--live", arguments.live,
+                 "show the session to other programs, and take their commands: a link to memory\n"
+                 "that is there while the session runs");
   app.add_option("--replay", arguments.replay,
                  "run on a recording's inputs (virtual clock), compare the torques; exit code 3\n"
                  "if they differ, or if scene, asset, device or options are not the recorded ones");
@@ -124,6 +138,13 @@ void declare(CLI::App& app, Arguments& arguments) {
 }
 
 Result<void> check_arguments(const Arguments& a) {
+  if (a.scene.empty() && a.new_scene.empty())
+    return usage("SCENE is required (see trocar-run --help)");
+  if (!a.scene.empty() && !a.new_scene.empty())
+    return usage("--new-scene: makes a scene; leave " + a.scene + " out");
+  if (!a.new_scene.empty() && a.output.empty())
+    return usage("--new-scene: needs -o SCENE.json, the file to write");
+  if (a.new_scene.empty() && !a.output.empty()) return usage("-o: is for --new-scene");
   const Result<void> device = check_device_uri(a.device, !a.key_file.empty());
   if (!device) return device.error();
   if (!a.replay.empty() && a.device != kDefaultDevice) {
@@ -164,6 +185,10 @@ Result<void> check_arguments(const Arguments& a) {
     return usage("--cpu " + std::to_string(a.cpu) + ": must be within 0 and " +
                  std::to_string(processors - 1) + ", the processors of this machine");
   }
+  if (!a.session_report.empty() &&
+      (std::filesystem::path(a.session_report).extension() != ".html" ||
+       std::filesystem::path(a.session_report).stem().empty()))
+    return usage("--session-report " + a.session_report + ": must be a name that ends in .html");
   if (a.late_ticks < 0) return usage("--late-ticks: must not be negative");
   if (!a.replay.empty() && (a.rate_Hz || a.duration_s)) {
     return usage(
@@ -190,6 +215,10 @@ Result<Loaded> load(const Arguments& arguments) {
   if (!arguments.asset.empty()) loaded.scene.asset = arguments.asset;
   if (const auto law = force_law_from_string(arguments.force_law))
     loaded.scene.force_law.kind = *law;
+  if (arguments.coupling_N_per_m) {
+    loaded.scene.force_law.axis = ToolAxis::kCoupled;
+    loaded.scene.force_law.coupling_N_per_m = *arguments.coupling_N_per_m;
+  }
   if (!arguments.description.empty()) loaded.scene.device = arguments.description;
 
   loaded.description = default_device_description();
@@ -199,9 +228,15 @@ Result<Loaded> load(const Arguments& arguments) {
     loaded.description = std::move(*description);
   }
 
+  if (loaded.scene.body && loaded.scene.force_law.kind != ForceLawKind::kCutting)
+    return refused(arguments.scene + ": has a body, which is for the force law cutting");
   std::vector<int> slice_indices;
   for (const SceneSlice& slice : loaded.scene.slices)
     slice_indices.push_back(slice.index);
+  if (const auto& body = loaded.scene.body) {
+    for (int index = body->from; index <= body->to; ++index)
+      slice_indices.push_back(index);
+  }
   Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(slice_indices));
   if (!part) {
     std::error_code ignored;
@@ -213,6 +248,7 @@ Result<Loaded> load(const Arguments& arguments) {
   }
   const std::string asset = loaded.scene.asset.string();
   if (const auto ok = weld_materials(part->asset, asset); !ok) return ok.error();
+  if (const auto ok = place_body(loaded.scene, part->asset, asset); !ok) return ok.error();
   auto sheets = place_slices(loaded.scene, part->asset, asset);
   if (!sheets) return sheets.error();
   loaded.sheets = std::move(*sheets);
@@ -331,7 +367,8 @@ Result<SessionReport> run(const Arguments& arguments, const Loaded& loaded, Reme
   Device& device = **opened;
   if (device.is_paced_by_loop()) options.limits.gap_max_s = 0;
   // Before start(), since a drive behind a link ends a session in which no tick comes.
-  Result<SessionWorkers> workers = make_workers(loaded.scene, remesher, options);
+  Result<SessionWorkers> workers =
+      make_workers(loaded.scene, loaded.description, remesher, options);
   if (!workers) return workers.error();
   if (Result<void> started = device.start(); !started) return started.error();
   Result<SessionReport> report = watched(arguments, options, [&] {
@@ -388,6 +425,49 @@ bool print_black_boxes(const SessionReport& report) {
   return written;
 }
 
+/// The figures beside a session's page.
+std::filesystem::path figures_file(const Arguments& arguments) {
+  return arguments.session_report.empty()
+             ? std::filesystem::path()
+             : std::filesystem::path(arguments.session_report).replace_extension(".json");
+}
+
+std::vector<ReportSheet> report_sheets(const Loaded& loaded) {
+  std::vector<ReportSheet> sheets;
+  sheets.reserve(loaded.sheets.size());
+  for (std::size_t i = 0; i < loaded.sheets.size(); ++i)
+    sheets.push_back({loaded.sheets[i]->slice_index, loaded.sheets[i]->z_m,
+                      i < loaded.tissues.size() ? loaded.tissues[i].choice.name : ""});
+  return sheets;
+}
+
+/// Page and figures; both are tried.
+std::vector<Result<void>> write_session_report(const Arguments& arguments, const Loaded& loaded,
+                                               const SessionOptions& options,
+                                               const SessionReport& report,
+                                               const Remesher& remesher,
+                                               std::vector<ReportSheet> sheets,
+                                               SessionObserver& observer) {
+  const SessionFigures figures = observer.figures();
+  ReportFacts facts;
+  facts.asset = without_folder(loaded.scene.asset.filename());
+  facts.force_law = to_string(loaded.scene.force_law.kind);
+  facts.is_virtual = options.clock == Clock::kVirtual || !options.replay.empty();
+  facts.end = report.end;
+  facts.lost_ticks = report.ticks_not_seen;
+  facts.faults = report.faults;
+  facts.sheets = std::move(sheets);
+  for (const int axis : {0, 1}) {
+    for (std::size_t i = 0; i < remesher.size(); ++i)
+      facts.material_m[static_cast<std::size_t>(axis)].push_back(material_along(
+          remesher.first_version(i), axis, figures.lowest_m[static_cast<std::size_t>(1 - axis)]));
+  }
+  return {write_file_atomically(arguments.session_report,
+                                session_report_page(loaded.scene, figures, facts)),
+          write_file_atomically(figures_file(arguments),
+                                session_report_json(loaded.scene, figures, facts) + "\n")};
+}
+
 /// Writes every output, also after another could not be written. Returns the errors.
 std::vector<Error> write_outputs(const Arguments& arguments, const Loaded& loaded,
                                  const SessionOptions& options, const SessionReport& report,
@@ -441,7 +521,8 @@ int conclude(const SessionReport& report, std::vector<Error> errors, const Remes
     const int error_code = fail(error);
     if (code == 0) code = error_code;
   }
-  if (report.fault != Fault::kNone) {
+  const bool has_failed = report.end == SessionEnd::kFault;
+  if (has_failed) {
     std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
                  to_string(report.fault));
   }
@@ -449,7 +530,7 @@ int conclude(const SessionReport& report, std::vector<Error> errors, const Remes
     return fail(refused("the torques differ from the recording's from row " +
                         std::to_string(report.replay_first_difference + 1) + " on"));
   }
-  if (report.fault == Fault::kNone) return code;
+  if (!has_failed) return code;
   return static_cast<int>(ExitCode::kDeviceFault);
 }
 
@@ -481,13 +562,47 @@ int check(const Arguments& arguments, const Loaded& loaded, const SessionOptions
                       ", and --strict allows none"));
 }
 
+/// --new-scene.
+int make_scene(const Arguments& arguments) {
+  const OutputFile outputs[] = {{"-o", arguments.output}};
+  const std::filesystem::path inputs[] = {arguments.new_scene, arguments.description};
+  if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
+  DeviceDescription description = default_device_description();
+  if (!arguments.description.empty()) {
+    Result<DeviceDescription> given = read_device_description(arguments.description);
+    if (!given) return fail(given.error());
+    description = std::move(*given);
+  }
+  Result<Asset> asset = read_asset(arguments.new_scene);
+  if (!asset) return fail(asset.error());
+  if (const auto ok = weld_materials(*asset, arguments.new_scene); !ok) return fail(ok.error());
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
+  options.stop = &stop_requested;
+  set_loop_options(arguments, options);
+  const Result<NewScene> made =
+      propose_scene(*asset, arguments.new_scene, arguments.output, description, options);
+  if (!made) return fail(made.error());
+  if (const auto written = write_file_atomically(arguments.output, made->json); !written)
+    return fail(written.error());
+  if (!arguments.quiet) std::fputs(made->text.c_str(), stdout);
+  return 0;
+}
+
 int session(const Arguments& arguments) {
   Result<Loaded> loaded = load(arguments);
   if (!loaded) return fail(loaded.error());
   const OutputFile outputs[] = {{"--record", arguments.record},
                                 {"--summary", arguments.summary},
                                 {"--meshes", arguments.meshes},
-                                {"--frames", arguments.frames}};
+                                {"--frames", arguments.frames},
+                                {"--session-report", arguments.session_report},
+                                {"--session-report (its figures)", figures_file(arguments)}};
+  for (const OutputFile& output : outputs) {
+    if (!arguments.live.empty() && output.file == arguments.live)
+      return fail(usage("--live " + arguments.live + ": is also the file of " + output.option));
+  }
   const std::filesystem::path inputs[] = {arguments.scene, loaded->scene.asset,
                                           loaded->scene.device.value_or(""), arguments.replay,
                                           arguments.key_file};
@@ -528,12 +643,25 @@ int session(const Arguments& arguments) {
     if (!warning->empty()) std::fprintf(stderr, "trocar-run: warning: %s\n", warning->c_str());
   }
 
+  if (!arguments.live.empty()) {
+    options.live_memory = {arguments.live,
+                           arguments.scene,
+                           loaded->replay.empty() ? arguments.device : "replay",
+                           arguments.recover,
+                           {}};
+    for (const SliceTissue& slice : loaded->tissues)
+      options.live_memory->tissue_of_sheet.push_back(slice.choice.name);
+  }
   FrameWriter frames(arguments.frames);
   if (!arguments.frames.empty()) {
     options.on_frame = [&frames](const RecordingRow& row, const auto& shape) {
       frames.add(row, shape);
     };
   }
+  std::vector<ReportSheet> sheets = report_sheets(*loaded);
+  SessionObserver observer(loaded->scene, sheets, options.rate_Hz);
+  if (!arguments.session_report.empty())
+    options.on_tick = [&observer](const SeenTick& tick) { observer.see(tick); };
   Remesher remesher(loaded->sheets);
   loaded->sheets.clear();  // the remesher keeps its own copies
   std::optional<LinkReport> link;
@@ -545,9 +673,15 @@ int session(const Arguments& arguments) {
       std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
     }
   }
-  return conclude(*report,
-                  write_outputs(arguments, *loaded, options, *report, remesher, link, frames),
-                  remesher);
+  std::vector<Error> errors =
+      write_outputs(arguments, *loaded, options, *report, remesher, link, frames);
+  if (!arguments.session_report.empty()) {
+    for (const Result<void>& done : write_session_report(arguments, *loaded, options, *report,
+                                                         remesher, std::move(sheets), observer)) {
+      if (!done) errors.push_back(done.error());
+    }
+  }
+  return conclude(*report, std::move(errors), remesher);
 }
 
 int run_command_line(int argc, char** argv) {
@@ -560,7 +694,7 @@ int run_command_line(int argc, char** argv) {
   struct sigaction action {};
   action.sa_handler = request_recovery;
   ::sigaction(SIGUSR1, &action, nullptr);
-  return session(arguments);
+  return arguments.new_scene.empty() ? session(arguments) : make_scene(arguments);
 }
 
 }  // namespace

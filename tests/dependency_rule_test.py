@@ -144,7 +144,7 @@ def check_licences(source, units):
             files += sorted((source / folder).rglob(pattern))
     for path in files:
         name = path.relative_to(source)
-        if not path.is_file() or {"node_modules", "__pycache__"} & set(name.parts):
+        if not path.is_file() or {"node_modules", "vendor", "__pycache__"} & set(name.parts):
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
         wanted = GPL if name.parts[0] == "pipeline" or path in gpl_tests else APACHE

@@ -18,6 +18,7 @@
 #include "formats/base/result.h"
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
+#include "formats/geometry/proved_outline.h"
 #include "formats/geometry/slice_mesh.h"
 #include "formats/geometry/triangle_surface.h"
 
@@ -116,6 +117,9 @@ struct EncodedSlice {
 };
 /// Fails (bug) if the slice is not valid or not within the grid's box.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid);
+/// The same with an outline that is proved already; `slice.pslg` does not count.
+Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& outline,
+                                  const DracoGrid& grid);
 
 /// The file's bytes. Of `head` everything but the slices is used; `slices` take their place.
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,

@@ -397,8 +397,16 @@ Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box) {
   return grid;
 }
 
-// Counts, bounds and proofs are those of the bytes just written, decoded again.
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid) {
+  if (slice.mesh.triangles.empty()) return encode_slice(slice, {}, grid);
+  const auto outline = ProvedOutline::of(slice.pslg);
+  if (!outline) return bug("slice " + std::to_string(slice.index) + ": " + outline.error().message);
+  return encode_slice(slice, *outline, grid);
+}
+
+// Counts, bounds and proofs are those of the bytes just written, decoded again.
+Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& outline,
+                                  const DracoGrid& grid) {
   const std::string where = "slice " + std::to_string(slice.index) + ": ";
   if (!json::parse(slice.measures_json, nullptr, false).is_object())
     return bug(where + "its measures are not a JSON object");
@@ -421,7 +429,7 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
       triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size()) {
     return bug(where + "Draco did not keep every vertex and triangle");
   }
-  if (auto ok = check_mesh_against_pslg(decoded.mesh, slice.pslg); !ok) {
+  if (auto ok = check_mesh_against_outline(decoded.mesh, outline); !ok) {
     return bug(where + ok.error().message);
   }
   out.pslg = std::move(decoded.pslg);

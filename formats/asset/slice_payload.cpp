@@ -109,15 +109,16 @@ std::optional<double> mean_hu_of(const AssetSlice& slice) {
     const nlohmann::json mean_hu = value_of(slice.measures_json, "mean_hu");
     return mean_hu.is_number() ? std::optional(mean_hu.get<double>()) : std::nullopt;
   }
-  // The mean of a linear function over a triangle is the mean of its corners.
+  // The mean of a linear function over a triangle is the mean of its corners. The sums are of
+  // integers, and exact for slices of a metre: they do not depend on the order of the triangles.
   double sum = 0, area = 0;
   for (const Triangle& t : slice.mesh.triangles) {
     const auto& p = slice.mesh.vertices;
     const auto doubled = static_cast<double>(orient2d(p[t[0]], p[t[1]], p[t[2]]));
-    sum += doubled * (double{slice.hu[t[0]]} + slice.hu[t[1]] + slice.hu[t[2]]) / 3;
+    sum += doubled * (double{slice.hu[t[0]]} + slice.hu[t[1]] + slice.hu[t[2]]);
     area += doubled;
   }
-  return area > 0 ? std::optional(sum / area) : std::nullopt;
+  return area > 0 ? std::optional(sum / (3 * area)) : std::nullopt;
 }
 
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {

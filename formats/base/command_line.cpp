@@ -119,28 +119,35 @@ void add_help_and_version(CLI::App& app, const std::string& version) {
   app.set_version_flag("--version", version, "print the versions of the program and its libraries");
 }
 
+Result<void> parse_words(CLI::App& app, int argc, const char* const* argv) {
+  try {
+    app.parse(argc, argv);
+    return {};
+  } catch (const CLI::Success&) {
+    throw;
+  } catch (const CLI::ExtrasError&) {
+    return usage(unexpected_argument(app));
+  } catch (const CLI::RequiredError& error) {
+    return usage(has_unknown_option(app) ? unexpected_argument(app) : error.what());
+  } catch (const CLI::ParseError& error) {
+    const std::string wrong = no_number(app);
+    return usage(wrong.empty() ? plain_words(error.what()) : wrong);
+  }
+}
+
 std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv) {
   const std::string program = app.get_name();
   if (const std::string wrong = empty_value(argc, argv); !wrong.empty())
     return report_error(program, usage(wrong));
-  const std::string see_help = " (see " + program + " --help)";
   try {
-    app.parse(argc, argv);
+    if (auto ok = parse_words(app, argc, argv); !ok)
+      return report_error(program, usage(ok.error().message + " (see " + program + " --help)"));
   } catch (const CLI::CallForHelp&) {
     std::fputs(app.help().c_str(), stdout);
     return 0;
   } catch (const CLI::CallForVersion& version) {
     std::puts(version.what());
     return 0;
-  } catch (const CLI::ExtrasError&) {
-    return report_error(program, usage(unexpected_argument(app) + see_help));
-  } catch (const CLI::RequiredError& error) {
-    const std::string wrong = has_unknown_option(app) ? unexpected_argument(app) : error.what();
-    return report_error(program, usage(wrong + see_help));
-  } catch (const CLI::ParseError& error) {
-    if (const std::string wrong = no_number(app); !wrong.empty())
-      return report_error(program, usage(wrong + see_help));
-    return report_error(program, usage(plain_words(error.what()) + see_help));
   }
   return std::nullopt;
 }

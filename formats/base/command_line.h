@@ -31,6 +31,11 @@ int report_error(const std::string& program, const Error& error);
 /// `version` is the text that --version prints.
 void add_help_and_version(CLI::App& app, const std::string& version);
 
+/// Reads words, the first of which is the program's name, into what was declared to `app`. Errors
+/// (usage) name the nearest option if one is unknown. Throws CLI::Success after --help and
+/// --version.
+Result<void> parse_words(CLI::App& app, int argc, const char* const* argv);
+
 /// Reads the arguments of main() into what was declared to `app`, whose name is the program's.
 /// Returns the exit code if the program is to end: after --help and --version (0), or after invalid
 /// arguments, which are reported in one line (2), with the nearest option's name if an option

@@ -14,4 +14,13 @@ inline std::string json_text(const nlohmann::json& value, int indent = -1) {
   return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
+/// The names of an enumeration's first `count` values, by its to_string().
+template <typename Enumeration>
+nlohmann::json names_of(int count) {
+  nlohmann::json list = nlohmann::json::array();
+  for (int i = 0; i < count; ++i)
+    list.push_back(to_string(static_cast<Enumeration>(i)));
+  return list;
+}
+
 }  // namespace trocar

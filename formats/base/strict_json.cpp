@@ -89,6 +89,13 @@ const nlohmann::json* StrictObject::find(const char* key, bool required) {
   return nullptr;
 }
 
+bool StrictObject::boolean(const char* key) {
+  const nlohmann::json* found = find(key, false);
+  if (found == nullptr || found->is_boolean()) return found != nullptr && found->get<bool>();
+  errors_.add(path(key), "must be true or false");
+  return false;
+}
+
 double StrictObject::number(const char* key, double lowest, double highest,
                             std::optional<double> otherwise) {
   const nlohmann::json* found = find(key, !otherwise);

@@ -40,6 +40,8 @@ class StrictObject {
                 std::optional<double> otherwise = std::nullopt);
   std::int64_t integer(const char* key, std::int64_t lowest, std::int64_t highest,
                        std::optional<std::int64_t> otherwise = std::nullopt);
+  /// False if the key is missing.
+  bool boolean(const char* key);
   /// 1 to 4096 bytes without control characters.
   std::string string(const char* key);
   /// `result.size()` numbers. A missing key leaves `result` as it is, if `required` is not set.

@@ -33,17 +33,17 @@ inline bool blocks(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
 /// inner side, and strictly inside the other two edges? Such a split never moves the boundary
 /// outwards, so the boundary cannot cross itself there.
 inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint m) noexcept {
-  return orient2d(a, b, m) >= 0 && orient2d(b, c, m) > 0 && orient2d(c, a, m) > 0;
+  return (orient2d(a, b, m) >= 0) & (orient2d(b, c, m) > 0) & (orient2d(c, a, m) > 0);
 }
 
-/// Is the edge bc between the triangles abc and dcb locally Delaunay? The angles opposite bc then
-/// sum to at most 180 degrees: two that are not obtuse do, and two obtuse ones do not, without
-/// in_circle().
+/// Is the edge bc between the triangles abc and dcb locally Delaunay: do the angles opposite bc sum
+/// to at most 180 degrees? The sine of their sum, times the lengths of the four other edges, is the
+/// determinant of in_circle(), with fewer products and, as flips cannot be predicted, no branches.
 inline bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c,
                                 LatticePoint d) noexcept {
-  const bool obtuse_a = encroaches(b, c, a), obtuse_d = encroaches(b, c, d);
-  if (obtuse_a == obtuse_d) return !obtuse_a;
-  return in_circle(a, b, c, d) <= 0;
+  return Int128{orient2d(a, b, c)} * diametral_dot(b, c, d) +
+             Int128{orient2d(d, c, b)} * diametral_dot(b, c, a) >=
+         0;
 }
 
 }  // namespace trocar

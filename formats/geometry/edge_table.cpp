@@ -6,29 +6,29 @@
 
 namespace trocar {
 
-std::vector<DirectedEdge> sorted_edges(const SliceMesh& mesh) {
-  std::vector<std::uint32_t> first(mesh.vertices.size() + 1, 0);
-  const auto for_each = [&mesh](auto f) {
-    for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-      const Triangle& v = mesh.triangles[t];
-      for (int i = 0; i < 3; ++i)
-        f(DirectedEdge{v[i], v[(i + 1) % 3], t});
+EdgeTable edge_table(const SliceMesh& mesh) {
+  EdgeTable out;
+  out.first.assign(mesh.vertices.size() + 1, 0);
+  const auto for_each = [&mesh](const auto& f) {
+    std::uint32_t edge = 0;
+    for (const Triangle& t : mesh.triangles) {
+      for (std::size_t i = 0; i < 3; ++i, ++edge)
+        f(std::min(t[i], t[(i + 1) % 3]), EdgeTable::Entry{std::max(t[i], t[(i + 1) % 3]), edge});
     }
   };
-  for_each([&first](const DirectedEdge& e) { ++first[e.key().first + 1]; });
-  for (std::size_t v = 1; v < first.size(); ++v)
-    first[v] += first[v - 1];
-  std::vector<DirectedEdge> edges(mesh.triangles.size() * 3);
-  std::vector<std::uint32_t> next = first;
-  for_each([&](const DirectedEdge& e) { edges[next[e.key().first]++] = e; });
-  for (std::size_t v = 0; v + 1 < first.size(); ++v) {
-    std::sort(edges.begin() + first[v], edges.begin() + first[v + 1],
-              [](const DirectedEdge& a, const DirectedEdge& b) {
-                const std::uint32_t ah = std::max(a.from, a.to), bh = std::max(b.from, b.to);
-                return std::tie(ah, a.from, a.triangle) < std::tie(bh, b.from, b.triangle);
+  for_each([&out](std::uint32_t low, EdgeTable::Entry) { ++out.first[low + 1]; });
+  for (std::size_t v = 1; v < out.first.size(); ++v)
+    out.first[v] += out.first[v - 1];
+  out.entries.resize(mesh.triangles.size() * 3);
+  std::vector<std::uint32_t> next(out.first.begin(), out.first.end() - 1);
+  for_each([&](std::uint32_t low, EdgeTable::Entry e) { out.entries[next[low]++] = e; });
+  for (std::size_t v = 0; v + 1 < out.first.size(); ++v) {
+    std::sort(out.entries.begin() + out.first[v], out.entries.begin() + out.first[v + 1],
+              [](const EdgeTable::Entry& a, const EdgeTable::Entry& b) {
+                return std::tie(a.high, a.edge) < std::tie(b.high, b.edge);
               });
   }
-  return edges;
+  return out;
 }
 
 }  // namespace trocar

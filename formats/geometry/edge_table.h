@@ -4,23 +4,40 @@
 #pragma once
 
 #include <cstdint>
-#include <utility>
+#include <span>
 #include <vector>
 
 #include "formats/geometry/slice_mesh.h"
 
 namespace trocar {
 
-struct DirectedEdge {
-  std::uint32_t from, to, triangle;
-  std::pair<std::uint32_t, std::uint32_t> key() const {
-    return from < to ? std::pair{from, to} : std::pair{to, from};
+/// All three edges of every triangle. Edge 3 t + i of the mesh runs from corner i of triangle t to
+/// corner i + 1.
+struct EdgeTable {
+  struct Entry {
+    std::uint32_t high;  ///< the higher of its two vertices
+    std::uint32_t edge;
+  };
+  std::vector<Entry> entries;        ///< by the lower vertex, then `high`, then `edge`
+  std::vector<std::uint32_t> first;  ///< in `entries`, by lower vertex; and the end
+
+  /// Calls visit(low, high, edges) for every pair of vertices with an edge, ascending by low and
+  /// high; `edges` has the entries from one to the other in either direction: in a valid mesh two
+  /// for an inner edge, one for the boundary's. Ends when visit() returns false.
+  template <typename Visit>
+  void for_each_pair(const Visit& visit) const {
+    for (std::uint32_t low = 0; low + 1 < first.size(); ++low) {
+      for (std::size_t i = first[low], j = i; i < first[low + 1]; i = j) {
+        while (j < first[low + 1] && entries[j].high == entries[i].high)
+          ++j;
+        if (!visit(low, entries[i].high, std::span(entries).subspan(i, j - i))) return;
+      }
+    }
   }
 };
 
-/// All three edges of every triangle, ordered by key(), then by `from`. In a valid mesh an inner
-/// edge comes as two entries with one key, a boundary edge as one. Every index of `mesh` is in
-/// range. O(n) for bounded vertex degrees (a counting sort by the lower vertex).
-std::vector<DirectedEdge> sorted_edges(const SliceMesh& mesh);
+/// Every index of `mesh` is in range, and every triangle has three different vertices.
+/// O(n log n).
+EdgeTable edge_table(const SliceMesh& mesh);
 
 }  // namespace trocar

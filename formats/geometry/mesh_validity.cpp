@@ -3,103 +3,207 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <numeric>
-#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/edge_table.h"
-#include "formats/geometry/lattice_box.h"
-#include "formats/geometry/triangle_edge.h"
+#include "formats/geometry/outline_sweep.h"
 
 namespace trocar {
 namespace {
+
+constexpr std::uint32_t kNone = kNotOnBoundary;
 
 std::string place(LatticePoint p) {
   return "at lattice point (" + std::to_string(p.x) + ", " + std::to_string(p.y) + ")";
 }
 
-struct SweepSegment {
-  LatticePoint a, b;
-  std::int32_t min_x() const { return std::min(a.x, b.x); }
-  std::int32_t max_x() const { return std::max(a.x, b.x); }
-};
-
-// Sweeps over x with a simple active list. O(n (log n + k)), where k segments overlap one in x:
-// fast enough for outlines of some thousand edges.
-Result<void> check_no_crossing(std::vector<SweepSegment> segments, const char* what) {
-  std::sort(segments.begin(), segments.end(), [](const SweepSegment& s, const SweepSegment& t) {
-    return std::tuple{s.min_x(), s.a, s.b} < std::tuple{t.min_x(), t.a, t.b};
-  });
-  std::vector<const SweepSegment*> active;
-  for (const SweepSegment& s : segments) {
-    const std::int32_t x = s.min_x();
-    std::erase_if(active, [x](const SweepSegment* o) { return o->max_x() < x; });
-    const auto [lo, hi] = std::minmax(s.a.y, s.b.y);
-    for (const SweepSegment* o : active) {
-      if (std::max(o->a.y, o->b.y) < lo || std::min(o->a.y, o->b.y) > hi) continue;
-      if (segments_cross(s.a, s.b, o->a, o->b)) {
-        return refused(std::string(what) + " cross near " + place(s.a).substr(3));
-      }
+// Of each ring alone.
+Result<void> check_rings(const Pslg& pslg) {
+  for (const Ring& ring : pslg.rings) {
+    if (ring.size() < 3) return refused("a ring of fewer than three vertices");
+    for (const LatticePoint p : ring) {
+      if (!is_on_lattice(p)) return refused("outline outside the lattice's range " + place(p));
     }
-    active.push_back(&s);
+    Ring sorted = ring;
+    std::sort(sorted.begin(), sorted.end());
+    const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
+    if (twice != sorted.end()) return refused("a ring with a vertex twice " + place(*twice));
   }
   return {};
 }
 
-// For each ring, how often the others wind around the middle of its first edge, which lies on none
-// of them since nothing crosses. Sweeps over x, so that each point is compared only with the rings
-// above and below it.
-std::vector<int> windings_around(const std::vector<Ring>& rings,
-                                 const std::vector<LatticeBox>& boxes,
-                                 const std::vector<int>& orientations) {
-  const auto middle_x = [&rings](std::size_t r) {
-    return std::int64_t{rings[r][0].x} + rings[r][1].x;
-  };
-  std::vector<std::size_t> by_middle(rings.size());
-  std::iota(by_middle.begin(), by_middle.end(), std::size_t{0});
-  std::vector<std::size_t> by_low = by_middle;
-  std::sort(by_middle.begin(), by_middle.end(),
-            [&middle_x](std::size_t r, std::size_t q) { return middle_x(r) < middle_x(q); });
-  std::sort(by_low.begin(), by_low.end(),
-            [&boxes](std::size_t r, std::size_t q) { return boxes[r].low.x < boxes[q].low.x; });
-
-  std::vector<int> windings(rings.size(), 0);
-  std::vector<std::size_t> active;
-  auto next = by_low.begin();
-  for (const std::size_t r : by_middle) {
-    const std::int64_t px = middle_x(r), py = std::int64_t{rings[r][0].y} + rings[r][1].y;
-    for (; next != by_low.end() && 2 * std::int64_t{boxes[*next].low.x} <= px; ++next)
-      active.push_back(*next);
-    std::erase_if(active,
-                  [&boxes, px](std::size_t q) { return 2 * std::int64_t{boxes[q].high.x} < px; });
-    for (const std::size_t q : active) {
-      if (q == r || py < 2 * std::int64_t{boxes[q].low.y} || py > 2 * std::int64_t{boxes[q].high.y})
-        continue;
-      if (is_inside_ring(px, py, rings[q])) windings[r] += orientations[q];
-    }
+// Of rings whose edges do not cross. `first` has the first edge of each.
+Result<void> check_nesting(const Pslg& pslg, const EdgeLoops& loops,
+                           const std::vector<std::uint32_t>& first,
+                           const std::vector<std::uint32_t>& order) {
+  std::vector<std::int32_t> right_of;
+  sweep(loops, order, {}, &right_of);
+  for (std::size_t r = 0; r < pslg.rings.size(); ++r) {
+    if (right_of[first[r]] == 0) continue;
+    const bool is_outer = doubled_area(pslg.rings[r]) > 0;
+    return refused((is_outer ? "an outer ring inside material " : "a hole outside material ") +
+                   place(pslg.rings[r][0]));
   }
-  return windings;
+  // The rings nest as far as their first edges tell.
+  const auto bad = std::find_if(right_of.begin(), right_of.end(),
+                                [](std::int32_t winding) { return winding != 0; });
+  if (bad == right_of.end()) return {};
+  return refused("rings that touch and overlap, near an edge " +
+                 place(loops.points[static_cast<std::size_t>(bad - right_of.begin())]));
 }
 
-Result<void> check_nesting(const std::vector<Ring>& rings) {
-  std::vector<LatticeBox> boxes;
-  std::vector<int> orientations;
-  for (const Ring& ring : rings) {
-    boxes.push_back(box_around(ring));
-    const std::int64_t area = doubled_area(ring);
-    if (area == 0) return refused("a ring without area " + place(ring[0]));
-    orientations.push_back(area > 0 ? 1 : -1);
+// A mesh whose triangles and edges are valid.
+struct Manifold {
+  std::vector<std::uint32_t> next;  // by vertex, along the boundary; kNotOnBoundary: not on it
+  std::int64_t doubled_area = 0;
+  bool is_delaunay = true;
+};
+
+LatticePoint corner(const SliceMesh& mesh, std::uint32_t edge) {
+  return mesh.vertices[mesh.triangles[edge / 3][edge % 3]];
+}
+std::uint32_t next_edge(std::uint32_t edge) {
+  return edge % 3 == 2 ? edge - 2 : edge + 1;
+}
+std::uint32_t previous_edge(std::uint32_t edge) {
+  return edge % 3 == 0 ? edge + 2 : edge - 1;
+}
+
+// The edge lies between its triangle abc, from b to c, and another one, dcb.
+bool is_edge_delaunay(const SliceMesh& mesh, std::uint32_t edge, std::uint32_t other) {
+  return is_locally_delaunay(corner(mesh, previous_edge(edge)), corner(mesh, edge),
+                             corner(mesh, next_edge(edge)), corner(mesh, previous_edge(other)));
+}
+
+// All that check_mesh() proves, except that the boundary does not cross itself. `is_delaunay` is
+// only found where `delaunay_too`.
+Result<Manifold> check_manifold(const SliceMesh& mesh, bool delaunay_too) {
+  const std::size_t n = mesh.vertices.size();
+  Manifold out;
+  for (LatticePoint p : mesh.vertices) {
+    if (!is_on_lattice(p)) return refused("vertex outside the lattice's range " + place(p));
   }
-  const std::vector<int> windings = windings_around(rings, boxes, orientations);
-  for (std::size_t r = 0; r < rings.size(); ++r) {
-    const int wanted = orientations[r] > 0 ? 0 : 1;
-    if (windings[r] != wanted) {
-      return refused((wanted == 0 ? "an outer ring inside material " : "a hole outside material ") +
-                     place(rings[r][0]));
+  std::vector<std::uint32_t> degree(n, 0), any_edge(n, kNone);  // by vertex; one that starts there
+  std::uint64_t area = 0;                                       // modulo 2^64
+  for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
+    const Triangle& t = mesh.triangles[k];
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::uint32_t v = t[i];
+      if (v >= n)
+        return refused("triangle with vertex index " + std::to_string(v) + " of " +
+                       std::to_string(n));
+      ++degree[v];
+      any_edge[v] = static_cast<std::uint32_t>(3 * k + i);
     }
+    const std::int64_t doubled =
+        orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]);
+    if (doubled <= 0)
+      return refused("triangle without positive area " + place(mesh.vertices[t[0]]));
+    area += static_cast<std::uint64_t>(doubled);
   }
+  out.doubled_area = static_cast<std::int64_t>(area);
+  for (std::size_t v = 0; v < n; ++v) {
+    if (degree[v] == 0) return refused("unused vertex " + place(mesh.vertices[v]));
+  }
+
+  // By edge: the same one of the triangle beyond it.
+  std::vector<std::uint32_t> beyond(mesh.triangles.size() * 3, kNone);
+  out.next.assign(n, kNone);
+  Result<void> ok;
+  const auto starts_at = [&mesh](std::uint32_t edge) { return mesh.triangles[edge / 3][edge % 3]; };
+  edge_table(mesh).for_each_pair([&](std::uint32_t low, std::uint32_t high, const auto& edges) {
+    const std::uint32_t edge = edges[0].edge, from = starts_at(edge);
+    if (edges.size() == 1) {
+      if (out.next[from] != kNone) {
+        ok = refused("two fans of triangles share a vertex " + place(mesh.vertices[from]));
+        return false;
+      }
+      out.next[from] = from == low ? high : low;
+      any_edge[from] = edge;
+      return true;
+    }
+    const std::uint32_t other = edges[1].edge;
+    if (edges.size() > 2 || from == starts_at(other)) {
+      const bool from_low = std::any_of(edges.begin(), edges.end(),
+                                        [&](const auto& e) { return starts_at(e.edge) == low; });
+      ok = refused("edge used twice in one direction " +
+                   place(mesh.vertices[from_low ? low : high]));
+      return false;
+    }
+    beyond[edge] = other;
+    beyond[other] = edge;
+    if (delaunay_too && out.is_delaunay) out.is_delaunay = is_edge_delaunay(mesh, edge, other);
+    return true;
+  });
+  if (!ok) return ok.error();
+  // One fan at each vertex: the triangles at it, from one to the next across the edge between them,
+  // from the boundary's edge on if there is one. (Comparing the numbers of triangles and edges at a
+  // vertex would miss a closed fan beside another fan.)
+  for (std::size_t v = 0; v < n; ++v) {
+    std::uint32_t in_fan = 0, edge = any_edge[v];
+    do {
+      ++in_fan;
+      edge = beyond[previous_edge(edge)];
+    } while (edge != kNone && edge != any_edge[v]);
+    if (in_fan != degree[v])
+      return refused("several fans of triangles share a vertex " + place(mesh.vertices[v]));
+  }
+  return out;
+}
+
+Result<void> check_boundary(const SliceMesh& mesh, const Manifold& manifold) {
+  EdgeLoops loops;
+  for (const Ring& ring : rings_along(mesh, manifold.next).rings)
+    loops.add(ring);
+  const std::vector<std::uint32_t> order = in_sweep_order(loops.points);
+  return check_no_crossing(loops, order, sweep(loops, order), "boundary edges");
+}
+
+using Edge = std::pair<LatticePoint, LatticePoint>;
+
+std::vector<Edge> sorted_edges(const std::vector<Ring>& rings) {
+  std::vector<Edge> edges;
+  for (const Ring& ring : rings) {
+    for (std::size_t i = 0, n = ring.size(); i < n; ++i)
+      edges.emplace_back(ring[i], ring[i + 1 == n ? 0 : i + 1]);
+  }
+  std::sort(edges.begin(), edges.end());
+  return edges;
+}
+
+// Are the boundary's edges the outline's, each once? Where the outline is boundary_rings(mesh),
+// which is usual, its rings in that order; else its edges sorted.
+Result<void> check_same_edges(const SliceMesh& mesh, const Manifold& manifold, const Pslg& pslg) {
+  const Pslg boundary = rings_along(mesh, manifold.next);
+  if (boundary.rings == pslg.rings) return {};
+  const std::vector<Edge> of_mesh = sorted_edges(boundary.rings),
+                          of_pslg = sorted_edges(pslg.rings);
+  if (of_mesh == of_pslg) return {};
+  const auto [m, p] = std::mismatch(of_mesh.begin(), of_mesh.end(), of_pslg.begin(), of_pslg.end());
+  return refused("the mesh's boundary and the outline differ " +
+                 place(m != of_mesh.end() ? m->first : p->first));
+}
+
+Result<void> check_areas(const Manifold& manifold, const Pslg& pslg) {
+  const std::int64_t excess = manifold.doubled_area - doubled_area(pslg);
+  if (excess == 0) return {};
+  return refused("the areas of mesh and outline differ by " + std::to_string(excess) +
+                 " half squared steps");
+}
+
+Result<void> check_against_outline(const SliceMesh& mesh, const ProvedOutline& outline,
+                                   bool delaunay_too) {
+  const auto manifold = check_manifold(mesh, delaunay_too);
+  if (!manifold) return manifold.error();
+  if (auto differ = check_same_edges(mesh, *manifold, outline.pslg()); !differ) {
+    // Edges that cross are the graver defect; those of the outline do not.
+    if (auto ok = check_boundary(mesh, *manifold); !ok) return ok;
+    return differ;
+  }
+  if (auto ok = check_areas(*manifold, outline.pslg()); !ok) return ok;
+  if (!manifold->is_delaunay) return refused("not constrained Delaunay");
   return {};
 }
 
@@ -119,141 +223,68 @@ bool is_inside_ring(std::int64_t px, std::int64_t py, const Ring& ring) {
 }
 
 Result<void> check_mesh(const SliceMesh& mesh) {
-  const std::size_t n = mesh.vertices.size();
-  for (LatticePoint p : mesh.vertices) {
-    if (!is_on_lattice(p)) return refused("vertex outside the lattice's range " + place(p));
-  }
-  std::vector<std::uint32_t> degree(n, 0);
-  for (const Triangle& t : mesh.triangles) {
-    for (std::uint32_t v : t) {
-      if (v >= n)
-        return refused("triangle with vertex index " + std::to_string(v) + " of " +
-                       std::to_string(n));
-      ++degree[v];
-    }
-    if (orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]) <= 0) {
-      return refused("triangle without positive area " + place(mesh.vertices[t[0]]));
-    }
-  }
-  for (std::size_t v = 0; v < n; ++v) {
-    if (degree[v] == 0) return refused("unused vertex " + place(mesh.vertices[v]));
-  }
-
-  const std::vector<DirectedEdge> edges = sorted_edges(mesh);
-  std::vector<SweepSegment> boundary;
-  std::vector<std::uint32_t> boundary_out(n, 0);
-  for (std::size_t i = 0; i < edges.size();) {
-    std::size_t j = i + 1;
-    while (j < edges.size() && edges[j].key() == edges[i].key())
-      ++j;
-    if (j - i > 2 || (j - i == 2 && edges[i].from == edges[i + 1].from)) {
-      return refused("edge used twice in one direction " + place(mesh.vertices[edges[i].from]));
-    }
-    if (j - i == 1) {
-      boundary.push_back({mesh.vertices[edges[i].from], mesh.vertices[edges[i].to]});
-      if (++boundary_out[edges[i].from] > 1) {
-        return refused("two fans of triangles share a vertex " +
-                       place(mesh.vertices[edges[i].from]));
-      }
-    }
-    i = j;
-  }
-  // One fan at each vertex: the corners at it are connected across interior edges. (Comparing the
-  // numbers of triangles and edges at a vertex would miss a closed fan beside another fan.)
-  {
-    // Union-find of triangle corners.
-    std::vector<std::uint32_t> parent(mesh.triangles.size() * 3);
-    for (std::uint32_t i = 0; i < parent.size(); ++i)
-      parent[i] = i;
-    auto find = [&parent](std::uint32_t i) {
-      while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-      return i;
-    };
-    auto corner = [&mesh](std::uint32_t t, std::uint32_t v) {
-      return t * 3 + corner_of(mesh.triangles[t], v);
-    };
-    std::vector<std::uint32_t> fans = degree;
-    for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
-      if (edges[i].key() != edges[i + 1].key()) continue;
-      for (std::uint32_t v : {edges[i].from, edges[i].to}) {
-        const std::uint32_t a = find(corner(edges[i].triangle, v));
-        const std::uint32_t b = find(corner(edges[i + 1].triangle, v));
-        if (a != b) {
-          parent[a] = b;
-          --fans[v];
-        }
-      }
-    }
-    for (std::size_t v = 0; v < n; ++v) {
-      if (fans[v] != 1)
-        return refused("several fans of triangles share a vertex " + place(mesh.vertices[v]));
-    }
-  }
-  return check_no_crossing(std::move(boundary), "boundary edges");
+  const auto manifold = check_manifold(mesh, false);
+  if (!manifold) return manifold.error();
+  return check_boundary(mesh, *manifold);
 }
 
 Result<void> check_pslg(const Pslg& pslg) {
-  std::vector<SweepSegment> segments;
+  EdgeLoops loops;
+  std::vector<std::uint32_t> first;  // by ring
   for (const Ring& ring : pslg.rings) {
-    if (ring.size() < 3) return refused("a ring of fewer than three vertices");
-    for (std::size_t i = 0; i < ring.size(); ++i) {
-      const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-      if (!is_on_lattice(a)) return refused("outline outside the lattice's range " + place(a));
-      segments.push_back({a, b});
-    }
-    Ring sorted = ring;
-    std::sort(sorted.begin(), sorted.end());
-    const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
-    if (twice != sorted.end()) return refused("a ring with a vertex twice " + place(*twice));
+    if (ring.size() < 3 || !std::all_of(ring.begin(), ring.end(), is_on_lattice))
+      return check_rings(pslg);
+    first.push_back(static_cast<std::uint32_t>(loops.points.size()));
+    loops.add(ring);
   }
-  if (auto ok = check_no_crossing(std::move(segments), "outline edges"); !ok) return ok;
-  return check_nesting(pslg.rings);
+  const std::vector<std::uint32_t> order = in_sweep_order(loops.points);
+  const auto ring_of = [&first](std::uint32_t edge) {
+    return std::upper_bound(first.begin(), first.end(), edge);
+  };
+  for (std::size_t i = 1; i < order.size(); ++i) {
+    if (loops.points[order[i - 1]] == loops.points[order[i]] &&
+        ring_of(order[i - 1]) == ring_of(order[i]))
+      return check_rings(pslg);
+  }
+  const SweepResult swept = sweep(loops, order);
+  if (auto ok = check_no_crossing(loops, order, swept, "outline edges"); !ok) return ok;
+  return swept.winds_once ? Result<void>() : check_nesting(pslg, loops, first, order);
+}
+
+Result<ProvedOutline> ProvedOutline::of(Pslg pslg) {
+  if (auto ok = check_pslg(pslg); !ok) return ok.error();
+  return ProvedOutline(std::move(pslg));
 }
 
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg) {
-  if (auto ok = check_mesh(mesh); !ok) return ok;
-  if (auto ok = check_pslg(pslg); !ok) return ok;
-  using Edge = std::pair<LatticePoint, LatticePoint>;
-  auto edges_of = [](const Pslg& p) {
-    std::vector<Edge> edges;
-    for (const Ring& ring : p.rings) {
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        edges.emplace_back(ring[i], ring[(i + 1) % ring.size()]);
-      }
-    }
-    std::sort(edges.begin(), edges.end());
-    return edges;
-  };
-  const std::vector<Edge> of_mesh = edges_of(boundary_rings(mesh)), of_pslg = edges_of(pslg);
-  if (of_mesh != of_pslg) {
-    const auto [m, p] =
-        std::mismatch(of_mesh.begin(), of_mesh.end(), of_pslg.begin(), of_pslg.end());
-    const LatticePoint where = m != of_mesh.end() ? m->first : p->first;
-    return refused("the mesh's boundary and the outline differ " + place(where));
+  const auto manifold = check_manifold(mesh, false);
+  if (!manifold) return manifold.error();
+  auto same = check_same_edges(mesh, *manifold, pslg);
+  auto valid = check_pslg(pslg);
+  // A boundary with the edges of a valid outline does not cross itself.
+  if (!same || !valid) {
+    if (auto ok = check_boundary(mesh, *manifold); !ok) return ok;
   }
-  if (doubled_area(mesh) != doubled_area(pslg)) {
-    return refused("the areas of mesh and outline differ by " +
-                   std::to_string(doubled_area(mesh) - doubled_area(pslg)) + " half squared steps");
-  }
-  return {};
+  if (!valid) return valid;
+  if (!same) return same;
+  return check_areas(*manifold, pslg);
+}
+
+Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutline& outline) {
+  return check_against_outline(mesh, outline, false);
+}
+
+Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline) {
+  return check_against_outline(mesh, outline, true);
 }
 
 bool is_constrained_delaunay(const SliceMesh& mesh) {
-  const std::vector<DirectedEdge> edges = sorted_edges(mesh);
-  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
-    if (edges[i].key() != edges[i + 1].key()) continue;
-    const Triangle& t = mesh.triangles[edges[i].triangle];
-    const Triangle& u = mesh.triangles[edges[i + 1].triangle];
-    for (std::uint32_t v : u) {
-      if (v == edges[i].from || v == edges[i].to) continue;
-      if (in_circle(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]],
-                    mesh.vertices[v]) > 0) {
-        return false;
-      }
-    }
-  }
-  return true;
+  bool out = true;
+  edge_table(mesh).for_each_pair([&](std::uint32_t, std::uint32_t, const auto& edges) {
+    if (edges.size() == 2) out = is_edge_delaunay(mesh, edges[0].edge, edges[1].edge);
+    return out;
+  });
+  return out;
 }
 
 }  // namespace trocar

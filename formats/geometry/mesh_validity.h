@@ -6,6 +6,7 @@
 #include <string>
 
 #include "formats/base/result.h"
+#include "formats/geometry/proved_outline.h"
 #include "formats/geometry/slice_mesh.h"
 
 namespace trocar {
@@ -22,14 +23,20 @@ namespace trocar {
 Result<void> check_mesh(const SliceMesh& mesh);
 
 /// check_mesh, and the mesh's boundary is exactly the PSLG's edges, in their
-/// direction, and their areas are equal.
+/// direction, and their areas are equal. O(n log n).
 Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
+
+/// The same of an outline that is proved already. One pass over the mesh.
+Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutline& outline);
+/// And every interior edge is locally Delaunay, in the same pass. Where that alone does not hold,
+/// the message is "not constrained Delaunay".
+Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline);
 
 /// Proves that rings have >= 3 vertices, none of them twice and all on the lattice (coordinates of
 /// at most kMaxCoordinate), that no two edges cross or coincide (touching in vertices is allowed),
 /// and that they nest: every outer ring lies in nothing or in a hole, every hole directly in an
-/// outer ring. Then every point of the plane is either material once or not at all. Sweeps over x:
-/// O(n (log n + k)), k = edges and rings above one another.
+/// outer ring, and rings that touch do not pass into each other there. Then every point of the
+/// plane is either material once or not at all. One sweep (outline_sweep.h). O(n log n).
 Result<void> check_pslg(const Pslg& pslg);
 
 /// Is the point inside the simple ring? It must not lie on the ring. Exact. It is given in doubled

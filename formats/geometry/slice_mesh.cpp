@@ -38,7 +38,6 @@ bool has_a_point_twice(const Ring& ring) {
 // of second - third and of their squares' difference are n - p and n^2 - p^2, which give n. One
 // pass without a search. In a mesh that is not valid, which check_mesh() finds, it may be any
 // vertex.
-constexpr std::uint32_t kNone = 0xffffffff;
 std::vector<std::uint32_t> boundary_steps(const SliceMesh& mesh) {
   struct Sums {
     std::uint64_t difference = 0, squares = 0;  // modulo 2^64; indices are below 2^31
@@ -51,7 +50,7 @@ std::vector<std::uint32_t> boundary_steps(const SliceMesh& mesh) {
       sums[t[i]].squares += (second - third) * (second + third);
     }
   }
-  std::vector<std::uint32_t> next(mesh.vertices.size(), kNone);
+  std::vector<std::uint32_t> next(mesh.vertices.size(), kNotOnBoundary);
   const auto count = static_cast<std::int64_t>(next.size());
   const auto is_within = [](std::int64_t value, std::int64_t bound) {
     return -bound < value && value < bound;
@@ -118,16 +117,17 @@ std::int64_t doubled_area(const SliceMesh& mesh) {
 }
 
 Pslg boundary_rings(const SliceMesh& mesh) {
-  std::vector<std::uint32_t> next = boundary_steps(mesh);
+  return rings_along(mesh, boundary_steps(mesh));
+}
+
+Pslg rings_along(const SliceMesh& mesh, std::vector<std::uint32_t> next) {
   Pslg out;
   for (std::uint32_t v = 0; v < next.size(); ++v) {
-    if (next[v] == kNone) continue;
+    if (next[v] == kNotOnBoundary) continue;
     Ring ring;
-    for (std::uint32_t u = v; next[u] != kNone;) {
+    for (std::uint32_t u = v; next[u] != kNotOnBoundary;) {
       ring.push_back(mesh.vertices[u]);
-      const std::uint32_t w = next[u];
-      next[u] = kNone;
-      u = w;
+      u = std::exchange(next[u], kNotOnBoundary);
     }
     split_at_pinches(ring, out.rings);
   }

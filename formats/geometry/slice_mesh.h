@@ -42,4 +42,8 @@ void split_at_pinches(const Ring& path, std::vector<Ring>& out);
 /// ascending order: they do not depend on the order of the triangles. O(n log n).
 Pslg boundary_rings(const SliceMesh& mesh);
 
+/// The same from the next vertex along the boundary, by vertex.
+inline constexpr std::uint32_t kNotOnBoundary = 0xffffffff;
+Pslg rings_along(const SliceMesh& mesh, std::vector<std::uint32_t> next);
+
 }  // namespace trocar

@@ -24,15 +24,23 @@ inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, La
   const double x = fraction * (static_cast<double>(b.x) - a.x),
                y = fraction * (static_cast<double>(b.y) - a.y);
   const LatticePoint near{round_half_up(a.x, x), round_half_up(a.y, y)};
-  if (may_split(a, b, c, near)) return near;
   const double off_x = x - (static_cast<double>(near.x) - a.x),
                off_y = y - (static_cast<double>(near.y) - a.y);
   const LatticePoint beside_x{near.x + (off_x < 0 ? -1 : 1), near.y},
       beside_y{near.x, near.y + (off_y < 0 ? -1 : 1)};
   const bool x_first = std::abs(off_x) > std::abs(off_y);
-  if (const LatticePoint m = x_first ? beside_x : beside_y; may_split(a, b, c, m)) return m;
-  if (const LatticePoint m = x_first ? beside_y : beside_x; may_split(a, b, c, m)) return m;
-  if (const LatticePoint m{beside_x.x, beside_y.y}; may_split(a, b, c, m)) return m;
+  const LatticePoint second = x_first ? beside_x : beside_y, third = x_first ? beside_y : beside_x,
+                     last{beside_x.x, beside_y.y};
+  // On which side of ab each lies cannot be predicted; the first on the right one is nearly always
+  // allowed.
+  LatticePoint first = last;
+  if (orient2d(a, b, third) >= 0) first = third;
+  if (orient2d(a, b, second) >= 0) first = second;
+  if (orient2d(a, b, near) >= 0) first = near;
+  if (may_split(a, b, c, first)) return first;
+  for (const LatticePoint m : {near, second, third, last}) {
+    if (may_split(a, b, c, m)) return m;
+  }
   return std::nullopt;
 }
 

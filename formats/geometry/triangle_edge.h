@@ -17,12 +17,13 @@
 
 namespace trocar {
 
-/// The next and the previous of a triangle's three corners, or of its three edges.
+/// The next and the previous of a triangle's three corners, or of its three edges. (Digits of two
+/// bits: which corner it is cannot be predicted.)
 constexpr std::uint32_t next_corner(std::uint32_t i) noexcept {
-  return i == 2 ? 0 : i + 1;
+  return (0b00'10'01U >> (2 * i)) & 3;
 }
 constexpr std::uint32_t previous_corner(std::uint32_t i) noexcept {
-  return i == 0 ? 2 : i - 1;
+  return (0b01'00'10U >> (2 * i)) & 3;
 }
 
 /// The corner of the triangle that is vertex v, which is one of the three. It is also the number of

@@ -54,7 +54,7 @@ constexpr FaultWords make_words(Fault fault) {
       return {"tool_tilt", "the tool's axis is too far from upright",
               "the tool's axis is still too far from upright", "hold the tool upright"};
     case Fault::kEmergencyStop:
-      return {"emergency_stop", "the emergency stop is pressed",
+      return {"emergency_stop", "the emergency stop is pressed, the device's or the operator's",
               "the emergency stop is still pressed", "release it when that is safe"};
     case Fault::kMotorFault:
       return {"motor_fault", "a motor does not give its torque",
@@ -82,6 +82,13 @@ constexpr FaultWords make_words(Fault fault) {
       return {"energy", "the loop drives the hand: it gave more energy than the sheets had stored",
               "the loop still drives the hand",
               "use a tissue with less stiffness and friction, or a higher --rate"};
+    case Fault::kPaused:
+      return {"paused", "the operator pauses the session", "the operator still pauses the session",
+              "resume it at the console"};
+    case Fault::kForcesOff:
+      return {"forces_off", "the operator has turned the forces off",
+              "the operator still has the forces off",
+              "ask for recovery when the tool may be pushed again"};
   }
   return {};
 }
@@ -237,6 +244,29 @@ std::string number(double x, int digits) {
 
 const FaultWords& words_of(Fault fault) {
   return kWords.at(static_cast<std::size_t>(fault));
+}
+
+bool is_known(const FaultDetail& detail) {
+  const auto fault = static_cast<int>(detail.fault), quantity = static_cast<int>(detail.quantity);
+  if (fault < 0 || fault >= kFaults || quantity < 0 || quantity >= kFaultQuantities) return false;
+  const auto places = [&] {
+    switch (make_quantity(detail.quantity).counts) {
+      case Counts::kNothing:
+        break;
+      case Counts::kEncoders:
+        return 16;
+      case Counts::kMotors:
+        return 8;
+      case Counts::kLegs:
+        return 4;
+      case Counts::kAxes:
+        return 3;
+      case Counts::kWrench:
+        return 6;
+    }
+    return 0;
+  }();
+  return detail.index >= (places == 0 ? -1 : 0) && (places == 0 || detail.index < places);
 }
 
 std::string quantity_name(const FaultDetail& detail) {

@@ -70,6 +70,10 @@ struct FaultWords {
 /// Every pointer is set.
 const FaultWords& words_of(Fault fault);
 
+/// Whether fault and quantity exist, and the index is one of those that the quantity counts. The
+/// functions below need that; for details from outside the program.
+bool is_known(const FaultDetail& detail);
+
 /// The quantity with its index, ending with its unit, such as "th_2_3_step_rad"; empty: kNone.
 std::string quantity_name(const FaultDetail& detail);
 

@@ -39,7 +39,13 @@ const std::array<const char*, kFaults>& fault_names() {
   return names;
 }
 
-std::vector<std::string> make_columns() {
+/// Columns of the force law `cutting`.
+constexpr std::array<const char*, 14> kCuttingColumns = {
+    "fx_tissue_N",  "fy_tissue_N", "fz_tissue_N",     "tx_tissue_Nm", "ty_tissue_Nm",
+    "tz_tissue_Nm", "front_z_m",   "front_HU",        "tip_N",        "embedded_m",
+    "cut_J",        "absorbed_J",  "tissue_stored_J", "steps"};
+
+std::vector<std::string> make_columns(bool with_cutting) {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
                                       "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
   for (const char* kind : {"wanted", "delivered"}) {
@@ -69,13 +75,15 @@ std::vector<std::string> make_columns() {
         "motor_heat_max"}) {
     columns.emplace_back(name);
   }
+  if (with_cutting) columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
   columns.emplace_back("origin");  // the last: text, in the first row only
   return columns;
 }
 
-const std::vector<std::string>& columns() {
-  static const std::vector<std::string> names = make_columns();
-  return names;
+const std::vector<std::string>& columns(bool with_cutting) {
+  static const std::array<std::vector<std::string>, 2> names{make_columns(false),
+                                                             make_columns(true)};
+  return names[with_cutting ? 1 : 0];
 }
 
 std::string joined(std::span<const std::string> names) {
@@ -88,9 +96,10 @@ std::string joined(std::span<const std::string> names) {
 /// The columns of a recording with this header: all, or those of an older version; empty: it is
 /// none.
 std::vector<std::string> columns_of(std::string_view header) {
+  if (header == joined(columns(true))) return columns(true);
   for (unsigned absent = 0; absent < 1U << kLaterColumns.size(); ++absent) {
     std::vector<std::string> names;
-    for (const std::string& name : columns()) {
+    for (const std::string& name : columns(false)) {
       const auto later = static_cast<std::size_t>(
           std::find(kLaterColumns.begin(), kLaterColumns.end(), name) - kLaterColumns.begin());
       if (later == kLaterColumns.size() || (absent >> later & 1U) == 0) names.push_back(name);
@@ -118,7 +127,7 @@ void put(std::string& out, const std::array<double, N>& numbers) {
     put(out, x);
 }
 
-void put(std::string& out, const RecordingRow& row) {
+void put(std::string& out, const RecordingRow& row, bool with_cutting) {
   put(out, row.t_s);
   put(out, row.p_m);
   put(out, row.q);
@@ -147,6 +156,18 @@ void put(std::string& out, const RecordingRow& row) {
   put(out, row.passivity_J);
   put(out, row.passivity_N_s_per_m);
   put(out, row.motor_heat_max);
+  if (with_cutting) {
+    const RecordingRow::Cutting& cutting = row.cutting;
+    put(out, cutting.wrench_tissue);
+    put(out, cutting.front_z_m);
+    put(out, cutting.front_HU);
+    put(out, cutting.tip_N);
+    put(out, cutting.embedded_m);
+    put(out, cutting.cut_J);
+    put(out, cutting.absorbed_J);
+    put(out, cutting.stored_J);
+    put(out, cutting.steps);
+  }
   out.back() = '\n';
 }
 
@@ -242,19 +263,21 @@ const char* to_string(DeviceStatus status) {
   return kDeviceStatusNames.at(static_cast<std::size_t>(status));
 }
 
-const std::string& recording_header() {
-  static const std::string header = joined(columns());
-  return header;
+const std::string& recording_header(bool with_cutting) {
+  static const std::array<std::string, 2> headers{joined(columns(false)), joined(columns(true))};
+  return headers[with_cutting ? 1 : 0];
 }
 
-RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, int fd)
-    : file_(std::move(file)), partial_(std::move(partial)), fd_(fd) {}
+RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, int fd,
+                                 bool with_cutting)
+    : file_(std::move(file)), partial_(std::move(partial)), fd_(fd), with_cutting_(with_cutting) {}
 
 RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
     : file_(std::move(other.file_)),
       partial_(std::exchange(other.partial_, {})),
       fd_(std::exchange(other.fd_, -1)),
       buffer_(std::move(other.buffer_)),
+      with_cutting_(other.with_cutting_),
       origin_(std::move(other.origin_)),
       lines_(other.lines_) {}
 
@@ -322,16 +345,18 @@ Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
   if (fd < 0 && errno == EWOULDBLOCK)
     return unwritable(partial + ": another program is recording there");
   if (fd < 0) return unwritable(partial + ": " + std::generic_category().message(errno));
-  RecordingWriter writer(file, partial, fd);
+  const std::string* law = origin.find("force-law");
+  const bool with_cutting = law != nullptr && *law == "cutting";
+  RecordingWriter writer(file, partial, fd, with_cutting);
   writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
-  writer.buffer_ = recording_header() + "\n";
+  writer.buffer_ = recording_header(with_cutting) + "\n";
   writer.origin_ = to_text(origin);
   return writer;
 }
 
 Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
   for (const RecordingRow& row : rows) {
-    put(buffer_, row);
+    put(buffer_, row, with_cutting_);
     buffer_.back() = ',';
     buffer_ += std::exchange(origin_, {});
     buffer_ += '\n';
@@ -430,6 +455,18 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     reader.finite(row.passivity_J);
     reader.finite(row.passivity_N_s_per_m);
     reader.finite(row.motor_heat_max);
+    if (has("front_z_m")) {
+      RecordingRow::Cutting& cutting = row.cutting;
+      reader.finite(cutting.wrench_tissue);
+      reader.finite(cutting.front_z_m);
+      reader.finite(cutting.front_HU);
+      reader.finite(cutting.tip_N);
+      reader.finite(cutting.embedded_m);
+      reader.finite(cutting.cut_J);
+      reader.finite(cutting.absorbed_J);
+      reader.finite(cutting.stored_J);
+      reader.number(cutting.steps);
+    }
     if (has("origin")) reader.origin(rows.empty(), found);
     if (!reader.ok()) {
       return refused(where + ": " + columns_here.at(reader.field() - 1) + " " + reader.why());

@@ -44,7 +44,7 @@ enum class Fault : std::uint8_t {
   kDeadlineMissed,    ///< the gap between two ticks was too long, or too many were late in a row
   kRemeshBacklog,     ///< more cuts wait for their mesh than the queue holds
   kToolTilt,          ///< the tool's axis is too far from upright
-  kEmergencyStop,     ///< the device's emergency stop is pressed
+  kEmergencyStop,     ///< the device's emergency stop is pressed, or the operator's
   kMotorFault,        ///< the device reports a motor that does not produce its torque
   kWorkspace,         ///< the plate is outside its box, or tilted too far
   kSpeed,             ///< the plate moves or rotates too fast
@@ -53,8 +53,10 @@ enum class Fault : std::uint8_t {
   kMotorOverload,     ///< a motor exceeded its i2t limit, or too little of the wanted wrench
                       ///< was rendered for too long
   kEnergy,            ///< the environment gave the hand more energy than it may
+  kPaused,            ///< the operator pauses the session
+  kForcesOff,         ///< the operator has turned the forces off
 };
-inline constexpr int kFaults = 21;
+inline constexpr int kFaults = 23;
 
 /// State of the safety layer (runtime/control/safety.h).
 enum class SafetyState : std::uint8_t {
@@ -106,6 +108,20 @@ struct RecordingRow {
   double passivity_J = 0;  ///< the observer's energy; < 0: more was given to the hand than taken
   double passivity_N_s_per_m = 0;  ///< damping added by the controller
   double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1: its limit
+  /// Force law `cutting` only: of the tissue, before the scene's force scale.
+  struct Cutting {
+    std::array<double, 6> wrench_tissue{};  ///< on the plate, N, N*m
+    double front_z_m = 0;                   ///< height of the front, or of the next bone below
+    /// Mean HU under the tool in the front's slice, before any cut; -1000: no material, 0: the
+    /// asset has no HU.
+    double front_HU = 0;
+    double tip_N = 0;        ///< along the shaft
+    double embedded_m = 0;   ///< length of the shaft in the body
+    double cut_J = 0;        ///< front work since the session began
+    double absorbed_J = 0;   ///< work of the hand on the tissue since it began
+    double stored_J = 0;     ///< in all elements now
+    std::int32_t steps = 0;  ///< of Newton's method
+  } cutting;
 };
 
 /// The header line without its line feed: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
@@ -114,8 +130,11 @@ struct RecordingRow {
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
 /// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The last, to_text() of the
-/// RecordingOrigin, is empty but in the first row.
-const std::string& recording_header();
+/// RecordingOrigin, is empty but in the first row. Of a session whose origin says
+/// `force-law=cutting` there are further columns before it:
+/// fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,
+/// tissue_stored_J,steps.
+const std::string& recording_header(bool with_cutting = false);
 
 /// Added to a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
@@ -142,7 +161,7 @@ class RecordingWriter {
   std::filesystem::path partial_file() const { return partial_; }
 
  private:
-  RecordingWriter(std::filesystem::path file, std::string partial, int fd);
+  RecordingWriter(std::filesystem::path file, std::string partial, int fd, bool with_cutting);
   Result<void> flush();
   void end();
   Error failure(int error);
@@ -151,6 +170,7 @@ class RecordingWriter {
   std::string partial_;  ///< empty once committed or moved from
   int fd_ = -1;
   std::string buffer_;
+  bool with_cutting_ = false;
   std::string origin_;       ///< until the first row is written
   std::uint64_t lines_ = 0;  ///< written as a whole, with the header
 };

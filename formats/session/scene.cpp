@@ -67,6 +67,43 @@ ShaftTissue read_shaft(const nlohmann::json& value, const std::string& path, Jso
   return shaft;
 }
 
+BoneByHu read_bone(const nlohmann::json& value, const std::string& path, JsonErrors& errors) {
+  StrictObject object(value, path, errors);
+  BoneByHu bone;
+  bone.law = object.string("law");
+  bone.calibration_is_given = object.has("g_per_cm3_per_HU") || object.has("g_per_cm3_at_0_HU");
+  bone.per_HU = object.number("g_per_cm3_per_HU", 0.0, 0.01, bone.per_HU);
+  bone.at_0_HU = object.number("g_per_cm3_at_0_HU", -1.0, 1.0, bone.at_0_HU);
+  if (object.has("density")) {
+    bone.density = object.string("density");
+    if (bone.density != "qct" && bone.density != "ash" && bone.density != "apparent")
+      errors.add(object.path("density"), "must be \"qct\", \"ash\" or \"apparent\"");
+  }
+  object.finish();
+  return bone;
+}
+
+CutTissue read_cut(const nlohmann::json& value, const std::string& path, JsonErrors& errors) {
+  StrictObject object(value, path, errors);
+  CutTissue cut;
+  if (object.has("strength_MPa") == object.has("bone"))
+    errors.add(path, "must have either strength_MPa or bone");
+  if (object.has("strength_MPa")) cut.strength_MPa = object.number("strength_MPa", 0.0, 1000.0);
+  if (const auto* bone = object.optional_value("bone"))
+    cut.bone = read_bone(*bone, object.path("bone"), errors);
+  cut.tearing_N_per_m = object.number("tearing_N_per_m", 0.0, 1e6, 0.0);
+  cut.pressure_over_yield = object.number("pressure_over_yield", 0.01, 100.0, 1.0);
+  cut.modulus_MPa = object.number("modulus_MPa", 0.0, 1e5, 0.0);
+  cut.friction_coefficient = object.number("friction_coefficient", 0.0, 2.0, 0.0);
+  cut.friction_kPa = object.number("friction_kPa", 0.0, 1e5, 0.0);
+  cut.bed_N_per_mm3 = object.number("bed_N_per_mm3", 0.0, 1e4, 0.0);
+  cut.lateral_strength_MPa = object.number("lateral_strength_MPa", 0.0, 1000.0, 0.0);
+  if (cut.bed_N_per_mm3 > 0 && !(cut.lateral_strength_MPa > 0))
+    errors.add(object.path("lateral_strength_MPa"), "must be above 0 beside bed_N_per_mm3");
+  object.finish();
+  return cut;
+}
+
 // Reads the fields of a tissue. The caller reads further keys and calls finish().
 Tissue read_tissue_fields(StrictObject& object, JsonErrors& errors) {
   Tissue tissue;
@@ -77,12 +114,14 @@ Tissue read_tissue_fields(StrictObject& object, JsonErrors& errors) {
   if (const auto* value = object.optional_value("shaft")) {
     tissue.shaft = read_shaft(*value, object.path("shaft"), errors);
   }
+  if (const auto* value = object.optional_value("cut"))
+    tissue.cut = read_cut(*value, object.path("cut"), errors);
   return tissue;
 }
 
 Tissue read_tissue(const nlohmann::json& value, JsonErrors& errors) {
   StrictObject object(value, "/tissue", errors);
-  const Tissue tissue = read_tissue_fields(object, errors);
+  Tissue tissue = read_tissue_fields(object, errors);
   object.finish();
   return tissue;
 }
@@ -119,6 +158,47 @@ void read_tissues(const nlohmann::json& array, JsonErrors& errors,
       if (other.name == tissue.name) errors.add(object.path("name"), "occurs twice");
     }
     tissues.push_back(std::move(tissue));
+  }
+}
+
+SceneBody read_body(const nlohmann::json& value, JsonErrors& errors) {
+  StrictObject object(value, "/body", errors);
+  SceneBody body;
+  body.from = static_cast<int>(object.integer("from", 0, 1'000'000));
+  body.to = static_cast<int>(object.integer("to", 0, 1'000'000));
+  if (body.to < body.from || body.to - body.from >= static_cast<int>(kMaxSceneSlices))
+    errors.add(object.path("to"), "must be from \"from\" on, and at most 64 slices");
+  body.top_z_m = object.number("top_z_m", -kMaxPosition_m, kMaxPosition_m);
+  if (const auto* shell = object.optional_value("shell")) {
+    StrictObject part(*shell, "/body/shell", errors);
+    body.shell_m = part.number("thickness_m", 1e-4, 0.01);
+    body.shell_factor = part.number("strength_factor", 0.1, 100.0, body.shell_factor);
+    part.finish();
+  }
+  object.finish();
+  return body;
+}
+
+void read_layers(const nlohmann::json& array, JsonErrors& errors, std::vector<SceneLayer>& layers) {
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    StrictObject object(array[i], "/layers/" + std::to_string(i), errors);
+    SceneLayer layer;
+    layer.name = object.string("name");
+    layer.top_z_m = object.number("top_z_m", -kMaxPosition_m, kMaxPosition_m);
+    layer.thickness_m = object.number("thickness_m", 1e-5, 0.2);
+    layer.stiffness_N_per_m = object.number("stiffness_N_per_m", 0.0, 1e5, 0.0);
+    layer.stiffening_N_per_m2 = object.number("stiffening_N_per_m2", 0.0, 1e9, 0.0);
+    layer.puncture_N = object.number("puncture_N", 0.0, 1000.0);
+    layer.cutting_N = object.number("cutting_N", 0.0, 1000.0, 0.0);
+    layer.friction_N_per_m = object.number("friction_N_per_m", 0.0, 1e5, 0.0);
+    object.finish();
+    if (!(layer.stiffness_N_per_m + layer.stiffening_N_per_m2 > 0))
+      errors.add(object.path("stiffness_N_per_m"), "must be above 0, or stiffening_N_per_m2");
+    if (layer.cutting_N > layer.puncture_N)
+      errors.add(object.path("cutting_N"), "must not be above puncture_N");
+    if (!layers.empty() && layer.top_z_m > layers.back().top_z_m - layers.back().thickness_m)
+      errors.add(object.path("top_z_m"), "must be below the layer before it");
+    layers.push_back(layer);
   }
 }
 
@@ -184,6 +264,9 @@ SceneTool read_tool(const nlohmann::json& value, JsonErrors& errors) {
     }
     tool.sides = static_cast<int>(tool.outline_m.size());
   }
+  if (object.has("kind")) tool.kind = object.string("kind");
+  tool.half_angle_deg = object.number("half_angle_deg", 1.0, 90.0, tool.half_angle_deg);
+  tool.inner_radius_m = object.number("inner_radius_m", 0.0, kMaxToolSize_m, 0.0);
   tool.sides = static_cast<int>(object.integer("sides", 3, kMaxToolSides, tool.sides));
   tool.radius_m = object.number("radius_m", 1e-4, kMaxToolSize_m, tool.radius_m);
   tool.rotation_deg = object.number("rotation_deg", -kMaxAngle_deg, kMaxAngle_deg, 0.0);
@@ -236,6 +319,33 @@ SceneHand read_hand(const nlohmann::json& value, JsonErrors& errors) {
   return hand;
 }
 
+// One of `names`, the first if the key is missing.
+template <std::size_t N>
+std::size_t read_choice(StrictObject& object, const char* key,
+                        const std::array<const char*, N>& names, JsonErrors& errors) {
+  if (!object.has(key)) return 0;
+  const std::string name = object.string(key);
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
+  std::string list;
+  for (std::size_t i = 0; i < N; ++i)
+    list.append(i == 0 ? "" : i + 1 < N ? ", " : " or ").append(names[i]);
+  errors.add(object.path(key), "must be " + list);
+  return 0;
+}
+
+void read_cutting(StrictObject& object, JsonErrors& errors, ForceLaw& law) {
+  law.axis = static_cast<ToolAxis>(
+      read_choice(object, "axis", std::array{"auto", "rigid", "coupled"}, errors));
+  law.coupling_N_per_m = object.number("coupling_N_per_m", 100.0, 1e6, law.coupling_N_per_m);
+  law.coupling_Nm_per_rad = object.number("coupling_Nm_per_rad", 0.1, 1e4, law.coupling_Nm_per_rad);
+  law.prediction = static_cast<PosePrediction>(
+      read_choice(object, "prediction", std::array{"auto", "on", "off"}, errors));
+  law.tip_friction = object.number("tip_friction", 0.0, 2.0, 0.0);
+  law.twist = object.boolean("twist");
+  law.force_scale = object.number("force_scale", 1e-3, 10.0, law.force_scale);
+}
+
 ForceLaw read_force_law(const nlohmann::json& value, JsonErrors& errors) {
   StrictObject object(value, "/force_law", errors);
   ForceLaw law;
@@ -262,8 +372,145 @@ ForceLaw read_force_law(const nlohmann::json& value, JsonErrors& errors) {
       law.depth = static_cast<int>(object.integer("depth", 1, 64, law.depth));
     }
   }
+  if (law.kind == ForceLawKind::kCutting) read_cutting(object, errors, law);
   object.finish();
   return law;
+}
+
+using Point = std::array<double, 3>;
+
+// Keeps `direction` as a unit vector; an error if it has no length.
+void set_direction(const Point& way, const std::string& path, JsonErrors& errors,
+                   PlannedLine& line) {
+  constexpr double kLeastLength = 1e-6;
+  const double length = std::hypot(way[0], way[1], way[2]);
+  if (!(length >= kLeastLength)) return errors.add(path, "has no direction");
+  for (std::size_t k = 0; k < 3; ++k)
+    line.direction[k] = way[k] / length;
+}
+
+PlannedLine read_line(const nlohmann::json& value, const SceneGoals& goals, JsonErrors& errors) {
+  StrictObject object(value, "/goals/line", errors);
+  PlannedLine line;
+  object.numbers("entry_m", line.entry_m, -kMaxPosition_m, kMaxPosition_m, true);
+  if (object.has("direction") && object.has("to_m"))
+    errors.add("/goals/line", "has both direction and to_m");
+  Point way{};
+  if (object.has("direction")) {
+    object.numbers("direction", way, -kMaxPosition_m, kMaxPosition_m, true);
+    set_direction(way, object.path("direction"), errors, line);
+  } else if (object.has("to_m") || goals.target) {
+    if (goals.target) way = goals.target->at_m;
+    object.numbers("to_m", way, -kMaxPosition_m, kMaxPosition_m, false);
+    for (std::size_t k = 0; k < 3; ++k)
+      way[k] -= line.entry_m[k];
+    set_direction(way, "/goals/line", errors, line);
+  } else {
+    errors.add("/goals/line", "must have direction or to_m, or stand beside a target");
+  }
+  if (object.has("entry_radius_m")) line.entry_radius_m = object.number("entry_radius_m", 1e-5, 1);
+  if (object.has("corridor_m")) line.corridor_m = object.number("corridor_m", 1e-5, 1.0);
+  object.finish();
+  return line;
+}
+
+void read_capsule(const nlohmann::json& value, const std::string& path, JsonErrors& errors,
+                  ForbiddenZone& zone) {
+  StrictObject object(value, path, errors);
+  zone.shape = ForbiddenZone::Shape::kCapsule;
+  object.numbers("from_m", zone.low_m, -kMaxPosition_m, kMaxPosition_m, true);
+  object.numbers("to_m", zone.high_m, -kMaxPosition_m, kMaxPosition_m, true);
+  zone.radius_m = object.number("radius_m", 1e-5, kMaxPosition_m);
+  object.finish();
+}
+
+void read_box(const nlohmann::json& value, const std::string& path, JsonErrors& errors,
+              ForbiddenZone& zone) {
+  StrictObject object(value, path, errors);
+  zone.shape = ForbiddenZone::Shape::kBox;
+  object.numbers("min_m", zone.low_m, -kMaxPosition_m, kMaxPosition_m, true);
+  object.numbers("max_m", zone.high_m, -kMaxPosition_m, kMaxPosition_m, true);
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (!(zone.low_m[k] < zone.high_m[k])) errors.add(object.path("max_m"), "must be above min_m");
+  }
+  object.finish();
+}
+
+void read_prism(const nlohmann::json& value, const std::string& path, JsonErrors& errors,
+                ForbiddenZone& zone) {
+  StrictObject object(value, path, errors);
+  zone.shape = ForbiddenZone::Shape::kPrism;
+  object.numbers("z_m", zone.z_m, -kMaxPosition_m, kMaxPosition_m, true);
+  if (!(zone.z_m[0] < zone.z_m[1])) errors.add(object.path("z_m"), "must be [lowest, highest]");
+  Ring ring;
+  if (const nlohmann::json* array = object.array("outline_m", 3, kMaxZoneCorners)) {
+    for (const nlohmann::json& corner : *array) {
+      std::array<double, 2> p_m{};
+      const bool is_pair =
+          corner.is_array() && corner.size() == 2 && corner[0].is_number() && corner[1].is_number();
+      for (std::size_t k = 0; k < 2; ++k) {
+        if (is_pair) p_m[k] = corner[k].get<double>();
+        if (!is_pair || !(std::abs(p_m[k]) <= kMaxPosition_m))
+          return errors.add(object.path("outline_m"), "must be pairs of numbers within -1 and 1");
+      }
+      zone.outline_m.push_back(p_m);
+      ring.push_back(in_nm(p_m));
+    }
+    if (!is_simple(ring) || doubled_area(ring) == 0)
+      errors.add(object.path("outline_m"), "must be a simple polygon");
+  }
+  object.finish();
+}
+
+void read_zones(const nlohmann::json& array, JsonErrors& errors,
+                std::vector<ForbiddenZone>& zones) {
+  for (std::size_t i = 0; i < array.size(); ++i) {
+    const std::string path = "/goals/zones/" + std::to_string(i);
+    StrictObject object(array[i], path, errors);
+    ForbiddenZone zone;
+    zone.name = object.string("name");
+    zone.margin_m = object.number("margin_m", 0.0, 0.1, 0.0);
+    int shapes = 0;
+    const auto read = [&](const char* key, auto&& reader) {
+      const auto* value = object.optional_value(key);
+      if (value == nullptr) return;
+      ++shapes;
+      reader(*value, object.path(key), errors, zone);
+    };
+    read("capsule", read_capsule);
+    read("box", read_box);
+    read("prism", read_prism);
+    if (shapes != 1) errors.add(path, "must have one of capsule, box and prism");
+    object.finish();
+    for (const ForbiddenZone& other : zones) {
+      if (other.name == zone.name) errors.add(object.path("name"), "occurs twice");
+    }
+    zones.push_back(std::move(zone));
+  }
+}
+
+SceneGoals read_goals(const nlohmann::json& value, JsonErrors& errors) {
+  StrictObject object(value, "/goals", errors);
+  SceneGoals goals;
+  if (const auto* target = object.optional_value("target")) {
+    StrictObject part(*target, "/goals/target", errors);
+    goals.target.emplace();
+    part.numbers("at_m", goals.target->at_m, -kMaxPosition_m, kMaxPosition_m, true);
+    goals.target->radius_m = part.number("radius_m", 1e-5, kMaxPosition_m);
+    part.finish();
+  }
+  if (const auto* line = object.optional_value("line"))
+    goals.line = read_line(*line, goals, errors);
+  if (object.has("force_max_N")) goals.force_max_N = object.number("force_max_N", 0.01, 1000.0);
+  if (object.has("time_max_s"))
+    goals.time_max_s = object.number("time_max_s", 1e-3, kMaxDuration_s);
+  if (object.has("plunge_max_m")) goals.plunge_max_m = object.number("plunge_max_m", 1e-5, 1.0);
+  if (object.has("zones")) {
+    if (const auto* zones = object.array("zones", 1, kMaxZones))
+      read_zones(*zones, errors, goals.zones);
+  }
+  object.finish();
+  return goals;
 }
 
 }  // namespace
@@ -302,8 +549,15 @@ Result<Scene> parse_scene(std::string_view text, const std::string& name,
   if (const auto* value = object.optional_value("placement")) {
     read_placement(*value, errors, scene.placement);
   }
-  if (const auto* value = object.array("slices", 1, kMaxSceneSlices)) {
-    read_slices(*value, errors, scene.slices);
+  if (const auto* value = object.optional_value("body")) {
+    if (object.has("slices")) errors.add("/body", "stands beside slices: give one of the two");
+    scene.body = read_body(*value, errors);
+  } else if (const auto* slices = object.array("slices", 1, kMaxSceneSlices)) {
+    read_slices(*slices, errors, scene.slices);
+  }
+  if (object.has("layers")) {
+    if (const auto* value = object.array("layers", 1, kMaxLayers))
+      read_layers(*value, errors, scene.layers);
   }
   if (const auto* value = object.optional_value("tissue")) {
     scene.tissue = read_tissue(*value, errors);
@@ -324,6 +578,7 @@ Result<Scene> parse_scene(std::string_view text, const std::string& name,
   } else {
     errors.add(object.path("hand"), "is missing");
   }
+  if (const auto* value = object.optional_value("goals")) scene.goals = read_goals(*value, errors);
   object.finish();
   if (errors.first) return *errors.first;
   return scene;

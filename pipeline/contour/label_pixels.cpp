@@ -14,6 +14,8 @@
 #include <unordered_map>
 #include <utility>
 
+#include "formats/base/disjoint_sets.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -61,8 +63,7 @@ class Pieces {
       }
     }
     row_starts.push_back(runs_.size());
-    parent_.resize(runs_.size());
-    std::iota(parent_.begin(), parent_.end(), 0U);
+    pieces_ = DisjointSets(runs_.size());
     for (std::size_t row = 0; row + 2 < row_starts.size(); ++row) {
       const std::size_t upper = row_starts[row + 1];
       for (std::size_t r = row_starts[row]; r + 1 < upper; ++r)
@@ -129,21 +130,13 @@ class Pieces {
     int length;
   };
 
-  std::uint32_t root(std::uint32_t r) {
-    while (parent_[r] != r)
-      r = parent_[r] = parent_[parent_[r]];
-    return r;
-  }
+  std::uint32_t root(std::uint32_t r) { return pieces_.root(r); }
 
   void touch(std::uint32_t a, std::uint32_t b, int length) {
     if (runs_[a].material == runs_[b].material)
-      unite(a, b);
+      pieces_.join(a, b);
     else
       contacts_.push_back({a, b, length});
-  }
-  void unite(std::uint32_t a, std::uint32_t b) {
-    const std::uint32_t r = root(a), q = root(b);
-    parent_[std::max(r, q)] = std::min(r, q);
   }
 
   void connect_rows(std::size_t lower, std::size_t upper, std::size_t end) {
@@ -169,8 +162,8 @@ class Pieces {
     const std::array<int, 4> shares = shares_of(corner);
     for (std::size_t k = 0; k < 4; ++k)
       runs_[run[k]].eighths += shares[k];
-    if (corner[0] == corner[2] && shares[0] == 3) unite(run[0], run[2]);
-    if (corner[1] == corner[3] && shares[1] == 3) unite(run[1], run[3]);
+    if (corner[0] == corner[2] && shares[0] == 3) pieces_.join(run[0], run[2]);
+    if (corner[1] == corner[3] && shares[1] == 3) pieces_.join(run[1], run[3]);
   }
 
   std::optional<MaterialNumber> longest_border(std::uint32_t piece) const {
@@ -187,7 +180,7 @@ class Pieces {
 
   std::uint32_t merge(std::uint32_t a, std::uint32_t b) {
     if (borders_[a].size() < borders_[b].size()) std::swap(a, b);
-    parent_[b] = a;
+    pieces_.put_under(a, b);
     eighths_[a] += eighths_[b];
     for (const auto& [neighbour, length] : borders_[b]) {
       borders_[neighbour].erase(b);
@@ -201,7 +194,7 @@ class Pieces {
 
   MaterialImage& image_;
   std::vector<Run> runs_;
-  std::vector<std::uint32_t> parent_;
+  DisjointSets pieces_;
   std::vector<Contact> contacts_;
   std::vector<std::int64_t> eighths_;                                     // by root
   std::vector<std::unordered_map<std::uint32_t, std::int64_t>> borders_;  // by root

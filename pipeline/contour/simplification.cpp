@@ -3,13 +3,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <numeric>
-#include <tuple>
+#include <optional>
 
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/mesh_validity.h"
+#include "formats/geometry/outline_sweep.h"
 #include "pipeline/contour/area_collapse.h"
 #include "pipeline/contour/segment_distance.h"
+#include "pipeline/contour/segment_grid.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -116,38 +120,26 @@ Simplified simplify_ring(const Ring& contour, double tolerance2) {
   return s;
 }
 
-struct Chord {
-  LatticePoint a, b;
-  std::uint32_t ring, span;
-};
-
-// Marks every span whose chord crosses another. Sweep over x.
+// Marks every span whose chord crosses another.
 bool mark_crossings(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
-  std::vector<Chord> chords;
-  for (std::uint32_t r = 0; r < rings.size(); ++r) {
-    for (std::uint32_t k = 0; k < rings[r].spans(); ++k) {
-      chords.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k)), r, k});
+  std::vector<LatticeSegment> chords;
+  std::vector<char*> marks_of;  // by chord
+  for (std::size_t r = 0; r < rings.size(); ++r) {
+    for (std::size_t k = 0; k < rings[r].spans(); ++k) {
+      chords.push_back({rings[r].at(rings[r].kept[k]), rings[r].at(rings[r].span_end(k))});
+      marks_of.push_back(&marks[r][k]);
     }
   }
-  std::sort(chords.begin(), chords.end(), [](const Chord& e, const Chord& f) {
-    return std::tuple{std::min(e.a.x, e.b.x), e.ring, e.span} <
-           std::tuple{std::min(f.a.x, f.b.x), f.ring, f.span};
-  });
   bool any = false;
-  std::vector<const Chord*> active;
-  for (const Chord& e : chords) {
-    const std::int32_t x = std::min(e.a.x, e.b.x);
-    std::erase_if(active, [x](const Chord* o) { return std::max(o->a.x, o->b.x) < x; });
-    const auto [lo, hi] = std::minmax(e.a.y, e.b.y);
-    for (const Chord* o : active) {
-      if (std::max(o->a.y, o->b.y) < lo || std::min(o->a.y, o->b.y) > hi) continue;
-      if (segments_cross(e.a, e.b, o->a, o->b)) {
-        marks[e.ring][e.span] = marks[o->ring][o->span] = 1;
-        any = true;
-      }
-    }
-    active.push_back(&e);
-  }
+  SegmentGrid(chords, 0).for_each_pair([&](std::uint32_t i, std::uint32_t j) {
+    const auto& [a, b] = chords[i];
+    const auto& [c, d] = chords[j];
+    if ((*marks_of[i] != 0 && *marks_of[j] != 0) || apart(box_around(a, b), box_around(c, d)) ||
+        !segments_cross(a, b, c, d))
+      return;
+    *marks_of[i] = *marks_of[j] = 1;
+    any = true;
+  });
   return any;
 }
 
@@ -170,16 +162,14 @@ bool is_inside(const Ring& q, const Ring& r) {
   return is_inside_ring(std::int64_t{q[0].x} + q[1].x, std::int64_t{q[0].y} + q[1].y, r);
 }
 
-// Marks both rings of each pair of which one is inside the other before simplification and not
-// after it, or the reverse. This can happen without a crossing.
-bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<char>>& marks) {
+// The same as mark_jumps() of any rings, by all pairs.
+bool mark_jumps_by_pairs(const std::vector<Simplified>& rings, const std::vector<Ring>& now,
+                         std::vector<std::vector<char>>& marks) {
   bool any = false;
-  std::vector<Ring> now;
   std::vector<Box> boxes;
-  for (const Simplified& s : rings) {
-    now.push_back(s.ring());
+  boxes.reserve(rings.size());
+  for (const Simplified& s : rings)
     boxes.emplace_back(*s.contour);
-  }
   const auto jumps = [&](std::size_t q, std::size_t r) {
     return is_inside(*rings[q].contour, *rings[r].contour) != is_inside(now[q], now[r]);
   };
@@ -197,6 +187,41 @@ bool mark_jumps(const std::vector<Simplified>& rings, std::vector<std::vector<ch
     }
   }
   return any;
+}
+
+using Around = std::optional<std::vector<std::uint32_t>>;  // of rings_around()
+
+// Marks both rings of each pair of which one is inside the other before simplification and not
+// after it, or the reverse. This can happen without a crossing. `before` is that of the contours.
+bool mark_jumps(const std::vector<Simplified>& rings, const Around& before,
+                std::vector<std::vector<char>>& marks) {
+  std::vector<Ring> now;
+  now.reserve(rings.size());
+  for (const Simplified& s : rings)
+    now.push_back(s.ring());
+  const Around after = rings_around(now);
+  if (!before || !after) return mark_jumps_by_pairs(rings, now, marks);
+  if (*before == *after) return false;
+  const auto all_around = [](const std::vector<std::uint32_t>& around, std::uint32_t ring) {
+    std::vector<std::uint32_t> out;
+    while ((ring = around[ring]) != kNoRing)
+      out.push_back(ring);
+    std::sort(out.begin(), out.end());
+    return out;
+  };
+  const auto mark = [&marks](std::uint32_t r) {
+    std::fill(marks[r].begin(), marks[r].end(), char{1});
+  };
+  for (std::uint32_t r = 0; r < rings.size(); ++r) {
+    const auto first = all_around(*before, r), last = all_around(*after, r);
+    std::vector<std::uint32_t> changed;
+    std::set_symmetric_difference(first.begin(), first.end(), last.begin(), last.end(),
+                                  std::back_inserter(changed));
+    if (!changed.empty()) mark(r);
+    for (const std::uint32_t other : changed)
+      mark(other);
+  }
+  return true;
 }
 
 bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>& rings,
@@ -226,6 +251,8 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<b
                          : simplify_ring(contours.rings[r], tolerance * tolerance));
   }
 
+  std::optional<Around> around;  // of the contours
+
   // Split every span that is part of a violation at its farthest vertex, until there is none. At
   // the latest this ends with the contours themselves, which are valid.
   while (true) {
@@ -244,8 +271,12 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<b
       }
     }
     any = mark_crossings(rings, marks) || any;
-    if (!any)
-      any = mark_misplaced ? mark_by(mark_misplaced, rings, marks) : mark_jumps(rings, marks);
+    if (!any && mark_misplaced) {
+      any = mark_by(mark_misplaced, rings, marks);
+    } else if (!any) {
+      if (!around) around = rings_around(contours.rings);
+      any = mark_jumps(rings, *around, marks);
+    }
     if (!any) break;
     bool split = false;
     for (std::size_t r = 0; r < rings.size(); ++r) {

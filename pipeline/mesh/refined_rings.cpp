@@ -5,37 +5,22 @@
 #include <utility>
 #include <vector>
 
+#include "formats/geometry/edge_table.h"
+
 namespace trocar::pipeline {
 namespace {
 
-struct Edge {
-  std::uint32_t from, to;
-};
-
 // By vertex: the next one on the boundary, which has the material on its left. The mesh is a
 // manifold (a pinch is two vertices), so there is at most one.
-std::vector<std::uint32_t> next_on_boundary(const Refined& refined) {
-  const auto is_free = [&refined](std::uint32_t v) {
-    return refined.origins[v].segment == VertexOrigin::kFree;
-  };
-  std::vector<Edge> edges;
-  for (const Triangle& t : refined.mesh.triangles) {
-    for (std::size_t i = 0; i < 3; ++i) {
-      const Edge e{t[i], t[(i + 1) % 3]};
-      if (!is_free(e.from) && !is_free(e.to)) edges.push_back(e);
+std::vector<std::uint32_t> next_on_boundary(const SliceMesh& mesh) {
+  std::vector<std::uint32_t> next(mesh.vertices.size());
+  edge_table(mesh).for_each_pair([&](std::uint32_t low, std::uint32_t high, const auto& edges) {
+    if (edges.size() == 1) {
+      const std::uint32_t edge = edges[0].edge, from = mesh.triangles[edge / 3][edge % 3];
+      next[from] = from == low ? high : low;
     }
-  }
-  const auto ends = [](const Edge& e) { return std::minmax(e.from, e.to); };
-  std::sort(edges.begin(), edges.end(),
-            [&ends](const Edge& e, const Edge& f) { return ends(e) < ends(f); });
-  std::vector<std::uint32_t> next(refined.mesh.vertices.size());
-  for (std::size_t i = 0; i < edges.size(); ++i) {
-    if (i + 1 < edges.size() && ends(edges[i]) == ends(edges[i + 1])) {
-      ++i;
-    } else {
-      next[edges[i].from] = edges[i].to;
-    }
-  }
+    return true;
+  });
   return next;
 }
 
@@ -43,7 +28,7 @@ std::vector<std::uint32_t> next_on_boundary(const Refined& refined) {
 
 Pslg refined_rings(const Refined& refined, const Pslg& outline) {
   const std::vector<LatticePoint>& points = refined.mesh.vertices;
-  const std::vector<std::uint32_t> next = next_on_boundary(refined);
+  const std::vector<std::uint32_t> next = next_on_boundary(refined.mesh);
   // By their ends, which no two segments share.
   const auto ends = [&points](const Refined::Segment& s) {
     return std::pair{points[s.from], points[s.to]};

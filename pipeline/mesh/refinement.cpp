@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "formats/geometry/canonical_rotation.h"
+#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/split_places.h"
 #include "formats/geometry/steiner_places.h"
 #include "formats/geometry/triangle_shape.h"
@@ -30,6 +31,11 @@ constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
 // equilateral triangle. Its edges have this share of the largest length allowed; other vertices
 // are at least half an edge away.
 constexpr double kEvenEdge = 0.9;
+// Where the largest area asks for at least so many triangles for each vertex of the input, a
+// lattice fills the inside. In lengths of its edges: outline edges are split into parts of this
+// length, and its points are so far away from other vertices. Below so many steps it is not fine
+// enough.
+constexpr double kLeastFilled = 4, kFillPart = 0.85, kFillAway = 0.7, kLeastFillEdge_steps = 32;
 // Where to look for points over the shortest edge, as angles from the off-centre.
 constexpr std::array kAside_deg = {30.0, -30.0, 60.0, -60.0};
 
@@ -54,13 +60,20 @@ struct EncroachedTicket {
   std::uint32_t generation;
 };
 
+// A point that may fill a large triangle.
+struct FillNode {
+  std::uint32_t triangle;  // where it lay before any were inserted
+  LatticePoint p;
+};
+
 // Memory that is kept from slice to slice: fresh pages took a fifth of the time.
 struct Workspace {
   RefinementMesh mesh;
   RefinementOutline outline;
   RefinementQueue bad;
   std::vector<VertexOrigin> origins;
-  std::vector<EncroachedTicket> encroached;
+  std::vector<EncroachedTicket> encroached, long_edges;
+  std::vector<FillNode> nodes;
   std::vector<std::uint32_t> fresh;
   Candidate best, trial;
   SharedEdges shared;
@@ -71,11 +84,14 @@ class Refiner {
  public:
   Refiner(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options,
           Workspace& memory)
-      : mesh_(memory.mesh),
+      : from_(from),
+        mesh_(memory.mesh),
         outline_(memory.outline),
         bad_(memory.bad),
         origins_(memory.origins),
         encroached_(memory.encroached),
+        long_edges_(memory.long_edges),
+        nodes_(memory.nodes),
         fresh_(memory.fresh),
         best_(memory.best),
         trial_(memory.trial),
@@ -89,6 +105,7 @@ class Refiner {
         has_shared_(options.shared_borders),
         farthest2_(options.farthest_steps * options.farthest_steps),
         area_mm2_at_(options.area_mm2_at),
+        has_area_at_(options.area_mm2_at != nullptr),
         circle_(options.min_angle_deg * std::numbers::pi / 180) {
     for (std::size_t k = 0; k < aside_.size(); ++k) {
       const double angle = kAside_deg[k] * std::numbers::pi / 180;
@@ -102,6 +119,7 @@ class Refiner {
     outline_.clear(from.mesh.vertices.size());
     mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
     outline_.close(mesh_.points);
+    if (!mesh_.points.empty()) box_ = box_around(mesh_.points);
     if (has_shared_) {
       outline_.find_twins(mesh_.points);
       shared_.clear();
@@ -122,6 +140,7 @@ class Refiner {
       const TriangleShape shape = measured(at(v[0]), at(v[1]), at(v[2]));
       queue(t, shape.is_bad(), shape.shortest2);
     }
+    fill_large();
     while (true) {
       split_encroached();
       RefinementQueue::Ticket bad{};
@@ -191,55 +210,105 @@ class Refiner {
 
   // ---- what an insertion would change ----
 
-  // The shape of the triangle that would replace the edge of the rim.
-  TriangleShape look_ahead(InsertionCavity::Rim& r, LatticePoint p) const {
-    const TriangleShape shape = measured(at(r.a), at(r.b), p);
-    r.shortest2 = shape.shortest2;
-    r.is_bad = shape.is_bad();
-    return shape;
+  using Rim = InsertionCavity::Rim;
+
+  // Are products of differences between p and the outline too large for view_narrow()? (A
+  // circumcentre may lie far from it.)
+  bool is_wide(LatticePoint p) const {
+    return (std::int64_t{box_.high.x} - box_.low.x > kNarrow) |
+           (std::int64_t{box_.high.y} - box_.low.y > kNarrow) | (p.x < box_.low.x) |
+           (p.x > box_.high.x) | (p.y < box_.low.y) | (p.y > box_.high.y);
   }
-  void look_ahead(Candidate& candidate) const {
-    candidate.flaws = 0;
-    bool is_star = true;
-    for (InsertionCavity::Rim& r : candidate.cavity.rim) {
-      const TriangleShape shape = look_ahead(r, candidate.p);
-      candidate.flaws += shape.is_bad() ? 1 : 0;
-      is_star = is_star && shape.doubled_area > 0;
+  [[gnu::always_inline]] static PairView view(const RimPair& r, Pair px, Pair py, bool is_wide) {
+    if (is_wide) [[unlikely]]
+      return view_wide(r, px, py);
+    return view_narrow(r, px, py);
+  }
+  [[gnu::always_inline]] PairMask is_bad(const PairView& v, const RimPair& r, LatticePoint o,
+                                         LatticePoint p, Pair sine2, Pair most) const {
+    const PairMask is_sharp = v.is_sharp(sine2);
+    if (!has_area_at_) [[likely]]
+      return r.is_edge & (is_sharp | (v.doubled_area > most));
+    PairMask is_large{};
+    for (std::size_t k = 0; k < 2; ++k) {
+      const auto from_origin = [o](double x, double y) {
+        return LatticePoint{o.x + static_cast<std::int32_t>(x), o.y + static_cast<std::int32_t>(y)};
+      };
+      if (v.doubled_area[k] > std::min(least_doubled_area_, limits_.doubled_area))
+        is_large[k] = -static_cast<std::int64_t>(
+            v.doubled_area[k] >
+            largest_doubled_area(from_origin(r.ax[k], r.ay[k]), from_origin(r.bx[k], r.by[k]), p));
     }
-    sum_up(candidate);
-    if (!is_star) candidate.growth = kImpossible;
-  }
-  void sum_up(Candidate& candidate) const {
-    candidate.growth = candidate.flaws;
-    for (const std::uint32_t t : candidate.cavity.triangles)
-      candidate.growth -= mesh_.triangles[t].is_bad;
+    return r.is_edge & (is_sharp | is_large);
   }
 
-  bool is_in_the_way(const InsertionCavity::Rim& r, LatticePoint p) const {
-    return r.is_outline() && blocks(at(r.a), at(r.b), p);
+  // What is found in all triangles between a rim and a point together.
+  struct Tally {
+    int flaws = 0;            // bad triangles, and encroached edges where an edge is split
+    bool is_turned = false;   // the point is not on the left of an edge
+    bool is_near = false;     // it is too near to a vertex
+    bool is_blocked = false;  // it encroaches upon an edge of the outline
+  };
+  enum class Of { kFree, kSplit };
+  template <Of kOf, typename Keep>
+  [[gnu::always_inline]] Tally tally(std::span<RimPair> pairs, LatticePoint o, LatticePoint p,
+                                     double min_distance2, Keep keep) const {
+    const Pair px = pair_of(p.x - o.x), py = pair_of(p.y - o.y), zero = pair_of(0);
+    // (Kept here, or they would be read again after each write to a pair.)
+    const Pair sine2 = pair_of(limits_.sine2), most = pair_of(limits_.doubled_area);
+    const bool wide = is_wide(p);
+    PairMask flaws{}, is_turned{}, is_near{}, is_blocked{};
+    for (RimPair& r : pairs) {
+      const PairView v = view(r, px, py, wide);
+      const PairMask bad = is_bad(v, r, o, p, sine2, most),
+                     blocked = r.is_outline & (v.at_p < zero);
+      keep(r, v, bad);
+      flaws += bad;
+      if (kOf == Of::kSplit)
+        flaws += blocked + (r.is_before & (v.at_a < zero)) + (r.is_after & (v.at_b < zero));
+      is_turned |= v.is_turned();
+      is_near |= v.pa2 < pair_of(min_distance2);
+      is_blocked |= blocked;
+    }
+    return {count_of(flaws), is_any(is_turned), is_any(is_near), is_any(is_blocked)};
   }
 
-  // The number of bad triangles, plus `more` for each edge of the rim, if p were inserted into this
-  // cavity; `limit` if there are as many or more, or if p cannot have this cavity. Places close to
-  // each other have nearly the same cavity, so the cavity of the first is used to compare them.
-  template <typename More>
-  int flaws_of(LatticePoint p, const InsertionCavity& cavity, int limit, More more) const {
-    int flaws = 0;
-    for (const InsertionCavity::Rim& r : cavity.rim) {
-      const TriangleShape shape = measured(at(r.a), at(r.b), p);
-      flaws += (shape.is_bad() ? 1 : 0) + more(r);
-      if (shape.doubled_area <= 0 || flaws >= limit) return limit;
-    }
-    return flaws;
+  // The mesh with the candidate.
+  template <Of kOf>
+  [[gnu::always_inline]] Tally look_ahead(Candidate& candidate, double min_distance2) const {
+    InsertionCavity& cavity = candidate.cavity;
+    const Tally out = tally<kOf>(cavity.pairs(), cavity.origin, candidate.p, min_distance2,
+                                 [](RimPair& r, const PairView& v, PairMask bad) {
+                                   r.shortest2 = v.shortest2();
+                                   r.is_bad = bad;
+                                 });
+    candidate.flaws = out.flaws;
+    candidate.growth = out.flaws - cavity.bad_triangles();
+    return out;
+  }
+
+  // The number of bad triangles, and of encroached edges where an edge is split, if p were inserted
+  // into this cavity; `limit` if there are as many or more, or if p cannot have this cavity. Places
+  // close to each other have nearly the same cavity, so the cavity of the first is used to compare
+  // them.
+  template <Of kOf>
+  int flaws_of(LatticePoint p, InsertionCavity& cavity, int limit) const {
+    const Tally out =
+        tally<kOf>(cavity.pairs(), cavity.origin, p, 0, [](RimPair&, const PairView&, PairMask) {});
+    return out.is_turned ? limit : std::min(out.flaws, limit);
   }
 
   // A quick test with the cavity of a neighbouring place: is p too near to a vertex, or does it
   // encroach?
   bool is_excluded_by(const InsertionCavity& seen, LatticePoint p, double min_distance2) const {
-    return std::any_of(seen.rim.begin(), seen.rim.end(), [&](const InsertionCavity::Rim& r) {
-      return static_cast<double>(distance2(at(r.a), p)) < min_distance2 ||
-             (r.is_outline() && encroaches(at(r.a), at(r.b), p));
-    });
+    const Pair px = pair_of(p.x - seen.origin.x), py = pair_of(p.y - seen.origin.y);
+    const bool wide = is_wide(p);
+    PairMask is_excluded{};
+    for (const RimPair& r : seen.pairs()) {
+      const PairView v = view(r, px, py, wide);
+      is_excluded |= (v.pa2 < pair_of(min_distance2)) | (r.is_outline & (v.at_p < pair_of(0)));
+    }
+    return is_any(is_excluded);
   }
 
   // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
@@ -247,15 +316,9 @@ class Refiner {
   bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
     if (!mesh_.circumcircle_contains(t, p)) return false;
     out.p = p;
-    out.flaws = 0;
     mesh_.find_cavity(t, p, kNoEdge, out.cavity);
-    for (InsertionCavity::Rim& r : out.cavity.rim) {
-      const TriangleShape shape = look_ahead(r, p);
-      out.flaws += r.is_bad ? 1 : 0;
-      if (shape.doubled_area <= 0 || shape.ca2 < min_distance2 || is_in_the_way(r, p)) return false;
-    }
-    sum_up(out);
-    return true;
+    const Tally seen = look_ahead<Of::kFree>(out, min_distance2);
+    return !(seen.is_turned | seen.is_near | seen.is_blocked);
   }
 
   // The longest edge of the outline that a point within the circumcircle of t encroaches upon or
@@ -263,14 +326,16 @@ class Refiner {
   EdgeId find_in_the_way(std::uint32_t t, LatticePoint p, Candidate& out) {
     out.p = p;
     mesh_.find_cavity(t, p, kNoEdge, out.cavity);
+    const Tally seen = look_ahead<Of::kFree>(out, 0);
+    if (seen.is_turned) out.growth = kImpossible;
+    if (!seen.is_turned && !seen.is_blocked) return kNoEdge;
     EdgeId longest = kNoEdge;
     std::int64_t length2 = 0;
-    for (const InsertionCavity::Rim& r : out.cavity.rim) {
-      if (!is_in_the_way(r, p)) continue;
+    for (const Rim& r : out.cavity.rim()) {
+      if (!r.is_outline() || !blocks(at(r.a), at(r.b), p)) continue;
       const std::int64_t ab2 = distance2(at(r.a), at(r.b));
       if (ab2 > length2) length2 = ab2, longest = r.inside;
     }
-    if (longest == kNoEdge) look_ahead(out);
     return longest;
   }
 
@@ -288,23 +353,8 @@ class Refiner {
   // The mesh with the edge split at p.
   bool look_at_split(EdgeId s, LatticePoint p, Candidate& out) {
     out.p = p;
-    out.flaws = 0;
     mesh_.find_cavity(triangle_of(s), p, s, out.cavity);
-    for (InsertionCavity::Rim& r : out.cavity.rim) {
-      if (look_ahead(r, p).doubled_area <= 0) return false;
-      out.flaws += (r.is_bad ? 1 : 0) + encroachments(s, p, r);
-    }
-    sum_up(out);
-    return true;
-  }
-
-  // How many edges of the outline would be encroached upon in the triangle on an edge of the rim.
-  int encroachments(EdgeId s, LatticePoint p, const InsertionCavity::Rim& r) const {
-    const auto [a, b] = mesh_.ends(s);
-    const LatticePoint from = at(r.a), to = at(r.b);
-    return (r.is_outline() && encroaches(from, to, p) ? 1 : 0) +
-           (r.b == a && encroaches(to, p, from) ? 1 : 0) +
-           (r.a == b && encroaches(p, from, to) ? 1 : 0);
+    return !look_ahead<Of::kSplit>(out, 0).is_turned;
   }
 
   // Each split is rounded inwards, so repeated splits move away from the input segment.
@@ -341,24 +391,46 @@ class Refiner {
     const double farthest = edge_length(from, to);
     const double x = fraction * (static_cast<double>(b.x) - a.x),
                  y = fraction * (static_cast<double>(b.y) - a.y);
-    std::optional<LatticePoint> best;
-    double least = 0;
-    for (const double dx : {std::floor(x), std::ceil(x)}) {
-      for (const double dy : {std::floor(y), std::ceil(y)}) {
-        const LatticePoint p{a.x + static_cast<std::int32_t>(dx),
-                             a.y + static_cast<std::int32_t>(dy)};
-        if (orient2d(a, b, p) >= 0 || diametral_dot(a, b, p) >= 0 ||
-            static_cast<double>(orient2d(from, to, p)) < -farthest ||
-            !mesh_.circumcircle_contains(t, p))
-          continue;
-        const double far = (dx - x) * (dx - x) + (dy - y) * (dy - y);
-        if (!best || far < least) best = p, least = far;
-      }
+    const double low_x = floor_of(x), low_y = floor_of(y);
+    const LatticePoint low{a.x + static_cast<std::int32_t>(low_x),
+                           a.y + static_cast<std::int32_t>(low_y)};
+    // By steps right and up from there, no step where the place is on the lattice already. Which of
+    // the four are allowed cannot be predicted.
+    const std::array<std::int32_t, 2> right{0, x > low_x ? 1 : 0}, up{0, y > low_y ? 1 : 0};
+    const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y,
+                       input_dx = std::int64_t{to.x} - from.x,
+                       input_dy = std::int64_t{to.y} - from.y;
+    const std::int64_t side = orient2d(a, b, low), input_side = orient2d(from, to, low);
+    const std::int64_t ax = std::int64_t{a.x} - low.x, ay = std::int64_t{a.y} - low.y,
+                       bx = std::int64_t{b.x} - low.x, by = std::int64_t{b.y} - low.y;
+    std::array<LatticePoint, 4> places;
+    std::array<double, 4> far{};
+    constexpr double kNever = std::numeric_limits<double>::max();
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::int32_t i = right[k / 2], j = up[k % 2];
+      const double off_x = low_x + i - x, off_y = low_y + j - y;
+      const bool is_allowed =
+          (side + j * dx - i * dy < 0) & ((ax - i) * (bx - i) + (ay - j) * (by - j) < 0) &
+          (static_cast<double>(input_side + j * input_dx - i * input_dy) >= -farthest);
+      places[k] = {low.x + i, low.y + j};
+      far[k] = is_allowed ? off_x * off_x + off_y * off_y : kNever;
     }
-    return best;
+    while (true) {
+      const auto least =
+          static_cast<std::size_t>(std::min_element(far.begin(), far.end()) - far.begin());
+      if (far[least] == kNever) return std::nullopt;
+      if (mesh_.circumcircle_contains(t, places[least])) return places[least];
+      far[least] = kNever;
+    }
+  }
+  // Of a number within the lattice's bounds. (std::floor would be a function call.)
+  static double floor_of(double x) {
+    const auto whole = static_cast<double>(static_cast<std::int32_t>(x));
+    return whole - (whole > x ? 1 : 0);
   }
 
-  bool split_edge(EdgeId s) {
+  // At this fraction, or at the best place if it is 0.
+  bool split_edge(EdgeId s, double wanted = 0) {
     if (has_shared_) {
       if (const EdgeId beyond = shared_.beyond(s, mesh_, outline_); beyond != kNoEdge)
         return split_shared_edge(s, beyond);
@@ -371,18 +443,16 @@ class Refiner {
     bool is_found = false;
     std::optional<LatticePoint> better;
     int fewest = 0;
-    for (std::size_t k = 0; k < (has_shells ? 1 : kSplits.size()); ++k) {
-      const double fraction =
-          has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
+    for (std::size_t k = 0; k < (has_shells || wanted > 0 ? 1 : kSplits.size()); ++k) {
+      const double fraction = has_shells   ? outline_.shell_fraction(segment, a, b, mesh_.points)
+                              : wanted > 0 ? wanted
+                                           : kSplits[k];
       const std::optional<LatticePoint> p = split_place(triangle_of(s), segment, a, b, c, fraction);
       if (!p || is_far_from_segment(*p, segment)) continue;
       if (!is_found) {
         is_found = look_at_split(s, *p, best_);
         fewest = best_.flaws;
-      } else if (const int flaws = flaws_of(
-                     *p, best_.cavity, fewest,
-                     [&](const InsertionCavity::Rim& r) { return encroachments(s, *p, r); });
-                 flaws < fewest) {
+      } else if (const int flaws = flaws_of<Of::kSplit>(*p, best_.cavity, fewest); flaws < fewest) {
         fewest = flaws, better = p;
       }
       if (is_found && fewest == 0) break;
@@ -402,7 +472,7 @@ class Refiner {
   // Both meshes with the shared edge split at p.
   bool look_at_shared_split(EdgeId s, EdgeId t, LatticePoint p, Candidate& here, Candidate& there) {
     const auto is_open_loop = [](const InsertionCavity& c) {
-      return c.rim.size() == c.triangles.size() + 1;
+      return c.rim().size() == c.size() + 1;
     };
     return may_split_either_way(mesh_, s, p) && may_split_either_way(mesh_, t, p) &&
            look_at_split(s, p, here) && look_at_split(t, p, there) && is_open_loop(here.cavity) &&
@@ -431,12 +501,10 @@ class Refiner {
           fewest = best_.flaws + best_beyond_.flaws;
           if (is_found) break;
         } else {
-          const auto flaws_at = [&](EdgeId e, const Candidate& seen, int limit) {
-            return flaws_of(*p, seen.cavity, limit,
-                            [&](const InsertionCavity::Rim& r) { return encroachments(e, *p, r); });
-          };
-          const int here = flaws_at(s, best_, fewest);
-          const int flaws = here < fewest ? here + flaws_at(t, best_beyond_, fewest - here) : here;
+          const int here = flaws_of<Of::kSplit>(*p, best_.cavity, fewest);
+          const int flaws =
+              here < fewest ? here + flaws_of<Of::kSplit>(*p, best_beyond_.cavity, fewest - here)
+                            : here;
           if (flaws < fewest) fewest = flaws, better = p;
         }
       }
@@ -470,7 +538,8 @@ class Refiner {
         shared_.note(mesh_, t);
     }
     for (std::size_t k = 0; k < fresh_.size(); ++k)
-      queue(fresh_[k], candidate.cavity.rim[k].is_bad, candidate.cavity.rim[k].shortest2);
+      queue(fresh_[k], candidate.cavity.pairs()[k / 2].is_bad[k % 2] != 0,
+            candidate.cavity.pairs()[k / 2].shortest2[k % 2]);
     return true;
   }
 
@@ -559,8 +628,7 @@ class Refiner {
       for (const double away : {std::sqrt(leg2 / edge2 - 0.25), 0.0}) {
         const LatticePoint p = point_over(a, b, {0, away});
         if ((away == 0 && !is_inside) || is_excluded_by(best_.cavity, p, min_distance2)) continue;
-        const int flaws =
-            flaws_of(p, best_.cavity, fewest, [](const InsertionCavity::Rim&) { return 0; });
+        const int flaws = flaws_of<Of::kFree>(p, best_.cavity, fewest);
         if (flaws < fewest) fewest = flaws, better = p;
       }
     }
@@ -596,6 +664,103 @@ class Refiner {
     return false;
   }
 
+  // ---- filling large triangles ----
+
+  // Where the largest area asks for many triangles, most of them can be those of a lattice of
+  // equilateral triangles of that area: nothing has to be searched for inside it.
+  void fill_large() {
+    if (has_area_at_ || from_.mesh.triangles.empty()) return;
+    const double wanted = static_cast<double>(doubled_area(from_.mesh)) / limits_.doubled_area;
+    const double edge = std::sqrt(2 / std::numbers::sqrt3 * limits_.doubled_area);
+    if (edge < kLeastFillEdge_steps ||
+        wanted < kLeastFilled * static_cast<double>(from_.mesh.vertices.size()))
+      return;
+    split_encroached();
+    split_long(kFillPart * edge);
+    split_encroached();
+    list_nodes(edge, wanted);
+    const double away2 = edge * edge * kFillAway * kFillAway;
+    for (const FillNode& node : nodes_) {
+      if (mesh_.points.size() >= max_vertices_) return;
+      const std::uint32_t t = mesh_.find(node.triangle, node.p);
+      if (t != RefinementMesh::kNone && is_allowed(t, node.p, away2, trial_) &&
+          trial_.cavity.bad_triangles() > 0)
+        insert(trial_, {VertexOrigin::kFree}, kNoEdge);
+    }
+  }
+
+  // Splits edges of the outline into equal parts of about this length.
+  void split_long(double part) {
+    std::vector<EncroachedTicket>& edges = long_edges_;
+    edges.clear();
+    const auto parts = [&](std::uint32_t a, std::uint32_t b) {
+      return std::floor(edge_length(at(a), at(b)) / part + 0.5);
+    };
+    const auto note = [&](std::uint32_t t) {
+      const WorkingTriangle& tri = mesh_.triangles[t];
+      for (std::uint32_t i = 0; i < 3; ++i) {
+        if ((tri.beyond[i] & kOutline) == 0 || parts(tri.v[i], tri.v[next_corner(i)]) < 2) continue;
+        const std::uint32_t segment = tri.beyond[i] ^ kOutline;
+        if (!outline_.has_shells(segment) && outline_.twin(segment) == RefinementOutline::kNoTwin)
+          edges.push_back({edge_id(t, i), tri.generation});
+      }
+    };
+    for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t)
+      note(t);
+    while (!edges.empty() && mesh_.points.size() < max_vertices_) {
+      const EncroachedTicket ticket = edges.back();
+      edges.pop_back();
+      if (mesh_.triangles[triangle_of(ticket.edge)].generation != ticket.generation) continue;
+      const auto [a, b] = mesh_.ends(ticket.edge);
+      const double n = parts(a, b);
+      if (!split_edge(ticket.edge, std::floor(n / 2) / n)) continue;
+      for (const std::uint32_t t : fresh_)
+        note(t);
+    }
+  }
+
+  // The points of the lattice with edges of about this length that lie in large triangles, or on
+  // their sides; twice where on a side of two. `triangles` is how many there are about.
+  void list_nodes(double edge, double triangles) {
+    nodes_.clear();
+    const auto dx = 2 * static_cast<std::int64_t>(edge / 2),
+               dy = static_cast<std::int64_t>(limits_.doubled_area / static_cast<double>(dx));
+    // All places are relative to this one, so that a mesh moves with its outline.
+    LatticePoint o = at(0);
+    for (const LatticePoint p : mesh_.points)
+      o = {std::min(o.x, p.x), std::min(o.y, p.y)};
+    // Not more than a small part of the time, for any outline: it need not fill all.
+    auto rows_left =
+        static_cast<std::int64_t>(16 * (triangles + static_cast<double>(mesh_.points.size())));
+    for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
+      const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
+      const LatticePoint a = at(v[0]), b = at(v[1]), c = at(v[2]);
+      if (static_cast<double>(orient2d(a, b, c)) <= limits_.doubled_area) continue;
+      const std::int64_t low = std::min({a.y, b.y, c.y}) - std::int64_t{o.y},
+                         high = std::max({a.y, b.y, c.y}) - std::int64_t{o.y};
+      for (std::int64_t row = (low + dy - 1) / dy; row * dy <= high; ++row) {
+        if (--rows_left < 0) return;
+        const std::int64_t y = row * dy, shift = row % 2 * (dx / 2);
+        double from = std::numeric_limits<double>::max(), to = -from;
+        for (const auto& [p, q] : {std::pair{a, b}, std::pair{b, c}, std::pair{c, a}}) {
+          const auto px = static_cast<double>(std::int64_t{p.x} - o.x),
+                     py = static_cast<double>(std::int64_t{p.y} - o.y - y),
+                     qx = static_cast<double>(std::int64_t{q.x} - o.x),
+                     qy = static_cast<double>(std::int64_t{q.y} - o.y - y);
+          if ((py < 0) == (qy < 0)) continue;
+          const double x = px + (qx - px) * (py / (py - qy));
+          from = std::min(from, x), to = std::max(to, x);
+        }
+        const auto step = static_cast<double>(dx), first = static_cast<double>(shift);
+        for (auto column = static_cast<std::int64_t>(std::ceil((from - first) / step));
+             static_cast<double>(shift + column * dx) <= to; ++column)
+          nodes_.push_back({t,
+                            {static_cast<std::int32_t>(o.x + shift + column * dx),
+                             static_cast<std::int32_t>(o.y + y)}});
+      }
+    }
+  }
+
   Refined finish() {
     if (out_.outcome == RefinementOutcome::kRefined && out_.bad_at_lattice_step > 0)
       out_.outcome = RefinementOutcome::kLatticeTooCoarse;
@@ -611,11 +776,13 @@ class Refiner {
     return std::move(out_);
   }
 
+  const Triangulation& from_;
   RefinementMesh& mesh_;
   RefinementOutline& outline_;
   RefinementQueue& bad_;
   std::vector<VertexOrigin>& origins_;
-  std::vector<EncroachedTicket>& encroached_;
+  std::vector<EncroachedTicket>&encroached_, &long_edges_;
+  std::vector<FillNode>& nodes_;
   std::vector<std::uint32_t>& fresh_;
   Candidate &best_, &trial_;
   SharedEdges& shared_;
@@ -625,6 +792,8 @@ class Refiner {
   bool keep_area_, has_shared_;
   double farthest2_;
   const std::function<double(LatticePoint)>& area_mm2_at_;
+  bool has_area_at_;
+  LatticeBox box_;  // around the outline
   double doubled_per_mm2_ = 0, least_doubled_area_ = 0;
   AngleCircle circle_;  // for the wanted angle
   std::array<Place, kAside_deg.size()> aside_{};

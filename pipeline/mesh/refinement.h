@@ -4,7 +4,8 @@
 // Miller, Pav and Walkington (2003) that a short edge across a small input angle is left alone.
 // Steiner points lie on the lattice, so every decision is exact. Each point is inserted at the one
 // of several allowed places that leaves the fewest bad triangles (similar to Erten and Uengoer's
-// locally optimal Steiner points, 2009).
+// locally optimal Steiner points, 2009). Where the largest area asks for many triangles, a lattice
+// of equilateral ones fills the inside first.
 #pragma once
 
 #include <cstdint>

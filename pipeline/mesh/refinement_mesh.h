@@ -3,12 +3,17 @@
 // 1981).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
+#include <span>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "formats/geometry/triangle_edge.h"
+#include "pipeline/mesh/rim_view.h"
 #include "pipeline/mesh/triangulation.h"
 
 namespace trocar::pipeline {
@@ -22,22 +27,30 @@ inline constexpr std::uint32_t kOutline = 0x80000000;
 class Circumcircle {
  public:
   Circumcircle() = default;
-  Circumcircle(LatticePoint a, LatticePoint b, LatticePoint c) : origin_(a) {
+  Circumcircle(LatticePoint a, LatticePoint b, LatticePoint c) {
     const std::int64_t bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
     const std::int64_t cx = std::int64_t{c.x} - a.x, cy = std::int64_t{c.y} - a.y;
     if (!(is_in_reach(bx, by) && is_in_reach(cx, cy))) return;
+    origin_ = a;
     const std::int64_t b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
     x_ = b2 * cy - c2 * by;
     y_ = c2 * bx - b2 * cx;
     area2_ = bx * cy - by * cx;
   }
 
-  enum class Answer { kNo, kYes, kTooFar };
-  /// Does p lie strictly inside? kTooFar: 64 bits do not suffice.
-  Answer contains(LatticePoint p) const {
-    const std::int64_t dx = std::int64_t{p.x} - origin_.x, dy = std::int64_t{p.y} - origin_.y;
-    if (area2_ == 0 || !is_in_reach(dx, dy)) return Answer::kTooFar;
-    return dx * x_ + dy * y_ > (dx * dx + dy * dy) * area2_ ? Answer::kYes : Answer::kNo;
+  /// Do 64 bits suffice for contains(p)?
+  bool is_near(LatticePoint p) const {
+    return is_in_reach(std::int64_t{p.x} - origin_.x, std::int64_t{p.y} - origin_.y);
+  }
+  /// Does p, for which is_near(), lie strictly inside? 1 or 0 (else either), without a comparison
+  /// that a compiler might turn into a branch.
+  std::uint32_t contains(LatticePoint p) const {
+    const auto dx = static_cast<std::uint64_t>(std::int64_t{p.x} - origin_.x),
+               dy = static_cast<std::uint64_t>(std::int64_t{p.y} - origin_.y);
+    const std::uint64_t outside =
+        (dx * dx + dy * dy) * static_cast<std::uint64_t>(area2_) -
+        (dx * static_cast<std::uint64_t>(x_) + dy * static_cast<std::uint64_t>(y_));
+    return static_cast<std::uint32_t>(outside >> 63);
   }
 
  private:
@@ -45,12 +58,14 @@ class Circumcircle {
   // 2^63.
   static constexpr std::int64_t kReach = 1 << 14;
   static bool is_in_reach(std::int64_t x, std::int64_t y) {
-    return static_cast<std::uint64_t>(x + kReach) < 2 * kReach &&
-           static_cast<std::uint64_t>(y + kReach) < 2 * kReach;
+    return (static_cast<std::uint64_t>(x + kReach) | static_cast<std::uint64_t>(y + kReach)) <
+           2 * kReach;
   }
 
   std::int64_t x_ = 0, y_ = 0, area2_ = 0;
-  LatticePoint origin_;
+  // Beyond the lattice, so that no point is near, where a triangle is too large.
+  LatticePoint origin_{std::numeric_limits<std::int32_t>::max(),
+                       std::numeric_limits<std::int32_t>::max()};
 };
 
 /// One cache line.
@@ -58,24 +73,46 @@ struct alignas(64) WorkingTriangle {
   Circumcircle circle;
   std::array<std::uint32_t, 3> v{};       ///< counter-clockwise
   std::array<std::uint32_t, 3> beyond{};  ///< EdgeId, or kOutline | segment
-  std::uint32_t visit = 0;                ///< the last search that took it
+  std::uint32_t visit = 0;                ///< the last search that saw it
   std::uint32_t generation : 31 = 0;      ///< grows when it is replaced
   std::uint32_t is_bad : 1 = 0;           ///< to be improved
 };
 
 /// The triangles that the star of a new point replaces, and the rim around them.
-struct InsertionCavity {
+class InsertionCavity {
+ public:
   struct Rim {
     std::uint32_t a, b;    ///< the cavity is on the left
     std::uint32_t beyond;  ///< EdgeId, or kOutline | segment
     EdgeId inside;         ///< of the cavity's triangle
-    // Of the triangle between the edge and the new point; filled in by the Refiner.
-    double shortest2 = 0;
-    bool is_bad = false;
     bool is_outline() const { return (beyond & kOutline) != 0; }
   };
-  std::vector<std::uint32_t> triangles;
-  std::vector<Rim> rim;
+
+  std::span<const Rim> rim() const { return {rim_.data(), edges_}; }
+  /// The same edges from `origin`, in pairs.
+  std::span<const RimPair> pairs() const { return {pairs_.data(), (edges_ + 1) / 2}; }
+  std::span<RimPair> pairs() { return {pairs_.data(), (edges_ + 1) / 2}; }
+  std::uint32_t size() const { return triangles_; }
+  std::uint32_t triangle(std::uint32_t k) const { return triangle_of(entries_[k]); }
+  int bad_triangles() const { return bad_; }
+
+  LatticePoint origin;
+
+ private:
+  friend class RefinementMesh;
+
+  std::size_t room() const { return rim_.size(); }
+  [[gnu::noinline]] void make_room() {
+    const std::size_t room = 2 * rim_.size() + 64;
+    entries_.resize(room), sides_.resize(room), rim_.resize(room), pairs_.resize(room / 2);
+  }
+
+  std::uint32_t triangles_ = 0, edges_ = 0;
+  int bad_ = 0;
+  std::vector<EdgeId> entries_;       // by triangle: the edge by which it was reached
+  std::vector<std::uint64_t> sides_;  // of the rim: what is beyond, and the inside edge
+  std::vector<Rim> rim_;
+  std::vector<RimPair> pairs_;
 };
 
 class RefinementMesh {
@@ -114,38 +151,82 @@ class RefinementMesh {
 
   /// Is p strictly inside the circumcircle of triangle t? Exact.
   bool circumcircle_contains(std::uint32_t t, LatticePoint p) const {
-    const Circumcircle::Answer answer = triangles[t].circle.contains(p);
-    if (answer != Circumcircle::Answer::kTooFar) return answer == Circumcircle::Answer::kYes;
-    const std::array<std::uint32_t, 3>& v = triangles[t].v;
-    return in_circle(points[v[0]], points[v[1]], points[v[2]], p) > 0;
+    const WorkingTriangle& tri = triangles[t];
+    return tri.circle.is_near(p) ? tri.circle.contains(p) != 0 : far_circle_contains(tri, p);
+  }
+
+  static constexpr std::uint32_t kNone = 0xffffffff;
+  /// The triangle that contains p, looked for along a way from `start`; kNone if the outline is in
+  /// the way.
+  std::uint32_t find(std::uint32_t start, LatticePoint p) const {
+    std::uint32_t t = start;
+    for (int step = 0; step < 64; ++step) {
+      const WorkingTriangle& tri = triangles[t];
+      std::uint32_t i = 0;
+      while (i < 3 && orient2d(points[tri.v[i]], points[tri.v[next_corner(i)]], p) >= 0)
+        ++i;
+      if (i == 3) return t;
+      if ((tri.beyond[i] & kOutline) != 0) return kNone;
+      t = triangle_of(tri.beyond[i]);
+    }
+    return kNone;
   }
 
   /// `start`, and all triangles connected with it whose circumcircles contain p; and the edges
-  /// around them, without `except`. p lies in `start` or in its circumcircle.
+  /// around them, without `except`. p lies in `start` or in its circumcircle. Whether a neighbour
+  /// belongs to it cannot be predicted, so nothing here branches on that.
   [[gnu::noinline]] void find_cavity(std::uint32_t start, LatticePoint p, EdgeId except,
                                      InsertionCavity& cavity) {
-    cavity.triangles.assign(1, start);
-    cavity.rim.clear();
+    // What is found is written before it is known whether it counts, so there is always room for
+    // the edges of one triangle more.
+    constexpr std::size_t kMargin = 3;
+    if (cavity.room() < kMargin + 1) cavity.make_room();
     const std::uint32_t visit = ++visits_;
-    triangles[start].visit = visit;
-    for (std::size_t k = 0; k < cavity.triangles.size(); ++k) {
-      const std::uint32_t t = cavity.triangles[k];
-      const WorkingTriangle& tri = triangles[t];
-      for (std::uint32_t i = 0; i < 3; ++i) {
-        const std::uint32_t beyond = tri.beyond[i];
-        if ((beyond & kOutline) == 0) {
-          const std::uint32_t n = triangle_of(beyond);
-          if (triangles[n].visit == visit) continue;
-          if (circumcircle_contains(n, p)) {
-            triangles[n].visit = visit;
-            cavity.triangles.push_back(n);
-            continue;
-          }
-        }
-        const EdgeId inside = edge_id(t, i);
-        if (inside != except)
-          cavity.rim.push_back({tri.v[i], tri.v[next_corner(i)], beyond, inside});
+    WorkingTriangle* const all = triangles.data();
+    EdgeId* entries = cavity.entries_.data();
+    std::uint64_t* sides = cavity.sides_.data();
+    std::size_t reached = 1, edges = 0;
+    const auto look_beyond = [&](std::uint32_t t, std::uint32_t i) {
+      const std::uint32_t beyond = all[t].beyond[i];
+      const std::uint32_t is_outline = beyond >> 31, outline_mask = -is_outline;
+      WorkingTriangle& next = all[(t & outline_mask) | (triangle_of(beyond) & ~outline_mask)];
+      std::uint32_t is_in = next.circle.contains(p);
+      if (!next.circle.is_near(p)) [[unlikely]]
+        is_in = far_circle_contains(next, p) ? 1 : 0;
+      is_in &= ~is_outline;
+      const std::uint32_t is_new = is_in & static_cast<std::uint32_t>(next.visit != visit);
+      entries[reached] = beyond;
+      sides[edges] = std::uint64_t{beyond} << 32 | edge_id(t, i);
+      reached += is_new;
+      edges += is_in ^ 1;
+      next.visit = visit;  // also where it is not in the cavity: that is found again
+    };
+    all[start].visit = visit;
+    entries[0] = edge_id(start, 0);
+    int bad = all[start].is_bad;
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (edge_id(start, i) != except) look_beyond(start, i);
+    }
+    for (std::size_t k = 1; k < reached; ++k) {
+      if (std::max(reached, edges) + kMargin > cavity.room()) [[unlikely]] {
+        cavity.make_room();
+        entries = cavity.entries_.data();
+        sides = cavity.sides_.data();
       }
+      const std::uint32_t t = triangle_of(entries[k]), from = index_of(entries[k]);
+      bad += all[t].is_bad;
+      look_beyond(t, (from - 1) >> 31);  // 1 if from is 0, else 0
+      look_beyond(t, 2 - (from >> 1));   // 1 if from is 2, else 2
+    }
+    cavity.triangles_ = static_cast<std::uint32_t>(reached);
+    cavity.edges_ = static_cast<std::uint32_t>(edges);
+    cavity.bad_ = bad;
+    cavity.origin = p;
+    if (edges == 0) return;
+    if (except == kNoEdge) {
+      list_rim<false>(except, cavity);
+    } else {
+      list_rim<true>(except, cavity);
     }
   }
 
@@ -155,9 +236,9 @@ class RefinementMesh {
   /// nothing done, if the rim is not one loop.
   bool fill_cavity(const InsertionCavity& cavity, LatticePoint p, EdgeId split,
                    std::vector<std::uint32_t>& fresh) {
-    const std::vector<InsertionCavity::Rim>& rim = cavity.rim;
+    const std::span<const InsertionCavity::Rim> rim = cavity.rim();
     // A loop around n triangles has n + 2 edges, an open one n + 1.
-    if (rim.size() != cavity.triangles.size() + (split == kNoEdge ? 2 : 1)) return false;
+    if (rim.size() != cavity.size() + (split == kNoEdge ? 2 : 1)) return false;
     constexpr std::uint32_t kEnd = 0xffffffff;
     std::uint32_t open = 0;
     if (split != kNoEdge) {
@@ -167,30 +248,91 @@ class RefinementMesh {
     const auto v = static_cast<std::uint32_t>(points.size());
     points.push_back(p);
     star_.push_back(0);
-    fresh.assign(cavity.triangles.begin(), cavity.triangles.end());
-    while (fresh.size() < rim.size()) {
-      fresh.push_back(static_cast<std::uint32_t>(triangles.size()));
-      triangles.emplace_back();
-    }
-    for (std::size_t k = 0; k < rim.size(); ++k) {
+    const std::size_t n = rim.size(), kept = cavity.size();
+    fresh.resize(n);
+    const auto made = static_cast<std::uint32_t>(triangles.size());
+    if (n > kept) triangles.resize(made + (n - kept));
+    for (std::uint32_t k = 0; k < std::min(n, kept); ++k)
+      fresh[k] = cavity.triangle(k);
+    for (std::size_t k = kept; k < n; ++k)
+      fresh[k] = made + static_cast<std::uint32_t>(k - kept);
+    const std::uint32_t* const numbers = fresh.data();
+    const LatticePoint* const at = points.data();
+    WorkingTriangle* const all = triangles.data();
+    std::uint32_t* const star = star_.data();
+    // No edge of the rim on the outline has a neighbour to be told: a place of no meaning is told.
+    std::uint32_t nowhere = 0;
+    for (std::size_t k = 0; k < n; ++k) {
       const InsertionCavity::Rim& r = rim[k];
-      const std::uint32_t t = fresh[k];
-      set(t, {r.a, r.b, v}, {r.beyond, open, open});
-      ++triangles[t].generation;
-      star_[r.a] = t;
-      if (!r.is_outline())
-        triangles[triangle_of(r.beyond)].beyond[index_of(r.beyond)] = edge_id(t, 0);
+      const std::uint32_t t = numbers[k];
+      WorkingTriangle& tri = all[t];
+      tri.circle = {at[r.a], at[r.b], p};
+      tri.v = {r.a, r.b, v};
+      tri.beyond = {r.beyond, open, open};
+      ++tri.generation;
+      star[r.a] = t;
+      std::uint32_t* const told =
+          r.is_outline() ? &nowhere : &all[triangle_of(r.beyond)].beyond[index_of(r.beyond)];
+      *told = edge_id(t, 0);
     }
-    for (std::size_t k = 0; k < rim.size(); ++k) {
-      const std::uint32_t next = star_[rim[k].b];  // the one that starts where this one ends
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::uint32_t next = star[rim[k].b];  // the one that starts where this one ends
       if (next == kEnd) continue;
-      triangles[fresh[k]].beyond[1] = edge_id(next, 2);
-      triangles[next].beyond[2] = edge_id(fresh[k], 1);
+      all[numbers[k]].beyond[1] = edge_id(next, 2);
+      all[next].beyond[2] = edge_id(numbers[k], 1);
     }
     return true;
   }
 
  private:
+  // From the sides that were found. `split`: the edge of the outline that is to be split, or
+  // kNoEdge.
+  template <bool kIsSplit>
+  [[gnu::always_inline]] void list_rim(EdgeId split, InsertionCavity& cavity) const {
+    const std::uint32_t n = cavity.edges_;
+    std::uint32_t from = 0, to = 0;
+    if (kIsSplit) std::tie(from, to) = ends(split);
+    const LatticePoint* const at = points.data();
+    const WorkingTriangle* const all = triangles.data();
+    const LatticePoint o = cavity.origin;
+    std::uint64_t* const sides = cavity.sides_.data();
+    InsertionCavity::Rim* rim = cavity.rim_.data();
+    RimPair* pair = cavity.pairs_.data();
+    sides[n] = sides[n - 1];
+    for (std::uint32_t k = 0; k < n; k += 2, rim += 2, ++pair) {
+      for (std::uint32_t i = 0; i < 2; ++i) {
+        const std::uint64_t side = sides[k + i];
+        const std::uint32_t corner = index_of(static_cast<EdgeId>(side));
+        const WorkingTriangle& tri = all[triangle_of(static_cast<EdgeId>(side))];
+        rim[i].a = tri.v[corner];
+        rim[i].b = tri.v[next_corner(corner)];
+        rim[i].beyond = static_cast<std::uint32_t>(side >> 32);
+        rim[i].inside = static_cast<EdgeId>(side);
+      }
+      set_pair(at[rim[0].a], at[rim[1].a], o, pair->ax, pair->ay);
+      set_pair(at[rim[0].b], at[rim[1].b], o, pair->bx, pair->by);
+      pair->is_edge = PairMask{-1, -1};
+      pair->is_outline = PairMask{static_cast<std::int64_t>(sides[k]),
+                                  static_cast<std::int64_t>(sides[k + 1])} < 0;
+      if (kIsSplit) {
+        pair->is_before =
+            PairMask{-std::int64_t{rim[0].b == from}, -std::int64_t{rim[1].b == from}};
+        pair->is_after = PairMask{-std::int64_t{rim[0].a == to}, -std::int64_t{rim[1].a == to}};
+      }
+    }
+    if ((n & 1) != 0) {
+      --pair;
+      const PairMask first{-1, 0};
+      pair->is_edge = first;
+      pair->is_outline &= first;
+      if (kIsSplit) pair->is_before &= first, pair->is_after &= first;
+    }
+  }
+
+  [[gnu::noinline]] bool far_circle_contains(const WorkingTriangle& t, LatticePoint p) const {
+    return in_circle(points[t.v[0]], points[t.v[1]], points[t.v[2]], p) > 0;
+  }
+
   void set(std::uint32_t t, const std::array<std::uint32_t, 3>& v,
            const std::array<std::uint32_t, 3>& beyond) {
     triangles[t].circle = {points[v[0]], points[v[1]], points[v[2]]};

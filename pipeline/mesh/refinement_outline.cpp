@@ -10,6 +10,7 @@
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/split_places.h"
 #include "formats/geometry/triangle_shape.h"
+#include "pipeline/contour/segment_grid.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -138,31 +139,27 @@ void RefinementOutline::find_room(const std::vector<LatticePoint>& points) {
   const auto previous = [this](std::size_t s) {
     return static_cast<std::size_t>(segments_[s].previous);
   };
-  std::vector<std::size_t> order(n);
-  std::vector<LatticeBox> boxes;
+  std::vector<LatticeSegment> ends;
+  ends.reserve(n);
   for (std::size_t s = 0; s < n; ++s) {
-    order[s] = s;
     const LatticePoint a = points[segments_[s].from], b = points[segments_[s].to];
-    boxes.push_back(box_around(a, b));
+    ends.push_back({a, b});
     // The void must not be acute at a corner: there the two segments are not apart.
     const LatticePoint p = points[segments_[previous(s)].from];
     if (orient2d(p, a, b) < 0 && diametral_dot(p, b, a) > 0)
       has_room_[s] = has_room_[previous(s)] = 0;
   }
-  std::sort(order.begin(), order.end(),
-            [&boxes](std::size_t s, std::size_t t) { return boxes[s].low.x < boxes[t].low.x; });
-  for (auto i = order.begin(); i != order.end(); ++i) {
-    const std::size_t s = *i;
-    for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[s].high.x + kRoom; ++j) {
-      const std::size_t t = *j;
-      if (boxes[t].low.y > boxes[s].high.y + kRoom || boxes[s].low.y > boxes[t].high.y + kRoom ||
-          previous(s) == t || previous(t) == s)
-        continue;
-      if (are_near(points[segments_[s].from], points[segments_[s].to], points[segments_[t].from],
-                   points[segments_[t].to]))
-        has_room_[s] = has_room_[t] = 0;
-    }
-  }
+  SegmentGrid(ends, kRoom).for_each_pair([&](std::size_t s, std::size_t t) {
+    if (has_room_[s] == 0 && has_room_[t] == 0) return;
+    const auto& [a, b] = ends[s];
+    const auto& [c, d] = ends[t];
+    LatticeBox box = box_around(a, b);
+    box.low = {box.low.x - kRoom, box.low.y - kRoom};
+    box.high = {box.high.x + kRoom, box.high.y + kRoom};
+    if (!apart(box, box_around(c, d)) && previous(s) != t && previous(t) != s &&
+        are_near(a, b, c, d))
+      has_room_[s] = has_room_[t] = 0;
+  });
 }
 
 bool RefinementOutline::is_acute(std::uint32_t vertex) const {

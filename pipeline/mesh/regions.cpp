@@ -2,8 +2,9 @@
 #include "pipeline/mesh/regions.h"
 
 #include <cstdint>
-#include <numeric>
 #include <utility>
+
+#include "formats/base/disjoint_sets.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -32,26 +33,18 @@ Triangulation joined(std::span<const Triangulation> regions) {
 // several of them.
 std::vector<std::uint32_t> regions_of_vertices(const Refined& refined,
                                                std::span<const Triangulation> regions) {
-  std::vector<std::uint32_t> parent(refined.mesh.vertices.size());
-  std::iota(parent.begin(), parent.end(), 0U);
   // The smallest vertex of a component is its root, which is a vertex of the input.
-  const auto root = [&parent](std::uint32_t v) {
-    while (parent[v] != v)
-      v = parent[v] = parent[parent[v]];
-    return v;
-  };
+  DisjointSets components(refined.mesh.vertices.size());
   for (const Triangle& t : refined.mesh.triangles) {
-    for (std::size_t i = 1; i < 3; ++i) {
-      const std::uint32_t a = root(t[0]), b = root(t[i]);
-      parent[std::max(a, b)] = std::min(a, b);
-    }
+    components.join(t[0], t[1]);
+    components.join(t[0], t[2]);
   }
   std::vector<std::uint32_t> out;
-  out.reserve(parent.size());
+  out.reserve(components.size());
   for (std::uint32_t k = 0; k < regions.size(); ++k)
     out.insert(out.end(), regions[k].mesh.vertices.size(), k);
-  for (auto v = static_cast<std::uint32_t>(out.size()); v < parent.size(); ++v)
-    out.push_back(out[root(v)]);
+  for (auto v = static_cast<std::uint32_t>(out.size()); v < components.size(); ++v)
+    out.push_back(out[components.root(v)]);
   return out;
 }
 

@@ -215,11 +215,12 @@ class Sweep {
     std::size_t low = 0, count = status_.size();
     while (count > 0) {
       const std::size_t half = count / 2;
-      if (orient2d(status_[low + half].a, status_[low + half].b, at) > 0) {
-        low += half + 1, count -= half + 1;
-      } else {
-        count = half;
-      }
+      // (Without a branch, as it cannot be predicted.)
+      const auto above = static_cast<std::size_t>(
+          static_cast<std::uint64_t>(-orient2d(status_[low + half].a, status_[low + half].b, at)) >>
+          63);
+      low += above * (half + 1);
+      count = above * (count - half - 1) + (1 - above) * half;
     }
     std::size_t high = low;
     while (high < status_.size() && status_[high].right == p)

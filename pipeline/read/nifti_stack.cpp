@@ -6,6 +6,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -57,7 +58,7 @@ class NiftiStack final : public SliceStack {
       const std::int64_t plane = axis_[2] == 2 ? fixed : run;
       const std::int64_t row = axis_[2] == 1 ? fixed : 0;
       const std::int64_t at = (plane * header_.n[1] + row) * header_.n[0] * header_.bytes_per_voxel;
-      if (!voxels_.read(at, bytes)) return refused(name(slice) + ": the file has become shorter");
+      if (const auto ok = voxels_.read(at, bytes, name(slice)); !ok) return ok.error();
       place(bytes, fixed, slowest_used == 2 ? run : -1, out);
     }
     for (float v : out.values) {
@@ -65,6 +66,8 @@ class NiftiStack final : public SliceStack {
     }
     return out;
   }
+
+  Result<void> finish() const override { return voxels_.finish(); }
 
   // Converts what was read (one plane of the array, or one row of it) and writes it to its pixels.
   // `plane` is the index along the slowest axis, -1 if slices run along that axis.
@@ -82,24 +85,45 @@ class NiftiStack final : public SliceStack {
     }
     if (plane >= 0) first += plane * step[2];
     const bool column_only = axis_[2] == 0;
+    const std::int64_t i0 = column_only ? fixed : 0, i1 = column_only ? fixed + 1 : columns;
     dispatch([&](auto zero) {
       using T = decltype(zero);
       for (std::int64_t j = 0; j < rows; ++j) {
-        for (std::int64_t i = column_only ? fixed : 0; i < (column_only ? fixed + 1 : columns);
-             ++i) {
-          T value;
-          char raw[sizeof(T)];
-          std::memcpy(raw, bytes.data() + (j * columns + i) * static_cast<std::int64_t>(sizeof(T)),
-                      sizeof(T));
-          if (header_.swapped) std::reverse(raw, raw + sizeof(T));
-          std::memcpy(&value, raw, sizeof(T));
-          const double number = static_cast<double>(value) * header_.slope + header_.intercept;
-          // A cast out of float's range is undefined: infinite instead, which read() refuses.
-          out.values[static_cast<std::size_t>(first + i * step[0] + j * step[1])] =
-              std::abs(number) <= 3e38 ? static_cast<float>(number) : INFINITY;
+        const char* const from = bytes.data() + j * columns * static_cast<std::int64_t>(sizeof(T));
+        float* const to = out.values.data() + first + j * step[1];
+        // The first two are what scans have; the compiler makes vector code of them.
+        if (!header_.swapped && step[0] == 1) {
+          for (std::int64_t i = i0; i < i1; ++i)
+            to[i] = number(value_at<T>(from, i));
+        } else if (!header_.swapped) {
+          for (std::int64_t i = i0; i < i1; ++i)
+            to[i * step[0]] = number(value_at<T>(from, i));
+        } else {
+          for (std::int64_t i = i0; i < i1; ++i)
+            to[i * step[0]] = number(swapped_value_at<T>(from, i));
         }
       }
     });
+  }
+
+  template <typename T>
+  static T value_at(const char* from, std::int64_t i) {
+    T value;
+    std::memcpy(&value, from + i * static_cast<std::int64_t>(sizeof(T)), sizeof(T));
+    return value;
+  }
+  template <typename T>
+  static T swapped_value_at(const char* from, std::int64_t i) {
+    std::array<char, sizeof(T)> raw;
+    std::memcpy(raw.data(), from + i * static_cast<std::int64_t>(sizeof(T)), sizeof(T));
+    std::reverse(raw.begin(), raw.end());
+    return std::bit_cast<T>(raw);
+  }
+  // A cast out of float's range is undefined: infinite instead, which read() refuses.
+  template <typename T>
+  float number(T value) const {
+    const double scaled = static_cast<double>(value) * header_.slope + header_.intercept;
+    return std::abs(scaled) <= 3e38 ? static_cast<float>(scaled) : INFINITY;
   }
 
   // Calls f with a zero of the voxel type; parse_nifti_header() accepts no others.
@@ -240,7 +264,8 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   auto stack = place_file(path, options);
   if (!stack) return stack.error();
   const NiftiHeader& header = (*stack)->header_;
-  auto voxels = VolumeFile::open(path, header.data_start, header.data_bytes());
+  auto voxels =
+      VolumeFile::open(path, header.data_start, header.data_bytes(), options.unpack_behind);
   if (!voxels) return voxels.error();
   (*stack)->voxels_ = std::move(*voxels);
   return std::unique_ptr<SliceStack>(std::move(*stack));

@@ -72,6 +72,9 @@ class SliceStack {
   virtual std::string name(int slice) const = 0;  ///< for messages: file or volume and index
   /// Errors (refused) name file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
+  /// With OpenOptions::unpack_behind: what is wrong with a gzipped volume, also where no slice
+  /// needed it, as its checksum.
+  virtual Result<void> finish() const { return {}; }
 
   std::vector<Warning> warnings;                ///< what was noticed on opening
   std::optional<SeriesInfo> series;             ///< that the slices are from; of DICOM input only
@@ -98,6 +101,9 @@ struct OpenOptions {
   std::optional<SliceAxis> axis;  ///< none: as stored; of a NIfTI volume transverse
   bool as_labels = false;         ///< image levels are labels: as stored, not 0..255; takes SEG
   bool any_modality = false;      ///< take DICOM that is not CT (MR, localisers), as kUncalibrated
+  /// Unpack a gzipped volume while its first slices are read; its damage may then be found by
+  /// SliceStack::read() and finish().
+  bool unpack_behind = false;
 };
 
 /// Opens a list of files, or what search_folder() takes of one folder. Errors: (refused) nothing

@@ -3,29 +3,25 @@
 
 #include <fcntl.h>
 #include <unistd.h>
-#include <zlib.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cerrno>
-#include <cstring>
-#include <memory>
+#include <condition_variable>
+#include <mutex>
+#include <optional>
 #include <system_error>
+#include <thread>
 #include <utility>
+
+#include "pipeline/read/gzip_reader.h"
+#include "pipeline/read/read_at.h"
 
 namespace trocar::pipeline {
 namespace {
 
-struct GzClose {
-  void operator()(gzFile_s* file) const { gzclose_r(file); }
-};
-using GzFile = std::unique_ptr<gzFile_s, GzClose>;
-
 // Deflate cannot pack more than 1032 to 1.
 constexpr std::int64_t kDeflateLimit = 1032;
-
-bool is_gzip(int descriptor) {
-  unsigned char magic[2];
-  return ::pread(descriptor, magic, 2, 0) == 2 && magic[0] == 0x1f && magic[1] == 0x8b;
-}
 
 bool write_all(int descriptor, const char* from, std::size_t bytes) {
   while (bytes > 0) {
@@ -36,6 +32,11 @@ bool write_all(int descriptor, const char* from, std::size_t bytes) {
     bytes -= static_cast<std::size_t>(n);
   }
   return true;
+}
+
+Error truncated(const std::string& name, std::int64_t wanted, std::int64_t have) {
+  return refused(name + ": truncated: its header declares voxels up to byte " +
+                 std::to_string(wanted) + ", there are " + std::to_string(have));
 }
 
 Result<int> open_nameless(const std::filesystem::path& for_file) {
@@ -53,62 +54,130 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
   return descriptor;
 }
 
+// Closes it.
+struct Descriptor {
+  explicit Descriptor(const std::filesystem::path& file)
+      : number(::open(file.c_str(), O_RDONLY | O_CLOEXEC)) {}
+  explicit Descriptor(int owned) : number(owned) {}
+  ~Descriptor() {
+    if (number >= 0) ::close(number);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  int number;
+};
+
 }  // namespace
+
+// Unpacks on its thread; readers wait for the bytes that they need.
+class VolumeFile::Unpacking {
+ public:
+  Unpacking(int from, int to, std::string name, std::int64_t start, std::int64_t size)
+      : from_(from), to_(to), name_(std::move(name)), start_(start), size_(size) {
+    thread_ = std::thread([this] {
+      auto outcome = unpack();
+      const std::lock_guard lock(mutex_);
+      outcome_ = std::move(outcome);
+      changed_.notify_all();
+    });
+  }
+  ~Unpacking() {
+    stopped_.store(true);
+    thread_.join();
+  }
+  Unpacking(const Unpacking&) = delete;
+  Unpacking& operator=(const Unpacking&) = delete;
+
+  /// Until `bytes` bytes are there, or there will be no more.
+  Result<void> wait_for(std::int64_t bytes) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return done_ >= bytes || outcome_; });
+    if (done_ >= bytes) return {};
+    return *outcome_;
+  }
+  Result<void> finish() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return outcome_.has_value(); });
+    return *outcome_;
+  }
+
+ private:
+  Result<void> unpack() {
+    GzipReader in(from_.number, name_);
+    std::vector<char> block(1 << 18);
+    for (std::int64_t done = 0; done < start_ + size_ && !stopped_.load();) {
+      const std::int64_t wanted = (done < start_ ? start_ : start_ + size_) - done;
+      const auto n = in.read(std::span(block).first(static_cast<std::size_t>(
+          std::min<std::int64_t>(static_cast<std::int64_t>(block.size()), wanted))));
+      if (!n) return n.error();
+      if (*n == 0) return truncated(name_, start_ + size_, done);
+      if (done >= start_ && !write_all(to_, block.data(), *n)) {
+        return refused(name_ + ": no space for a temporary file to unpack it (" +
+                       std::generic_category().message(errno) + "); set TMPDIR");
+      }
+      done += static_cast<std::int64_t>(*n);
+      const std::lock_guard lock(mutex_);
+      done_ = done - start_;
+      changed_.notify_all();
+    }
+    // The checksum follows the data and is only verified when the end is read.
+    char rest = 0;
+    if (const auto end = in.read(std::span(&rest, 1)); !end) return end.error();
+    return {};
+  }
+
+  Descriptor from_;
+  int to_;  // the VolumeFile's
+  std::string name_;
+  std::int64_t start_, size_;
+  std::atomic<bool> stopped_{false};
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::int64_t done_ = 0;  // bytes of the volume
+  std::optional<Result<void>> outcome_;
+  std::thread thread_;
+};
 
 Result<std::vector<std::uint8_t>> VolumeFile::head(const std::filesystem::path& file,
                                                    std::size_t bytes) {
-  const GzFile in(gzopen(file.c_str(), "rbe"));  // plain files pass through
-  if (!in) return refused(file.string() + ": " + std::generic_category().message(errno));
+  const Descriptor in(file);
+  if (in.number < 0) return refused(file.string() + ": " + std::generic_category().message(errno));
   std::vector<std::uint8_t> out(bytes);
-  const int n = gzread(in.get(), out.data(), static_cast<unsigned>(bytes));
-  if (n < 0) return refused(file.string() + ": damaged gzip");
-  out.resize(static_cast<std::size_t>(n));
+  const std::span<char> to(reinterpret_cast<char*>(out.data()), bytes);
+  if (GzipReader::is_gzip(in.number)) {
+    const auto n = GzipReader(in.number, file.string()).read(to);
+    if (!n) return n.error();
+    out.resize(*n);
+    return out;
+  }
+  out.resize(read_at(in.number, 0, to));
   return out;
 }
 
 Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int64_t start,
-                                    std::int64_t size) {
+                                    std::int64_t size, bool behind) {
   const std::string name = file.string();
   VolumeFile packed;
   packed.descriptor_ = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (packed.descriptor_ < 0) return refused(name + ": cannot be opened");
   packed.start_ = start;
   const std::int64_t on_disk = ::lseek(packed.descriptor_, 0, SEEK_END);
-  const auto truncated = [&](std::int64_t have) {
-    return refused(name + ": truncated: its header declares voxels up to byte " +
-                   std::to_string(start + size) + ", there are " + std::to_string(have));
-  };
-  if (!is_gzip(packed.descriptor_)) {
-    if (on_disk < start + size) return truncated(on_disk);
+  if (!GzipReader::is_gzip(packed.descriptor_)) {
+    if (on_disk < start + size) return truncated(name, start + size, on_disk);
     return packed;
   }
   if ((start + size) / kDeflateLimit > on_disk) {
     return refused(name + ": truncated: its header declares " + std::to_string(start + size) +
                    " bytes, more than " + std::to_string(on_disk) + " bytes of gzip can hold");
   }
-  const GzFile in(gzopen(file.c_str(), "rbe"));
-  if (!in) return refused(name + ": cannot be opened");
-  gzbuffer(in.get(), 1 << 17);
   const auto out = open_nameless(file);
   if (!out) return out.error();
   VolumeFile unpacked;
   unpacked.descriptor_ = *out;
-  std::vector<char> block(1 << 18);
-  for (std::int64_t done = 0; done < start + size;) {
-    const auto want = static_cast<unsigned>(std::min<std::int64_t>(
-        static_cast<std::int64_t>(block.size()), (done < start ? start : start + size) - done));
-    const int n = gzread(in.get(), block.data(), want);
-    if (n < 0) return refused(name + ": damaged gzip");
-    if (n == 0) return truncated(done);
-    if (done >= start &&
-        !write_all(unpacked.descriptor_, block.data(), static_cast<std::size_t>(n))) {
-      return refused(name + ": no space for a temporary file to unpack it (" +
-                     std::generic_category().message(errno) + "); set TMPDIR");
-    }
-    done += n;
-  }
-  // The checksum follows the data and is only verified when the end is read.
-  if (char rest; gzread(in.get(), &rest, 1) < 0) return refused(name + ": damaged gzip");
+  unpacked.unpacking_ =
+      std::make_unique<Unpacking>(std::exchange(packed.descriptor_, -1), *out, name, start, size);
+  if (behind) return unpacked;
+  if (const auto ok = unpacked.finish(); !ok) return ok.error();
   return unpacked;
 }
 
@@ -127,28 +196,34 @@ Result<void> VolumeFile::append(std::span<const char> bytes,
                  std::generic_category().message(errno) + "); set TMPDIR");
 }
 
-bool VolumeFile::read(std::int64_t at, std::span<char> to) const {
-  std::size_t done = 0;
-  while (done < to.size()) {
-    const ssize_t n = ::pread(descriptor_, to.data() + done, to.size() - done,
-                              start_ + at + static_cast<std::int64_t>(done));
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return false;
-    done += static_cast<std::size_t>(n);
+Result<void> VolumeFile::read(std::int64_t at, std::span<char> to, const std::string& name) const {
+  if (unpacking_ != nullptr) {
+    if (auto ok = unpacking_->wait_for(at + static_cast<std::int64_t>(to.size())); !ok) return ok;
   }
-  return true;
+  if (read_at(descriptor_, start_ + at, to) == to.size()) return {};
+  return refused(name + ": the file has become shorter");
 }
 
+Result<void> VolumeFile::finish() const {
+  return unpacking_ == nullptr ? Result<void>() : unpacking_->finish();
+}
+
+VolumeFile::VolumeFile() = default;
+
 VolumeFile::VolumeFile(VolumeFile&& other) noexcept
-    : descriptor_(std::exchange(other.descriptor_, -1)), start_(other.start_) {}
+    : descriptor_(std::exchange(other.descriptor_, -1)),
+      start_(other.start_),
+      unpacking_(std::move(other.unpacking_)) {}
 
 VolumeFile& VolumeFile::operator=(VolumeFile&& other) noexcept {
   std::swap(descriptor_, other.descriptor_);
   std::swap(start_, other.start_);
+  std::swap(unpacking_, other.unpacking_);
   return *this;
 }
 
 VolumeFile::~VolumeFile() {
+  unpacking_.reset();  // it writes to the descriptor
   if (descriptor_ >= 0) ::close(descriptor_);
 }
 

@@ -1,36 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/solid/voxel_pieces.h"
 
-#include <algorithm>
-#include <numeric>
 #include <utility>
 
+#include "formats/base/disjoint_sets.h"
+
 namespace trocar::pipeline {
-namespace {
-
-// Union-find; the root is the least of its set.
-class Sets {
- public:
-  explicit Sets(std::size_t size) : parent_(size) {
-    std::iota(parent_.begin(), parent_.end(), std::uint32_t{0});
-  }
-  std::uint32_t root(std::uint32_t i) {
-    while (parent_[i] != i)
-      i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = root(a);
-    b = root(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
-
-}  // namespace
-
 double VoxelGrid::width_mm(std::size_t axis, std::size_t i) const {
   const std::vector<double>& at = at_mm[axis];
   if (at.size() < 2) return 1;
@@ -59,7 +34,7 @@ VoxelPieces find_pieces(const VoxelGrid& grid, std::span<const std::uint8_t> vox
   }
   first[ny * nz] = out.runs.size();
 
-  Sets sets(out.runs.size());
+  DisjointSets sets(out.runs.size());
   // Joins the runs of two rows that share a corner; `apart` is from a voxel of `other` to that of
   // `row`.
   const auto join_rows = [&](std::size_t row, std::size_t other, std::size_t apart) {

@@ -10,18 +10,6 @@
 namespace trocar::runtime {
 namespace {
 
-/// Drops from `pending` the holes that the mesh in use already has.
-void drop_published(const Sheet& sheet, SheetTrack& track) noexcept {
-  const std::uint32_t missing = track.cuts_requested - sheet.cuts;
-  const int keep =
-      static_cast<int>(std::min(missing, static_cast<std::uint32_t>(track.pending_count)));
-  const int drop = track.pending_count - keep;
-  if (drop == 0) return;
-  std::copy(track.pending.begin() + drop, track.pending.begin() + track.pending_count,
-            track.pending.begin());
-  track.pending_count = keep;
-}
-
 void reset_above(SheetTrack& track) noexcept {
   track.state = SheetState::kFree;
   track.was_above = true;
@@ -164,6 +152,7 @@ SheetForce sheet_force(const ContactModel& model, const Sheet& sheet, std::int32
   SheetResponse response = hooke_response(sheet, index, place);
   switch (model.law.kind) {
     case ForceLawKind::kHooke:
+    case ForceLawKind::kCutting:  // has no sheets: body_contact.h
       break;
     case ForceLawKind::kNetwork:
       response = blended_response(model, latest.sheet == index ? latest : response, begins, track);
@@ -204,6 +193,17 @@ void request_response(const ContactModel& model, std::span<const Sheet* const> s
 }
 
 }  // namespace
+
+void drop_published(const Sheet& sheet, SheetTrack& track) noexcept {
+  const std::uint32_t missing = track.cuts_requested - sheet.cuts;
+  const int keep =
+      static_cast<int>(std::min(missing, static_cast<std::uint32_t>(track.pending_count)));
+  const int drop = track.pending_count - keep;
+  if (drop == 0) return;
+  std::copy(track.pending.begin() + drop, track.pending.begin() + track.pending_count,
+            track.pending.begin());
+  track.pending_count = keep;
+}
 
 void update_contact(const ContactModel& model, std::span<const Sheet* const> sheets,
                     const SheetResponse& response, const Pose& T_device_plate,
@@ -305,7 +305,7 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     enter_new_hole(model, sheet, place, T_device_plate, track);
     output.punctured_now = true;
     track.pending[track.pending_count++] = place.outline;
-    output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline};
+    output.cut = {static_cast<std::int32_t>(i), ++track.cuts_requested, place.outline, true};
   }
   if (needs_response(model.law.kind)) {
     request_response(model, sheets, T_device_plate, state, output);

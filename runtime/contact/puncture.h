@@ -108,6 +108,7 @@ struct CutRequest {
   std::int32_t sheet = -1;
   std::uint32_t cut = 0;
   LatticeOutline outline;
+  bool is_puncture = true;  ///< else a wall has yielded sideways
 };
 
 /// The place of the tool over, or in, the sheet that a response is requested for.
@@ -132,12 +133,21 @@ struct ContactOutput {
   bool punctured_now = false;  ///< a puncture in this tick: send `cut` to the remesher
   double judged_force_N = 0;   ///< F of the puncture: above s times the threshold, not applied
   CutRequest cut;
+  std::span<const CutRequest> body_cuts;  ///< by `cutting`: any number in a tick, else none
   bool backlog = false;  ///< more than kMaxPendingHoles wait for one sheet: `cut` is not valid
   bool not_upright =
       false;               ///< the tool is tilted by more than kMaxTilt_deg: nothing else is valid
   ResponseRequest ahead;   ///< by `network`
   LocalEnvironment local;  ///< the elements of wrench_device
+
+  /// What is to be sent to the remesher.
+  std::span<const CutRequest> cuts() const noexcept {
+    return punctured_now && body_cuts.empty() ? std::span(&cut, 1) : body_cuts;
+  }
 };
+
+/// Drops from the track's pending holes those that the mesh in use already has.
+void drop_published(const Sheet& sheet, SheetTrack& track) noexcept;
 
 /// One tick. `sheets`: the meshes in use, the topmost first, at most kMaxSceneSlices; a sheet's
 /// `cuts` never decreases from tick to tick. `response`: the latest one (`network`).

@@ -13,6 +13,9 @@
 namespace trocar::runtime {
 namespace {
 
+constexpr double kRounding_m = 1e-12;  // of two heights and their difference
+constexpr double kMostHeight_m = 1;    // of a slice above or below {B}'s origin
+
 Eigen::Vector2d relative(LatticePoint p, LatticePoint origin) noexcept {
   return {static_cast<double>(std::int64_t{p.x} - origin.x),
           static_cast<double>(std::int64_t{p.y} - origin.y)};
@@ -48,6 +51,43 @@ const AssetSlice* find_slice(const Asset& asset, int index) {
 }
 
 }  // namespace
+
+Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name) {
+  if (!scene.body) return {};
+  const SceneBody& body = *scene.body;
+  std::vector<const AssetSlice*> slices;
+  for (const AssetSlice& slice : asset.slices) {
+    if (slice.index >= body.from && slice.index <= body.to && !slice.mesh.triangles.empty())
+      slices.push_back(&slice);
+  }
+  const std::string where =
+      name + ": body of slices " + std::to_string(body.from) + " to " + std::to_string(body.to);
+  if (slices.size() < 2) return refused(where + ": fewer than two of them have material");
+  std::sort(slices.begin(), slices.end(),
+            [](const AssetSlice* a, const AssetSlice* b) { return a->z_mm > b->z_mm; });
+  scene.slices.clear();
+  for (std::size_t i = 0; i < slices.size(); ++i) {
+    const double below_m = (slices.front()->z_mm - slices[i]->z_mm) * 1e-3;
+    if (i > 0) {
+      const std::string pair = ": slices " + std::to_string(slices[i - 1]->index) + " and " +
+                               std::to_string(slices[i]->index);
+      const double gap_m = (slices[i - 1]->z_mm - slices[i]->z_mm) * 1e-3;
+      if (!(gap_m >= kMinSliceGap_m - kRounding_m))
+        return refused(where + pair + " are less than 0.1 mm apart");
+      const Eigen::Matrix3d a = slices[i - 1]->T_lps_plane.linear(),
+                            b = slices[i]->T_lps_plane.linear();
+      if (!(std::abs(a.col(2).normalized().dot(b.col(2).normalized())) > 1 - 1e-6))
+        return refused(where + pair + " are not parallel");
+    }
+    if (!(body.top_z_m - below_m >= -kMostHeight_m))
+      return refused(where + ": reaches below -1 m; give a higher top_z_m or fewer slices");
+    SceneSlice slice;
+    slice.index = slices[i]->index;
+    slice.z_m = body.top_z_m - below_m;
+    scene.slices.push_back(slice);
+  }
+  return {};
+}
 
 Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scene,
                                                                const Asset& asset,
@@ -100,6 +140,11 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     sheet->tissue = tissue_of(scene, scene.slices[i], asset, *slices[i]);
     sheet->transform = transform;
     put_mesh(slices[i]->mesh, *sheet);
+    if (!slices[i]->hu.empty())
+      sheet->hu = std::make_shared<const std::vector<float>>(slices[i]->hu);
+    if (scene.force_law.kind == ForceLawKind::kCutting)
+      sheet->field =
+          std::make_shared<const SliceField>(slices[i]->mesh, slices[i]->hu, asset.lattice);
     sheets.push_back(std::move(sheet));
   }
   std::sort(sheets.begin(), sheets.end(),

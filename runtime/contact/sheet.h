@@ -10,6 +10,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/session/scene.h"
+#include "runtime/contact/slice_field.h"
 #include "runtime/contact/tool.h"
 #include "runtime/mesh/sheet_mesh.h"
 #include "runtime/mesh/triangle_grid.h"
@@ -24,7 +25,15 @@ struct Sheet {
   SheetMesh mesh;
   TriangleGrid grid;       ///< over `mesh`
   std::uint32_t cuts = 0;  ///< holes in `mesh` that the asset's slice does not have
+  std::shared_ptr<const SliceField> field;  ///< force law `cutting`; else null
+  /// At each vertex of the mesh without holes, in its order; null: the asset has none.
+  std::shared_ptr<const std::vector<float>> hu;
 };
+
+/// Replaces the slices of a scene that has a body by those of the asset that it names and that have
+/// material, at their true spacing. Refused, with `name` (the asset's): there is none, planes that
+/// are not parallel or not apart, heights beyond the device's metre.
+Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name);
 
 /// The scene's slices, the topmost first. Checks every mesh (formats/geometry/mesh_validity.h):
 /// contact and cut rely on it. Refused, with `name` (the asset's) in the message: a slice that the

@@ -194,6 +194,7 @@ FaultDetail check_health(const LoopModel& model, const DeviceState& read, bool f
 /// touches no sheet.
 double depth_in_material_m(const LoopModel& model, const TickInputs& inputs,
                            const LoopState& state) noexcept {
+  if (model.body) return lift_m(*model.body, state.T_device_plate, state.body);
   double depth_m = 0;
   const double tip_z_m = (state.T_device_plate * model.contact.tool.tip_plate_m).z();
   for (std::size_t i = 0; i < inputs.sheets.size(); ++i) {
@@ -220,6 +221,54 @@ FaultDetail not_finite(const Wrench& wanted) noexcept {
 bool is_finite(const SheetResponse& response) noexcept {
   return std::isfinite(response.stiffness_N_per_m) && std::isfinite(response.offset_m[0]) &&
          std::isfinite(response.offset_m[1]);
+}
+
+/// Where the plate will be a tick later if it moves on as it does; without a new pose where the law
+/// was evaluated last.
+Pose predicted_pose(const LoopModel& model, const LoopState& state) noexcept {
+  const Pose& plate = state.T_device_plate;
+  if (!state.body.has_plate) return plate;
+  if (!(state.pose_interval_s > 0)) return state.body.T_device_evaluated;
+  const bool is_steady = state.earlier.ago_s > 0;
+  const double share =
+      1 / (model.rate_Hz * (is_steady ? state.earlier.ago_s : state.pose_interval_s));
+  const Twist way =
+      share *
+      displacement(is_steady ? state.earlier.T_device_plate : state.body.T_device_plate, plate);
+  return {plate.p_m + way.head<3>(), (from_rotation_vector(way.tail<3>()) * plate.q).normalized()};
+}
+
+/// The same by the law `cutting`: passive by itself (cutting_law.h), so that energy is only
+/// watched. The device's limits are in the law's coupling.
+FaultDetail cutting_wrench(const LoopModel& model, const TickInputs& inputs, LoopState& state,
+                           TickResult& result, Wrench& wanted) noexcept {
+  ContactOutput& contact = result.contact;
+  const Pose evaluated = model.predicts ? predicted_pose(model, state) : state.T_device_plate;
+  update_body(*model.body, inputs.sheets, state.T_device_plate, evaluated, state.pose_interval_s,
+              state.contact.tracks, state.body, contact);
+  if (contact.not_upright) return tool_tilt(model.contact.tool, evaluated);
+  if (contact.backlog) {
+    return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
+            kMaxPendingHoles};
+  }
+  contact.wrench_device *= model.force_scale;
+  contact.local.stored_J *= model.force_scale;
+  const FaultDetail energy = state.energy.check(
+      model.limits, model.rate_Hz,
+      {state.T_device_plate, state.pose_interval_s > 0, contact.local.stored_J, false});
+  if (energy != Fault::kNone) return energy;
+
+  PassivityOptions ledger = model.passivity;
+  ledger.on = false;
+  ledger.credit_max_J = std::numeric_limits<double>::infinity();
+  PassivityInput input;
+  input.T_device_plate = state.T_device_plate;
+  input.earlier = state.earlier;
+  input.wrench_device = state.safety.authority * contact.wrench_device;
+  input.stored_J = state.safety.authority * contact.local.stored_J;
+  wanted = keep_passive(ledger, model.device.plate_mass_kg, state.pose_interval_s, input,
+                        state.passivity);
+  return Fault::kNone;
 }
 
 /// The wrench to render: contact, through the coupling if it is on, scaled by the safety state's
@@ -292,10 +341,9 @@ FaultDetail compute_torques(const LoopModel& model, const MotorModel& motor,
                             MotorVector& tau_motor_Nm) noexcept {
   RecordingRow& row = result.row;
   Wrench wanted = Wrench::Zero();
-  if (const FaultDetail f = wanted_wrench(model, inputs, state, result, wanted);
-      f != Fault::kNone) {
-    return f;
-  }
+  const FaultDetail found = model.body ? cutting_wrench(model, inputs, state, result, wanted)
+                                       : wanted_wrench(model, inputs, state, result, wanted);
+  if (found != Fault::kNone) return found;
   const double dt_s = 1 / model.rate_Hz;
   const MotorVector limit_Nm = available_torque(motor, state.limits.load);
   const bool compensates = model.compensation.friction || model.compensation.gravity;
@@ -337,6 +385,20 @@ Wrench rendered_wrench(const LoopState& state) noexcept {
   return state.G.transpose() * (state.tau_motor_Nm - state.compensation_Nm);
 }
 
+void describe_body(const BodyState& body, RecordingRow::Cutting& row) noexcept {
+  const CuttingResult& law = body.result;
+  put_wrench(body.wrench_device, row.wrench_tissue);
+  // Below the last slab there is nothing more to cut.
+  row.front_z_m = std::isfinite(law.front_m) ? -law.front_m : 0;
+  row.front_HU = body.front_HU;
+  row.tip_N = law.tip_N;
+  row.embedded_m = law.embedded_m;
+  row.cut_J = body.ledger.cut_J;
+  row.absorbed_J = body.ledger.absorbed_J;
+  row.stored_J = law.stored_J;
+  row.steps = law.steps;
+}
+
 /// Fills the columns that do not depend on the tick's outcome.
 void describe(const LoopModel& model, const MotorModel& motor, const LoopState& state,
               const DeviceState& read, RecordingRow& row) noexcept {
@@ -357,6 +419,7 @@ void describe(const LoopModel& model, const MotorModel& motor, const LoopState& 
   row.passivity_J = state.passivity.balance_J;
   row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
   row.motor_heat_max = i2t_share_used(motor, state.limits.load);
+  if (model.body) describe_body(state.body, row.cutting);
 }
 
 /// Outside of `running` there is no contact, and the energy balance starts again.
@@ -367,6 +430,7 @@ void forget_contact(LoopState& state) noexcept {
   state.energy.reset();
   state.coupling = {};
   reset_motion(state.contact);
+  forget_motion(state.body);
   state.limits.rise_s = state.limits.overload_s = 0;
   state.compensation_Nm.setZero();
   state.compensation_share = 0;

@@ -20,6 +20,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 
 #include "formats/session/device_description.h"
@@ -32,6 +33,7 @@
 #include "runtime/control/safety.h"
 #include "runtime/control/velocity_window.h"
 #include "runtime/control/virtual_coupling.h"
+#include "runtime/cutting/body_contact.h"
 #include "runtime/device/device.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/mechanism/torque_allocation.h"
@@ -47,6 +49,11 @@ struct LoopModel {
   CouplingOptions coupling;
   CompensationOptions compensation;  ///< added to the rendered torques, in `running` only
   double rate_Hz = 1000;
+  /// Force law `cutting`: with the coupling as the device allows (device_coupling.h), else null.
+  /// Sheets, tissues, `coupling` and `passivity` are for the other laws.
+  std::shared_ptr<const Body> body;
+  bool predicts = false;   ///< `body`: evaluated at the pose a tick ahead
+  double force_scale = 1;  ///< `body`: the plate gets this times the tissue's wrench
 };
 
 /// The haptic thread's memory between ticks.
@@ -57,6 +64,7 @@ struct LoopState {
   MotorVector tau_at_stop_Nm = MotorVector::Zero();   ///< when `running` was left
   MotorVector compensation_Nm = MotorVector::Zero();  ///< part of tau_motor_Nm
   ContactState contact;
+  BodyState body;  ///< make_body_state() of LoopModel::body
   VelocityWindow window;
   EarlierPose earlier;  ///< velocities are computed over the time since; none: over pose_interval_s
   LimitState limits;

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The mechanics of one tool in one body of bone, a tick at a time. A massless proxy of the tool is
 // where one potential has a minimum: the coupling to the plate, the tip against a cutting front,
-// friction along and around the shaft, and the walls of its hole. All elements are elastic up to a
-// limit and yield at it, and what yields only dissipates (incremental variational plasticity: Ortiz
-// and Stainier, 1999). The front moves down to its first equilibrium, through as many slabs as the
-// tick takes: the global minimum would break a shell long before its strength is reached.
+// friction along and around the shaft and of the tip across it, and the walls of its hole. All
+// elements are elastic up to a limit and yield at it, and what yields only dissipates (incremental
+// variational plasticity: Ortiz and Stainier, 1999). The front moves down to its first equilibrium,
+// through as many slabs as the tick takes: the global minimum would break a shell long before its
+// strength is reached.
 //
 // Contract (tests/runtime/cutting/cutting_law_test.cpp, cutting_energy_test.cpp, hole_test.cpp):
 //  1. Passive. With the stored energy E, the wrench w on the device and its displacement dx between
@@ -20,7 +21,9 @@
 //  what
 //     the hole has taken has no strength, and its walls and friction act. Elsewhere the tool makes
 //     a new hole; of a tool half over an old one, CuttingSlab::share tells how much of it cuts.
-//  5. No allocation, lock or system call; at most `most_steps` Newton steps a tick.
+//  5. Soft tissue over the bone has elements of its own (soft_layer.h); what cutting it took counts
+//     in the inequality as cut_J does.
+//  6. No allocation, lock or system call; at most `most_steps` Newton steps a tick.
 //
 // Depth is -z of {B}: the tool goes into the body downwards, within kMaxTilt_deg of upright.
 #pragma once
@@ -33,6 +36,7 @@
 #include <vector>
 
 #include "runtime/cutting/slot.h"
+#include "runtime/cutting/soft_layer.h"
 #include "runtime/mechanism/pose.h"
 
 namespace trocar::runtime {
@@ -57,10 +61,16 @@ struct CuttingOptions {
   CuttingCoupling coupling;
   double tip_N_per_m = 20'000;  ///< of the tip against the front
   double presliding_m = 1e-4;   ///< along and around the shaft, at which friction slides
+  /// Coulomb's coefficient of the tip across its axis, on the front that it presses on. Its limit
+  /// is that of the force at the end of the last tick, reached after the second length.
+  double tip_friction = 0, tip_presliding_m = 1e-4;
   /// Of the axis from a hole's region: nearer, the tool goes into that hole.
   double same_hole_m = 5e-5;
-  double tolerance = 1e-6;  ///< of forces, relative to the largest of 1 N and the coupling's
-  int most_steps = 12;      ///< Newton steps a tick
+  double tolerance = 1e-6;   ///< of forces, relative to the largest of 1 N and the coupling's
+  int most_steps = 12;       ///< Newton steps a tick
+  double interval_s = 1e-3;  ///< since the last tick, for what is viscous
+  /// Soft tissue over the bone, from above; at most as many as `CuttingState::layers`.
+  std::span<const SoftLayer> layers;
 };
 
 /// What a slab opposes to the tool where it is now. `top_m` and below ascend from slab to slab.
@@ -71,7 +81,10 @@ struct CuttingSlab {
   /// Of the strength, above `share_to_m`: the part of the tool that is over what other holes have
   /// not taken. The geometry of the cuts tells.
   double share = 1, share_to_m = std::numeric_limits<double>::infinity();
+  /// Of a sheet of no thickness: the length of shaft that its hole holds, for the figures below.
+  double hole_m = 0;
   double friction_N_per_m = 0;                          ///< of embedded length
+  double viscous_N_s_per_m2 = 0;                        ///< along the shaft, of embedded length
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;  ///< sideways, of embedded depth
   double clearance_m = 0;                               ///< of a new hole around the shaft
   /// Where the axis is free of what is not cut, if the tool comes from beside: a wall is one from
@@ -81,14 +94,21 @@ struct CuttingSlab {
   std::uint32_t free_version = 0;
 };
 
+/// Gauss points of a hole's wall in each slab: two are exact for a rigid rod. Another number only
+/// to measure what they bring (tests/bench/cutting_sweep).
+#ifndef TROCAR_WALL_POINTS
+#define TROCAR_WALL_POINTS 2
+#endif
+inline constexpr std::size_t kWallPoints = TROCAR_WALL_POINTS;
+
 /// What one slab remembers of one hole.
 struct CuttingHoleSlab {
   double cut_m = -std::numeric_limits<double>::infinity();  ///< above, the hole has taken all
   double embedded_m = 0;                                    ///< depth that the shaft fills now
-  double wall_N_per_m = 0, wall_most_N = 0;  ///< at each Gauss point, in the last tick
-  std::array<double, 2> depth_m{};           ///< of the Gauss points
-  std::uint32_t free_version = 0;            ///< of CuttingSlab::free in `walls`
-  std::array<Slot, 2> walls;
+  double wall_N_per_m = 0, wall_most_N = 0;   ///< at each Gauss point, in the last tick
+  std::array<double, kWallPoints> depth_m{};  ///< of the Gauss points
+  std::uint32_t free_version = 0;             ///< of CuttingSlab::free in `walls`
+  std::array<Slot, kWallPoints> walls;
 };
 
 struct CuttingHole {
@@ -105,21 +125,30 @@ struct CuttingState {
   double stretch_m = 0;
   double friction_N_per_m = 0;                             ///< stiffness in the last tick
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();  ///< along, around
+  double tip_friction_N_per_m = 0;                         ///< stiffness in the last tick
+  Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();    ///< across the axis, elastic
   int hole = -1;                                           ///< that the tool is in; -1: none
   int embedded_from = 0, embedded_to = 0;  ///< slabs that the shaft fills, [from, to)
   std::uint64_t tick = 0;
   std::vector<CuttingHole> holes;  ///< as many as can be remembered; then the oldest is forgotten
+  std::vector<SoftLayerState> layers;
 };
 
-CuttingState make_cutting_state(std::size_t slabs, std::size_t holes);
+CuttingState make_cutting_state(std::size_t slabs, std::size_t holes, std::size_t layers = 0);
+
+/// Takes all load off: the tool is in no hole, and the proxy is the plate in the next tick. What is
+/// cut stays so.
+void release(CuttingState& state) noexcept;
 
 struct CuttingResult {
   Wrench wrench_device = Wrench::Zero();  ///< on the plate, about its origin
   double tip_N = 0;                       ///< of the tip, along the shaft
   double stored_J = 0;
-  double cut_J = 0;       ///< front work of this tick
-  double front_m = 0;     ///< depth of the front, or of the next material below the tip
-  double embedded_m = 0;  ///< of the shaft, in all slabs
+  double cut_J = 0;        ///< front work of this tick
+  double layer_N = 0;      ///< of the soft layers, along the shaft
+  double layer_cut_J = 0;  ///< what cutting them took in this tick, not in cut_J
+  double front_m = 0;      ///< depth of the front, or of the next material below the tip
+  double embedded_m = 0;   ///< of the shaft, in all slabs
   /// Slabs whose bottom the front passed in this tick, [from, to): what is to be cut out of their
   /// meshes. Each once for each hole through it; none if no hole can be remembered.
   int passed_from = 0, passed_to = 0;

@@ -43,6 +43,19 @@ void insert(const BodyShell& shell, std::vector<CuttingSlab>& slabs) {
 
 }  // namespace
 
+std::array<double, 2> strength_ends(double strength_N, double above_N, double above_gap_m,
+                                    double below_N, double below_gap_m,
+                                    double thickness_m) noexcept {
+  const double span_m = above_gap_m + below_gap_m;
+  if (!(span_m > 0)) return {strength_N, strength_N};
+  const double slope =
+      ((below_gap_m > 0 ? below_N : strength_N) - (above_gap_m > 0 ? above_N : strength_N)) /
+      span_m;
+  // The slab's mean is its slice's also where the slice is not in its middle.
+  const double change = std::clamp(slope * thickness_m / 2, -strength_N, strength_N);
+  return {strength_N - change, strength_N + change};
+}
+
 std::vector<CuttingSlab> make_slabs(std::span<const BodySlice> slices,
                                     std::span<const BodyShell> shells, double clearance_m) {
   const std::size_t n = slices.size();
@@ -91,12 +104,11 @@ std::vector<CuttingSlab> make_slabs(std::span<const BodySlice> slices,
   }
   for (std::size_t i = 0; i < n; ++i) {
     const std::size_t a = i > 0 ? i - 1 : 0, b = i + 1 < n ? i + 1 : n - 1;
-    const double slope = (strength[b] - strength[a]) / (slices[b].depth_m - slices[a].depth_m);
-    // The slab's mean is its slice's also where the slice is not in its middle.
-    const double half = (slabs[i].bottom_m - slabs[i].top_m) / 2;
-    const double change = std::clamp(slope * half, -strength[i], strength[i]);
-    slabs[i].strength_top_N = strength[i] - change;
-    slabs[i].strength_bottom_N = strength[i] + change;
+    const auto [top_N, bottom_N] =
+        strength_ends(strength[i], strength[a], slices[i].depth_m - slices[a].depth_m, strength[b],
+                      slices[b].depth_m - slices[i].depth_m, slabs[i].bottom_m - slabs[i].top_m);
+    slabs[i].strength_top_N = top_N;
+    slabs[i].strength_bottom_N = bottom_N;
   }
   for (const BodyShell& shell : shells)
     insert(shell, slabs);

@@ -11,6 +11,7 @@
 //     so they do not count: the strength of the nearest slab that it does not touch is taken.
 #pragma once
 
+#include <array>
 #include <span>
 #include <vector>
 
@@ -27,6 +28,12 @@ struct BodySlice {
 struct BodyShell {
   double top_m = 0, thickness_m = 0, strength_N = 0;  ///< top_m: depth
 };
+
+/// The strength at the top and the bottom of a slab about its slice's: along the line through its
+/// neighbours, of which one without a gap (0) does not count; never negative.
+std::array<double, 2> strength_ends(double strength_N, double above_N, double above_gap_m,
+                                    double below_N, double below_gap_m,
+                                    double thickness_m) noexcept;
 
 /// Depths must ascend; shells must not overlap. Throws std::invalid_argument. Fewer than two slices
 /// have no spacing: nothing.

@@ -74,7 +74,7 @@ void Slot::find_disc() noexcept {
 }
 
 Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
-  if (size_ == 0 || (p_m - middle_m_).squaredNorm() <= disc2_m2_) return {};
+  if (size_ == 0) return {};
   const auto beside = [&](int i, const Eigen::Vector2d& to, const Eigen::Vector2d& edge,
                           double along, double length2) -> Offset {
     last_edge_ = i;

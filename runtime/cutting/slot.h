@@ -44,6 +44,7 @@ class Slot {
   };
   Offset offset(const Eigen::Vector2d& p_m) const noexcept {
     if (size_ == 1) return {p_m.x() - corners_[0].x(), p_m.y() - corners_[0].y(), true};
+    if ((p_m - middle_m_).squaredNorm() <= disc2_m2_) return {};
     return offset_of_many(p_m);
   }
   double clearance_m() const noexcept { return clearance_m_; }

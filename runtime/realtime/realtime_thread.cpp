@@ -139,13 +139,15 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
   for (std::uint64_t call = 0; options.stop == nullptr || !options.stop->load();) {
     sleep_until(time_of(call));
     const std::int64_t woken_ns = now_ns();
-    report.wake.add(woken_ns - time_of(call));
+    timing.late_ns = woken_ns - time_of(call);
+    report.wake.add(timing.late_ns);
     // A call that wakes up late learns of the deadlines that it slept through before it acts.
     for (; time_of(call + 1) <= woken_ns; ++call) {
       ++timing.missed_in_row;
       ++report.missed_deadlines;
     }
     report.missed_in_row_max = std::max(report.missed_in_row_max, timing.missed_in_row);
+    timing.missed_deadlines = report.missed_deadlines;
     timing.gap_s = last_ns == 0 ? 0 : static_cast<double>(woken_ns - last_ns) * 1e-9;
     last_ns = woken_ns;
     if (!tick(timing)) break;

@@ -44,6 +44,8 @@ struct TickTiming {
   double gap_s = 0;       ///< since the previous call started; 0 in the first
   int missed_in_row = 0;  ///< deadlines missed directly before this call: a call that takes three
                           ///< periods misses three, as does one that wakes up three periods late
+  std::uint64_t missed_deadlines = 0;  ///< so far
+  std::int64_t late_ns = 0;            ///< wake-up time less the requested time
 };
 
 /// Calls `tick` until it returns false or `stop` is set, then immediately, on the same thread,

@@ -289,11 +289,7 @@ std::string warn_of_miss(const Judgement& j, Miss miss, const std::vector<std::s
   return text;
 }
 
-std::vector<std::string> find_warnings(const Judgement& j,
-                                       const std::vector<SliceTissue>& tissues) {
-  std::vector<std::string> warnings;
-  const std::optional<std::string> end = warn_of_end(j);
-  if (end) warnings.push_back(*end);
+void warn_of_misses(const Judgement& j, std::vector<std::string>& warnings) {
   for (const Miss miss : {Miss::kBeginsBelow, Miss::kStaysAbove, Miss::kTooLate, Miss::kLetGo,
                           Miss::kBeside, Miss::kHeld}) {
     std::vector<std::size_t> sheets;
@@ -302,6 +298,33 @@ std::vector<std::string> find_warnings(const Judgement& j,
     }
     if (!sheets.empty()) warnings.push_back(warn_of_miss(j, miss, sheets));
   }
+}
+
+/// A target that the tip cannot come to, if the scene has one.
+std::optional<std::string> warn_of_target(const Judgement& j) {
+  if (!j.scene.goals || !j.scene.goals->target) return std::nullopt;
+  const Eigen::Vector3d at_m(j.scene.goals->target->at_m.data());
+  const double radius_m = j.scene.goals->target->radius_m;
+  const auto r = reach_rectangle(j.device, j.options.limits, j.tool, at_m.z());
+  if (r && (at_m.head<2>().array() >= r->min_m.array() - radius_m).all() &&
+      (at_m.head<2>().array() <= r->max_m.array() + radius_m).all())
+    return std::nullopt;
+  return "goals: the target at " + describe_point(at_m) +
+         " cannot be reached with the plate upright, where the tip gets to " +
+         (r ? describe_rectangle(*r) : std::string("nothing at that height")) + ": move it";
+}
+
+std::vector<std::string> find_warnings(const Judgement& j,
+                                       const std::vector<SliceTissue>& tissues) {
+  std::vector<std::string> warnings;
+  const std::optional<std::string> end = warn_of_end(j);
+  if (end) warnings.push_back(*end);
+  // A path that ends within a body does not go through all of its slices.
+  const bool ends_in_body =
+      j.scene.body && std::any_of(j.views.begin(), j.views.end(), [](const SheetView& view) {
+        return view.miss == Miss::kTouched;
+      });
+  if (!ends_in_body) warn_of_misses(j, warnings);
   if (j.trial && j.trial->scaled_ticks > 0 && j.trial->fault != Fault::kMotorOverload) {
     warnings.push_back(at_time(j.trial->scaled_t_s) +
                        text_line("the motors, of %.3g Nm, render too little force, down to %.0f %% "
@@ -314,6 +337,7 @@ std::vector<std::string> find_warnings(const Judgement& j,
     warnings.push_back("a hole cannot be cut: " + j.trial->hole_error->message);
   }
   if (const auto unfitting = warn_of_unfitting(j.scene, tissues)) warnings.push_back(*unfitting);
+  if (const auto target = warn_of_target(j)) warnings.push_back(*target);
   return warnings;
 }
 

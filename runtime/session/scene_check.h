@@ -7,7 +7,8 @@
 //     without a fault, and every hole in it can be cut;
 //  2. every slice bears force in it;
 //  3. the motors render every wrench in full;
-//  4. no slice gets a tissue by default because none of the scene's tissues fits (tissue_report.h).
+//  4. no slice gets a tissue by default because none of the scene's tissues fits (tissue_report.h);
+//  5. the upright plate's tip can reach the target of the scene's goals, if it has one.
 // A session of more than kMaxTrialTicks is tried to there (trial.h). From there on the path counts,
 // with a hand that the tool follows exactly: a place beyond a limit, or a slice that it does not
 // go through, is warned of.

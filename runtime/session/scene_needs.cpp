@@ -10,6 +10,7 @@
 #include "runtime/mechanism/torque_allocation.h"
 #include "runtime/session/responder.h"
 #include "runtime/session/session.h"
+#include "runtime/session/session_body.h"
 #include "runtime/session/text_line.h"
 
 namespace trocar::runtime {
@@ -17,20 +18,25 @@ namespace {
 
 constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
 
+/// Of a sheet: what the tip feels before the puncture, as the device is to render it.
+struct TipForce {
+  double stiffness_N_per_m = 0, threshold_N = 0, scale = 1;
+};
+
 /// The torque that the threshold force takes where a sheet that is touched at this pose is
 /// punctured, or why it is not possible.
-std::string motor_need(const DeviceDescription& device, const Sheet& sheet, const Tool& tool,
+std::string motor_need(const DeviceDescription& device, const TipForce& tip, const Tool& tool,
                        Pose T_device_plate) {
-  const Tissue& tissue = sheet.tissue;
-  T_device_plate.p_m.z() -= tissue.threshold_N / tissue.stiffness_N_per_m;
+  T_device_plate.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;
   const InverseResult inverse = inverse_kinematics(device, T_device_plate);
   if (!inverse.status) return "out of the device's reach";
   const JacobianResult motion = jacobian(device, T_device_plate, inverse.joints);
   if (!motion.status) return "at a singularity of the device";
-  const AllocationResult allocation = allocate_torques(
-      motion.G,
-      wrench_at({0, 0, tissue.threshold_N}, T_device_plate * tool.tip_plate_m, T_device_plate),
-      device.motor_peak_torque_Nm);
+  const AllocationResult allocation =
+      allocate_torques(motion.G,
+                       wrench_at({0, 0, tip.scale * tip.threshold_N},
+                                 T_device_plate * tool.tip_plate_m, T_device_plate),
+                       device.motor_peak_torque_Nm);
   return text_line("threshold needs %.2f of %.2f Nm%s",
                    allocation.tau_motor_Nm.cwiseAbs().maxCoeff(), device.motor_peak_torque_Nm,
                    allocation.scale < 1 ? ", and is then not given in full" : "");
@@ -103,15 +109,30 @@ Result<SceneNeeds> describe_needs(const Scene& scene, const DeviceDescription& d
   } else {
     out += text_line("force law  %s\n", to_string(scene.force_law.kind));
   }
+  std::optional<SessionBody> body;
+  if (scene.force_law.kind == ForceLawKind::kCutting) {
+    std::vector<const Sheet*> all;
+    all.reserve(sheets.size());
+    for (const auto& sheet : sheets)
+      all.push_back(sheet.get());
+    Result<SessionBody> made = make_session_body(scene, device, all, rate_Hz);
+    if (!made) return made.error();
+    out += describe(scene, *made, all);
+    body = std::move(*made);
+  }
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     const Sheet& sheet = *sheets[i];
     const Pose& T = T_device_plate[i];
+    TipForce tip{sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N};
+    if (body)
+      tip = {body->body->sheets[i].tip_N_per_m, body->body->sheets[i].nominal_N,
+             scene.force_law.force_scale};
     SliceNeeds slice;
-    slice.mesh = text_line(
-        "slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
-        sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(), sheet.mesh.triangles_in_use(),
-        sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N);
-    slice.force = motor_need(device, sheet, tool, T);
+    slice.mesh =
+        text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
+                  sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
+                  sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
+    slice.force = motor_need(device, tip, tool, T);
     needs.slices.push_back(std::move(slice));
     if (responder == nullptr) continue;
     const auto response = responder->answer(request_at(i, sheet, tool, T), sheet);

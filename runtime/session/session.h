@@ -20,8 +20,11 @@
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/realtime/triple_buffer.h"
 #include "runtime/session/black_box.h"
+#include "runtime/session/live_view.h"
 #include "runtime/session/notices.h"
 #include "runtime/session/responder.h"
+#include "runtime/session/session_body.h"
+#include "runtime/session/tick_feed.h"
 #include "runtime/session/workers.h"
 #include "runtime/simulation/simulated_device.h"
 
@@ -69,10 +72,15 @@ struct SessionOptions {
   int cpu = -1;                                ///< RealtimeOptions::cpu
   const std::atomic<bool>* stop = nullptr;     ///< ends the session between two ticks
   TripleBuffer<RecordingRow>* live = nullptr;  ///< receives every row
+  /// Shows the session in memory that other processes read, and takes their commands
+  /// (formats/session/live_memory.md).
+  std::optional<LiveOptions> live_memory;
   /// Called at the frame rate, never on the realtime haptic thread, with the latest row and, with
   /// the force law `network`, the sheet around the tool (else null).
   std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)> on_frame;
   double frame_rate_Hz = 30;
+  /// Called with every tick in order, never on the realtime haptic thread.
+  std::function<void(const SeenTick&)> on_tick;
 };
 
 inline constexpr std::size_t kMaxListedFaults = 256;
@@ -96,6 +104,17 @@ struct FaultEvent {
   double t_s = 0;
   double rest_t_s = -1;       ///< when torques were zero; -1: not before the end
   double recovered_t_s = -1;  ///< when `running` was entered again; -1: not before the end
+};
+
+/// Of the tissue: not scaled.
+struct CuttingReport {
+  DeviceCoupling coupling;
+  double force_scale = 1;
+  double tip_max_N = 0, force_max_N = 0;
+  BodyLedger ledger;  ///< at the end
+  std::uint64_t unconverged_ticks = 0;
+  int steps_max = 0;
+  std::uint64_t side_cuts = 0;  ///< where walls yielded
 };
 
 struct SessionReport {
@@ -122,7 +141,9 @@ struct SessionReport {
   std::uint64_t scaled_ticks = 0;  ///< in which the motors could not render the whole wrench
   std::vector<PunctureEvent> punctures;
   std::uint64_t punctures_not_listed = 0;
+  std::uint64_t ticks_not_seen = 0;          ///< that on_tick did not get: its thread was too slow
   std::optional<ResponderReport> responder;  ///< force law `network`
+  std::optional<CuttingReport> cutting;      ///< force law `cutting`
   /// Replay: the first row (from 0) whose torques differ by a bit, or whose fault or cuts differ;
   /// -1: none.
   std::int64_t replay_first_difference = -1;
@@ -142,14 +163,17 @@ Result<SimulatedDevice> make_simulated_device(
 struct SessionWorkers {
   std::unique_ptr<Recorder> recorder;    ///< if SessionOptions::record is set
   std::unique_ptr<BlackBox> black_box;   ///< if SessionOptions::black_box is set
+  std::unique_ptr<TickFeed> tick_feed;   ///< if SessionOptions::on_tick is set; real clock
   std::unique_ptr<Responder> responder;  ///< with the force law `network`
+  std::optional<SessionBody> body;       ///< with the force law `cutting`
+  std::unique_ptr<LiveView> live;        ///< if SessionOptions::live_memory is set
 };
 
 /// Unwritable: the recording or the folder of the black boxes cannot be written (later failures are
 /// in the report). Refused: with `network`, a tissue or tool for which calibration finds no
-/// membrane.
-Result<SessionWorkers> make_workers(const Scene& scene, const Remesher& remesher,
-                                    const SessionOptions& options);
+/// membrane; with `cutting`, as make_body().
+Result<SessionWorkers> make_workers(const Scene& scene, const DeviceDescription& description,
+                                    const Remesher& remesher, const SessionOptions& options);
 
 /// Runs a session. `advance(dt_s)` is called after each tick on the same thread: a simulated
 /// device's step. At the end zero torques are written first, then the other threads end. `workers`:

@@ -116,6 +116,30 @@ json describe(const PunctureEvent& event, const Remesher& remesher) {
   return puncture;
 }
 
+json describe(const CuttingReport& cutting) {
+  const CuttingCoupling& coupling = cutting.coupling.coupling;
+  json out = {{"axis", coupling.is_rigid ? "rigid" : "coupled"},
+              {"coupling_N_per_m", nullptr},
+              {"coupling_Nm_per_rad", nullptr},
+              {"device_damping_share", cutting.coupling.damping_share},
+              {"pose_is_predicted", cutting.coupling.predicts},
+              {"force_scale", cutting.force_scale},
+              {"force_max_N", cutting.force_max_N},
+              {"tip_max_N", cutting.tip_max_N},
+              {"front_work_J", cutting.ledger.cut_J},
+              {"absorbed_J", cutting.ledger.absorbed_J},
+              {"stored_J", cutting.ledger.stored_J},
+              {"given_max_J", cutting.ledger.given_max_J},
+              {"newton_steps_max", cutting.steps_max},
+              {"unconverged_ticks", cutting.unconverged_ticks},
+              {"side_cuts", cutting.side_cuts}};
+  if (!coupling.is_rigid) {
+    out["coupling_N_per_m"] = coupling.translation_N_per_m;
+    out["coupling_Nm_per_rad"] = coupling.rotation_Nm_per_rad;
+  }
+  return out;
+}
+
 json points(const std::vector<LatticePoint>& list) {
   json result = json::array();
   for (const LatticePoint p : list)
@@ -159,7 +183,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
       {"faults", describe_faults(report)},
       {"faults_count", report.faults_count},
       {"passivity",
-       {{"on", options.passivity.on},
+       {{"on", options.passivity.on && !report.cutting},
         {"damped_ticks", report.damped_ticks},
         {"damping_max_N_s_per_m", report.damping_max_N_s_per_m},
         {"energy_given_max_J", report.energy_given_max_J}}},
@@ -178,6 +202,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
                           {"displacement_error_bound_max", responder.displacement_bound_max},
                           {"negative_springs_max", responder.negative_springs_max}};
   }
+  if (report.cutting) summary["cutting"] = describe(*report.cutting);
   for (const PunctureEvent& event : report.punctures) {
     summary["punctures"].push_back(describe(event, remesher));
   }

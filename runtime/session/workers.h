@@ -84,6 +84,10 @@ class Remesher {
   void serve();
   /// Publishes the oldest unpublished version; false if there is none. A failed cut makes none.
   bool publish_next();
+  /// The version that current() gives next.
+  const Sheet& published_version(std::size_t sheet) const noexcept {
+    return *pairs_[sheet]->published.load(std::memory_order_relaxed);
+  }
 
   // After stop(), or on the thread that calls serve().
 
@@ -122,20 +126,20 @@ class Remesher {
   void improve(ReplicaPair& pair, Sheet& sheet, CutRecord& record) noexcept;
   void keep_hole(CutRecord& record) noexcept;
 
-  SpscQueue<CutRequest, 64> requests_;
+  SpscQueue<CutRequest, 256> requests_;  ///< a snap through a body makes many
   RemesherOptions options_;
-  std::vector<std::unique_ptr<ReplicaPair>> pairs_;
   std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< capacity of the workspaces
   std::unique_ptr<CutWorkspace> work_;
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
-  std::optional<CutRequest> waiting_;  ///< taken from the queue, waits for its replica
-  std::vector<std::size_t> ready_;     ///< sheets with an unpublished version, the oldest first
+  std::thread thread_;
+  std::vector<std::unique_ptr<ReplicaPair>> pairs_;
+  std::vector<std::size_t> ready_;  ///< sheets with an unpublished version, the oldest first
   std::vector<CutRecord> records_;
   std::vector<LatticePoint> hole_points_;
   std::vector<std::uint32_t> ring_end_;  ///< of each ring, in hole_points_
+  std::optional<CutRequest> waiting_;    ///< taken from the queue, waits for its replica
   bool reader_stopped_ = false;
   std::atomic<bool> stopping_{false};
-  std::thread thread_;
 };
 
 /// Writes rows to a recording, on its own thread or when drain() is called.

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-# `cmake --install` and `cpack`: four components, each a Debian package.
+# `cmake --install` and `cpack`: five components, each a Debian package.
 #   trocar-mesh          the pipeline's program (GPL-3.0-or-later)
 #   trocar-sample-ct     the sample scan's program, apart because its PNG writer needs far more libraries
 #   trocar-runtime       trocar-run, trocar-device-sim, scenes, device description (Apache-2.0)
+#   trocar-console       trocar-console and its page with the libraries that scripts/setup console fetches (Apache-2.0)
 #   trocar-formats-dev   headers, library and CMake files for programs that read assets (Apache-2.0)
 # Package files are made by scripts/package.
 include(GNUInstallDirs)
@@ -32,21 +33,29 @@ trocar_program(trocar-mesh trocar-mesh)
 trocar_program(trocar-sample-ct trocar-sample-ct)
 trocar_program(trocar-run trocar-runtime)
 trocar_program(trocar-device-sim trocar-runtime)
+trocar_program(trocar-console trocar-console)
 
 # --- data ---------------------------------------------------------------------------------------
 # The scenes name the demo's asset; --asset names another, as the man page says.
 install(DIRECTORY runtime/scenes DESTINATION ${share} COMPONENT trocar-runtime FILES_MATCHING PATTERN *.json)
 install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
-  formats/session/frames.schema.json formats/session/sheets.schema.json
+  formats/session/frames.schema.json formats/session/sheets.schema.json formats/session/session_report.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-runtime)
-install(FILES formats/session/list.schema.json formats/session/preview.schema.json
-  formats/session/report.schema.json
+install(FILES formats/session/list.schema.json formats/session/preview.schema.json formats/session/info.schema.json
+  formats/session/report.schema.json formats/session/collection.schema.json
+  formats/session/review.schema.json
   DESTINATION ${share}/schemas COMPONENT trocar-mesh)
-install(FILES formats/session/device_link.md
+# The page; vendor/ is there once scripts/setup console has run, as scripts/package makes sure.
+install(DIRECTORY runtime/console/page/ DESTINATION ${share}/console COMPONENT trocar-console
+  FILES_MATCHING PATTERN *.html PATTERN *.js PATTERN *.css PATTERN LICENSE.* PATTERN node_modules EXCLUDE)
+install(FILES runtime/console/protocol.md
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-console COMPONENT trocar-console)
+install(FILES formats/session/device_link.md formats/session/live_memory.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-runtime COMPONENT trocar-runtime)
 # The head CT of the tutorial, from Debian's invesalius-examples.
 install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
+install(FILES pipeline/farm/store.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
 install(FILES TUTORIAL.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh COMPONENT trocar-mesh)
 
 # --- the library of formats -----------------------------------------------------------------------
@@ -81,7 +90,7 @@ add_custom_command(OUTPUT ${CMAKE_BINARY_DIR}/changelog.gz
   COMMAND gzip -9nc ${CMAKE_SOURCE_DIR}/CHANGELOG.md > ${CMAKE_BINARY_DIR}/changelog.gz
   DEPENDS CHANGELOG.md)
 add_custom_target(trocar-changelog ALL DEPENDS ${CMAKE_BINARY_DIR}/changelog.gz)
-foreach(package trocar-mesh trocar-sample-ct trocar-runtime trocar-formats-dev)
+foreach(package trocar-mesh trocar-sample-ct trocar-runtime trocar-console trocar-formats-dev)
   install(FILES scripts/debian/${package}.copyright RENAME copyright
     DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${package})
   if(package STREQUAL trocar-mesh)
@@ -99,7 +108,7 @@ set(CPACK_PACKAGE_VENDOR "Trocar")
 set(CPACK_PACKAGE_CONTACT "The Trocar developers <trocar@localhost>" CACHE STRING "Who maintains the packages")
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
-set(CPACK_COMPONENTS_ALL trocar-mesh trocar-sample-ct trocar-runtime trocar-formats-dev)
+set(CPACK_COMPONENTS_ALL trocar-mesh trocar-sample-ct trocar-runtime trocar-console trocar-formats-dev)
 set(CPACK_COMPONENTS_GROUPING ONE_PER_GROUP)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -118,10 +127,14 @@ trocar_package(trocar-sample-ct science "a sample CT scan of a lumbar vertebra"
   "trocar-sample-ct writes a phantom of a lumbar vertebra as PNG, DICOM and NIfTI.")
 trocar_package(trocar-runtime science "haptic rendering of a needle or trocar going through bone"
   "trocar-run loads assets, renders the force of a puncture and drives a\nhaptic device; trocar-device-sim simulates the device.")
+trocar_package(trocar-console science "the operator's console of a puncture simulator"
+  "trocar-console serves a page on this machine that starts, shows and commands\nsessions of trocar-run, and plays their recordings.")
 trocar_package(trocar-formats-dev libdevel "library to read and write Trocar's mesh assets"
   "Headers, static library and CMake package Trocar, component formats.")
 set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, trocar-runtime, trocar-sample-ct")
-set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_SUGGESTS "trocar-mesh")
+set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_SUGGESTS "trocar-mesh, trocar-console")
+set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_DEPENDS "trocar-runtime (= ${PROJECT_VERSION})")
+set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_SUGGESTS "chromium | firefox-esr")
 set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_DEPENDS "libdraco-dev, libeigen3-dev, zlib1g-dev")
 set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_SHLIBDEPS OFF)
 include(CPack)

@@ -20,6 +20,7 @@ PROGRAMS = {  # program: (package, licence)
     "trocar-sample-ct": ("trocar-sample-ct", "Apache-2.0"),
     "trocar-run": ("trocar-runtime", "Apache-2.0"),
     "trocar-device-sim": ("trocar-runtime", "Apache-2.0"),
+    "trocar-console": ("trocar-console", "Apache-2.0"),
 }
 
 

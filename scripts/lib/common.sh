@@ -57,17 +57,38 @@ configure_and_build() {
   cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
 }
 
-# prepare_tests: fetches what the tests need besides the sources: three.js, and a real scan. Without
-# the scan the end-to-end tests skip that part.
+# npm_packages FOLDER: installs what FOLDER/package-lock.json pins, unless that is there already.
+npm_packages() {
+  local folder=$1
+  cmp -s "$folder/package-lock.json" "$folder/node_modules/.trocar-lock" && return
+  quietly "$build/npm.log" npm --prefix "$folder" ci --no-audit --no-fund --ignore-scripts ||
+    die 1 "npm could not install the packages of ${folder#"$root"/}"
+  cp "$folder/package-lock.json" "$folder/node_modules/.trocar-lock"
+}
+
+# fetch_page: the two libraries of the console's page, to vendor/ beside it, with their licences.
+fetch_page() {
+  local page=$root/runtime/console/page file
+  cmp -s "$page/package-lock.json" "$page/vendor/.trocar-lock" && return
+  npm_packages "$page"
+  rm -rf "$page/vendor"
+  mkdir "$page/vendor"
+  for file in three/build/three.module.js three/build/three.core.js three/examples/jsm/controls/OrbitControls.js \
+    uplot/dist/uPlot.esm.js uplot/dist/uPlot.min.css; do
+    cp "$page/node_modules/$file" "$page/vendor/"
+  done
+  for file in three uplot; do cp "$page/node_modules/$file/LICENSE" "$page/vendor/LICENSE.$file"; done
+  cp "$page/package-lock.json" "$page/vendor/.trocar-lock"
+}
+
+# prepare_tests: fetches what the tests need besides the sources: three.js, the console's page and what drives a browser, and a
+# real scan. Without the scan the end-to-end tests skip that part.
 prepare_tests() {
   mkdir -p "$build"
-  local three=$root/tests/e2e/three
-  if ! cmp -s "$three/package-lock.json" "$three/node_modules/.trocar-lock"; then
-    quietly "$build/npm.log" npm --prefix "$three" ci --no-audit --no-fund ||
-      die 1 "three.js could not be installed by npm"
-    cp "$three/package-lock.json" "$three/node_modules/.trocar-lock"
-  fi
-  export TROCAR_REQUIRE_THREE=1
+  npm_packages "$root/tests/e2e/three"
+  npm_packages "$root/tests/e2e/console"
+  fetch_page
+  export TROCAR_REQUIRE_THREE=1 TROCAR_REQUIRE_CONSOLE=1
   export TROCAR_HEAD_CT=${TROCAR_HEAD_CT:-$build/head.nii.gz}
   [[ -f $TROCAR_HEAD_CT ]] || "$root/scripts/head-ct" "$TROCAR_HEAD_CT" || say "continuing without the head CT"
 }

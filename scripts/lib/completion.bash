@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# bash completion for trocar-mesh, trocar-sample-ct, trocar-run and trocar-device-sim. Options,
+# bash completion for trocar-mesh, trocar-sample-ct, trocar-run, trocar-device-sim and trocar-console. Options,
 # subcommands and choices are read from the program's own --help.
 
 _trocar() {
@@ -21,7 +21,7 @@ _trocar() {
         fi
         case $prev in
             --clock) COMPREPLY=($(compgen -W "real $([[ $program == *run ]] && echo virtual || echo lock-step)" -- "$cur")) ;;
-            --device) COMPREPLY=($(compgen -W "inproc udp:" -- "$cur")) ;;
+            --device) COMPREPLY=($(compgen -W "inproc $([[ $program == *console ]] && echo sim || echo udp:)" -- "$cur")) ;;
             --force-law) COMPREPLY=($(compgen -W "hooke network" -- "$cur")) ;;
             --passivity) COMPREPLY=($(compgen -W "on off" -- "$cur")) ;;
             --recover) COMPREPLY=($(compgen -W "never auto signal" -- "$cur")) ;;
@@ -29,9 +29,13 @@ _trocar() {
             --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
             --asset) _filedir glb ;;
             --names) COMPREPLY=($(compgen -W "verse totalsegmentator" -- "$cur")) && _filedir json ;;
-            --hu) _filedir ;;
-            --black-box) _filedir -d ;;
-            -o | --output) if [[ $subcommand == export ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; else _filedir glb; fi ;;
+            --hu | --only) _filedir ;;
+            --black-box | --page) _filedir -d ;;
+            --recording) _filedir csv ;;
+            --scene) _filedir json ;;
+            --attach) _filedir ;;
+            --against) if [[ $program == *console ]]; then _filedir csv; else _filedir -d; fi ;;
+            -o | --output) if [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
         esac
@@ -45,10 +49,12 @@ _trocar() {
     fi
     case ${program##*/} in
         trocar-mesh)
-            if [[ $subcommand == list ]]; then
+            if [[ $subcommand == list || $subcommand == review ]]; then
                 _filedir -d
             elif [[ $subcommand == preview ]]; then
                 _filedir
+            elif [[ $subcommand == batch ]]; then
+                _filedir json
             elif [[ -n $subcommand ]]; then
                 _filedir glb
             else
@@ -56,7 +62,7 @@ _trocar() {
                 _filedir  # adds to them
             fi
             ;;
-        trocar-sample-ct) _filedir -d ;;
+        trocar-sample-ct | trocar-console) _filedir -d ;;
         *) _filedir json ;;
     esac
-} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim
+} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim trocar-console

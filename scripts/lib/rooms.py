@@ -14,10 +14,11 @@ import sys
 # From the lowest layer up. `pipeline` and `runtime` are the files at the top of these folders.
 ROOMS = (
     "formats/base", "formats/geometry", "formats/asset", "formats/session", "formats/examples",
-    "pipeline/read", "pipeline/contour", "pipeline/solid", "pipeline/mesh", "pipeline",
+    "pipeline/read", "pipeline/contour", "pipeline/solid", "pipeline/mesh", "pipeline/farm",
+    "pipeline",
     "runtime/mesh", "runtime/cut", "runtime/refine", "runtime/device", "runtime/mechanism", "runtime/contact", "runtime/cutting",
     "runtime/deformation",
-    "runtime/link", "runtime/simulation", "runtime/realtime", "runtime/control", "runtime/session", "runtime",
+    "runtime/link", "runtime/simulation", "runtime/realtime", "runtime/control", "runtime/session", "runtime/console", "runtime",
 )
 FOLDERS = ("formats", "pipeline", "runtime")
 INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)

@@ -50,4 +50,7 @@ CAPTIONS = {
     "spring network is softer, and the threshold is reached deeper.",
     "deformed_middle": "The sheet around the tool and its mesh in the middle of the body, force law network: before contact, just before the puncture and after it.",
     "deformed_rim": "The sheet around the tool and its mesh 2 mm from a rim, force law network: before contact, just before the puncture and after it.",
+    "needle": "A needle of 11 G down through {what} by the force law cutting: its strength comes from the HU under the tool. Above: the force over the depth of "
+    "the tip, at most {largest:.0f} N; the plate renders {scale:g} of it. Below: the mean HU under the tool, over the depth of the front, which is the tip's less "
+    "what tip and coupling give; slices that the front passes within a tick have no point. {slices} slices are cut, and the front takes {work:.0f} mJ; on the way out the wall of the hole holds the shaft by friction.",
 }

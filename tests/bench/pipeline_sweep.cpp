@@ -163,11 +163,11 @@ Result<json> sweep_row(const SweepScan& scan, const std::string& name, const jso
       if (i + 1 < repetitions) continue;
       MeshedMaterial& only = meshed->materials[0];
       // Sampled eight times a pixel.
-      add_errors(as_section(only.outline, options->lattice), scan.truths[k], scan.pixel_mm / 8,
-                 errors);
+      add_errors(as_section(only.outline.pslg(), options->lattice), scan.truths[k],
+                 scan.pixel_mm / 8, errors);
       counts.add(only);
       const SlicePlane& plane = scan.stack.plane(k);
-      asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, std::move(only.outline),
+      asset.slices.push_back({k, plane.z_mm, plane.T_lps_plane, only.outline.pslg(),
                               std::move(only.refined.mesh), "{}", 0,
                               only.hu ? std::move(only.hu->values) : std::vector<float>()});
     }

@@ -403,7 +403,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
   // Finds the first fault, and checks what holds in every tick.
   void run_loop(const LoopModel& model, const Corruption& corrupted, const LoopEnd& right) {
     Scene scene = test::descent_scene({kSheet_m}, 0.16, 0.14, 0.015);
-    scene.tissue = Tissue{5000, 1e6, 0, {}};
+    scene.tissue = Tissue{5000, 1e6, 0, {}, {}};
     const auto sheets = place_slices(scene, test::square_asset(1), "case");
     ASSERT_TRUE(sheets) << sheets.error().message;
     const Sheet* const current[] = {(*sheets)[0].get()};

@@ -318,7 +318,7 @@ class HardCase : public testing::TestWithParam<std::filesystem::path> {
       out.index = k;
       out.z_mm = stack.plane(k).z_mm;
       out.T_lps_plane = stack.plane(k).T_lps_plane;
-      out.pslg = slice->outline;
+      out.pslg = slice->outline.pslg();
       out.mesh = slice->refined.mesh;
       asset.slices.push_back(std::move(out));
     }

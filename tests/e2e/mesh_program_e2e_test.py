@@ -66,6 +66,16 @@ def one_clear_line(programs, scan, work):
     refuses(3, "trocar-mesh: env.sh: ", mesh, "env.sh", *out, cwd=work)
     refuses(3, f"trocar-mesh: {text}: ", mesh, text, *out)
     text.unlink()
+    # Damage that no slice needs to find: of the checksum after the voxels, of the last voxels.
+    packed = bytearray(volume.read_bytes())
+    damaged = work / "damaged.nii.gz"
+    packed[-6] ^= 1
+    damaged.write_bytes(packed)
+    refuses(3, f"{damaged}: damaged gzip", mesh, damaged, *out)
+    refuses(3, f"{damaged}: damaged gzip", mesh, damaged, *out, "--slices", "0:0")
+    damaged.write_bytes(packed[:-4000])
+    refuses(3, f"{damaged}: truncated", mesh, damaged, *out, "--slices", "0:0")
+    damaged.unlink()
     check(not (work / "never.glb").exists(), "something was written")
 
 

@@ -2,6 +2,7 @@
 """schemas_e2e_test.py SOURCE PROGRAMS SCAN WORK: what the programs write conforms to the JSON Schemas of formats/session/:
 reports of trocar-mesh, summaries, frames and sheets of trocar-run. The same documents with one mistake each do not (the
 mistakes come from the schema, see schema_test.py). Reports and summaries hold no absolute paths, whatever was given.
+trocar-run takes the scenes that the schema takes, and refuses those that it refuses.
 """
 import json
 import pathlib
@@ -195,11 +196,81 @@ def outputs_of_sessions(source, programs, scan, work):
     return summary, frames, sheets
 
 
+def scenes_of_cutting():
+    """Scenes with each object of the force law `cutting`, by the definition of the law's object in the schema."""
+    scene = {"schema": "trocar.scene/1", "name": "n", "asset": "surface.glb", "duration_s": 1,
+             "hand": {"trajectory": [{"t_s": 0, "tip_m": [0, 0, 0.15]}]}}
+    cut = {"strength_MPa": 4.5, "tearing_N_per_m": 500, "friction_kPa": 20, "bed_N_per_mm3": 12, "lateral_strength_MPa": 6}
+    bone = {"law": "kopperdahl-linear", "density": "qct", "g_per_cm3_per_HU": 0.001, "g_per_cm3_at_0_HU": -0.02}
+    law = {"kind": "cutting", "axis": "coupled", "coupling_N_per_m": 8000, "coupling_Nm_per_rad": 30, "prediction": "off",
+           "force_scale": 0.25}
+    body = {"from": 10, "to": 20, "top_z_m": 0.13, "shell": {"thickness_m": 0.0015, "strength_factor": 2.5}}
+    yield "body", {**scene, "body": body, "tissue": {"cut": cut}, "force_law": law}
+    box = {"min_m": [-0.1, -0.1, 0.05], "max_m": [0.1, 0.1, 0.08]}
+    prism = {"outline_m": [[0, 0.02], [0.01, 0.02], [0.01, 0.03]], "z_m": [0.1, 0.15]}
+    goals = {"target": {"at_m": [0, 0, 0.12], "radius_m": 0.003}, "force_max_N": 30, "time_max_s": 8, "plunge_max_m": 0.004,
+             "line": {"entry_m": [0, 0, 0.15], "to_m": [0, 0, 0.1], "entry_radius_m": 0.004, "corridor_m": 0.005},
+             "zones": [{"name": "vessel", "capsule": {"from_m": [0.03, 0, 0.1], "to_m": [0.03, 0, 0.2], "radius_m": 0.005}},
+                       {"name": "lung", "box": box}, {"name": "canal", "margin_m": 0.002, "prism": prism}]}
+    yield "goals", {**scene, "body": body, "tissue": {"cut": cut}, "force_law": law, "goals": goals}
+    yield "bone", {**scene, "body": {key: body[key] for key in ("from", "to", "top_z_m")}, "force_law": {"kind": "cutting"},
+                   "tissues": [{"name": "bone", "hu": [-1000, 3000], "cut": {"bone": bone}}]}
+    yield "slices", {**scene, "slices": [{"index": 15, "z_m": 0.12}], "tissue": {"cut": {"bone": {"law": "kopperdahl-power"}}},
+                     "force_law": {"kind": "cutting", "axis": "rigid"}}
+
+
+def mistakes_in_scene(document, schema):
+    """Those of mutations(), and those in what is a choice of several."""
+    yield from mutations(document, schema)
+    law = next(one for one in schema["properties"]["force_law"]["oneOf"]
+               if one["properties"]["kind"]["const"] == document["force_law"]["kind"])
+    for reason, changed in mutations(document["force_law"], law):
+        yield f"/force_law{reason}", {**document, "force_law": changed}
+    yield "has both or none of slices and body", (
+        {**document, "slices": [{"index": 15, "z_m": 0.12}]} if "body" in document else
+        {key: value for key, value in document.items() if key != "slices"})
+    for holder in (document.get("tissue"), *document.get("tissues", [])):
+        if holder is None:
+            continue
+        for cut in ({**holder["cut"], "strength_MPa": 1, "bone": {"law": "kopperdahl-linear"}},
+                    {key: value for key, value in holder["cut"].items() if key not in ("strength_MPa", "bone")}):
+            changed = json.loads(json.dumps(document))
+            target = changed["tissue"] if holder is document.get("tissue") else changed["tissues"][0]
+            target["cut"] = cut
+            yield "has both or none of strength_MPa and bone", changed
+
+
+def scenes(source, programs, work):
+    schema, trocar_run, made = Schema(source, "scene"), programs / "trocar-run", work / "scene.json"
+
+    def check_scene(what, document, expect):
+        made.write_text(json.dumps(document))
+        done = subprocess.run([trocar_run, made, "--check", "--asset", work / "surface.glb"], capture_output=True, text=True, check=False)
+        check(done.returncode == expect, f"scene {what}: {done.returncode}, {done.stderr!r}")
+        return done
+
+    for name, document in scenes_of_cutting():
+        schema.documents += 1
+        for error in list(schema.validator.iter_errors(document))[:3]:
+            check(False, f"scene {name}: {error.json_path}: {error.message[:300]}")
+        check_scene(name, document, 0)
+        for reason, changed in (*planted(document, document), *mistakes_in_scene(document, schema.tree)):
+            kind = re.sub(r"/\d+", "/N", f"{name} {reason}")
+            if kind in schema.changes:
+                continue
+            schema.changes.add(kind)
+            check(not schema.validator.is_valid(changed), f"scene {name}: the schema takes it although {reason}")
+            said = check_scene(f"{name}, {reason}", changed, 3).stderr
+            check(str(made) in said and said.count("\n") == 1, f"scene {name}: {reason}: {said!r}")
+    return schema
+
+
 def main():
     source, programs, scan, work = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    for schema in (reports(source, programs, scan, work), *outputs_of_sessions(source, programs, scan, work)):
+    for schema in (reports(source, programs, scan, work), *outputs_of_sessions(source, programs, scan, work),
+                   scenes(source, programs, work)):
         check(len(schema.changes) >= 50, f"{schema.name}: the schema forbids next to nothing ({len(schema.changes)} changes)")
         print(f"{schema.name}: {schema.documents} documents, {len(schema.changes)} kinds of mistakes in them")
     shutil.rmtree(work)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 from e2e import check, failures, outcome
 
-PROGRAMS = ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-sample-ct")
+PROGRAMS = ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-sample-ct")
 LEAST, MOST_WITH_DOTS = 20, 3  # lines for each program
 TIMEOUT_S = 60
 NOBODY = 65534

@@ -37,6 +37,10 @@ offers trocar-mesh ver -- verify '!info'
 offers trocar-mesh '' -- verify info export scan
 offers trocar-mesh li -- list
 offers trocar-mesh list '' -- scan '!bone.glb'
+offers trocar-mesh batch '' -- scene.json '!bone.glb'
+offers trocar-mesh batch -o '' -- scan '!scene.json'
+offers trocar-mesh review '' -- scan '!scene.json'
+offers trocar-mesh review scan -o '' -- '!scene.json'
 offers trocar-mesh list --j -- --json '!--jobs'
 offers trocar-mesh --t -- --threshold --tolerance '!--slices'
 offers trocar-mesh verify --j -- --json '!--jobs'

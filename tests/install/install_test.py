@@ -15,9 +15,10 @@ import subprocess
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "e2e"))
+from console_client import Console  # noqa: E402
 from e2e import check, outcome, run  # noqa: E402
 
-PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim")
+PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim", "trocar-console")
 
 
 def check_programs(usr, version):
@@ -29,6 +30,25 @@ def check_programs(usr, version):
 def check_schemas(usr, source):
     installed = sorted(path.name for path in (usr / "share/trocar/schemas").iterdir())
     check(installed == sorted(path.name for path in (source / "formats/session").glob("*.schema.json")), f"installed schemas: {installed}")
+
+
+def check_console(usr, asset, work):
+    """The installed console serves its page, and starts the installed trocar-run."""
+    folder = work / "console"
+    (folder / "scenes").mkdir(parents=True)
+    shutil.copy(asset, folder / "sample.glb")
+    scene = json.loads((usr / "share/trocar/scenes/one_slice.json").read_text())
+    (folder / "scenes/one.json").write_text(json.dumps({**scene, "asset": "../sample.glb"}))
+    console = Console(usr / "bin/trocar-console", folder)
+    status, page = console.get("/", token=None)
+    check(status == 200 and b"<html" in page, f"the console's page: {status}")
+    has_vendor = (usr / "share/trocar/console/vendor").is_dir()
+    check(not has_vendor or console.get("/vendor/three.module.js", token=None)[0] == 200, "three.js of the installed page")
+    check((b"scripts/setup console" in page) != has_vendor, "the page does not say what is missing")
+    live = console.live()
+    check(console.post("/api/start", {"scene": "scenes/one.json", "clock": "virtual"})[0] == 200, "a session")
+    check(live.until(lambda l: l.state() == "ended", 30) and "puncture" in live.kinds(), f"{live.states} {live.kinds()}")
+    check(console.stop() == 0, "the console's exit code")
 
 
 def check_scenes(usr, asset):
@@ -121,6 +141,7 @@ def main():
     check_programs(usr, version)
     check_schemas(usr, source)
     check_scenes(usr, asset)
+    check_console(usr, asset, work)
     check_man_pages(usr)
     check_example(usr, asset, work)
     check_headers(usr, work)

@@ -95,12 +95,12 @@ struct ScanAsset {
 };
 
 /// sample, l3 and head, as far as they are available.
-inline std::vector<ScanAsset> scan_assets() {
+inline std::vector<ScanAsset> scan_assets(const std::string& suffix = "") {
   std::vector<ScanAsset> out;
   const char* folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
   if (folder == nullptr) return out;
   for (const char* name : {"sample", "l3", "head"}) {
-    const std::filesystem::path file = std::filesystem::path(folder) / (std::string(name) + ".glb");
+    const std::filesystem::path file = std::filesystem::path(folder) / (name + suffix + ".glb");
     if (!std::filesystem::exists(file)) continue;
     Result<Asset> asset = read_asset(file);
     if (!asset) continue;

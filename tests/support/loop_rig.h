@@ -17,7 +17,7 @@ namespace trocar::test {
 
 struct RigOptions {
   double rate_Hz = 1000;
-  Tissue tissue{5000, 1e6, 0, {}};
+  Tissue tissue{5000, 1e6, 0, {}, {}};
   double hand_stiffness_N_per_m = 200;
   double hand_damping_N_s_per_m = 0;
   double pressed_N = 35;      ///< by the hand, once it has moved down

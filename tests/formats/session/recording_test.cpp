@@ -127,6 +127,120 @@ TEST_F(Recording, ReadingGivesTheWrittenValuesBitForBit) {
   EXPECT_EQ(files(), 1U) << "no temporary file is left";
 }
 
+/// Rows of the force law `cutting`.
+std::vector<RecordingRow> any_cutting_rows(std::size_t count) {
+  std::vector<RecordingRow> rows = any_rows(count);
+  std::mt19937_64 random(21);
+  for (RecordingRow& row : rows) {
+    RecordingRow::Cutting& cutting = row.cutting;
+    for (double& x : cutting.wrench_tissue)
+      x = any_double(random);
+    for (double* x : {&cutting.front_z_m, &cutting.front_HU, &cutting.tip_N, &cutting.embedded_m,
+                      &cutting.cut_J, &cutting.absorbed_J, &cutting.stored_J})
+      *x = any_double(random);
+    cutting.steps = static_cast<std::int32_t>(random() % 100);
+  }
+  return rows;
+}
+
+bool same_cutting(const RecordingRow::Cutting& a, const RecordingRow::Cutting& b) {
+  return same_bits(a.wrench_tissue, b.wrench_tissue) &&
+         same_bits(std::array{a.front_z_m, a.front_HU, a.tip_N, a.embedded_m, a.cut_J, a.absorbed_J,
+                              a.stored_J},
+                   std::array{b.front_z_m, b.front_HU, b.tip_N, b.embedded_m, b.cut_J, b.absorbed_J,
+                              b.stored_J}) &&
+         a.steps == b.steps;
+}
+
+const RecordingOrigin kOfCutting{{{"force-law", "cutting"}}};
+
+std::string cutting_csv_of(const fs::path& folder, std::span<const RecordingRow> rows) {
+  auto writer = RecordingWriter::open(folder / "c.csv", kOfCutting);
+  EXPECT_TRUE(writer);
+  EXPECT_TRUE(writer->append(rows));
+  EXPECT_TRUE(writer->commit());
+  return text_of(folder / "c.csv");
+}
+
+TEST_F(Recording, ThoseOfTheCuttingLawHaveItsColumnsBitForBit) {
+  const std::vector<RecordingRow> rows = any_cutting_rows(2000);
+  const std::string csv = cutting_csv_of(folder_, rows);
+  EXPECT_EQ(csv.substr(0, csv.find('\n')), recording_header(true));
+  RecordingOrigin origin;
+  const auto read = read_recording(folder_ / "c.csv", &origin);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(origin, kOfCutting);
+  ASSERT_EQ(read->size(), rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    ASSERT_TRUE(same(rows[i], (*read)[i])) << i;
+    ASSERT_TRUE(same_cutting(rows[i].cutting, (*read)[i].cutting)) << i;
+  }
+}
+
+TEST_F(Recording, TheCuttingLawsColumnsComeBeforeTheOrigin) {
+  const std::string columns =
+      ",motor_heat_max,fx_tissue_N,fy_tissue_N,fz_tissue_N,tx_tissue_Nm,ty_tissue_Nm,tz_tissue_Nm,"
+      "front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps,origin";
+  const std::string &with = recording_header(true), &without = recording_header();
+  ASSERT_GT(with.size(), columns.size());
+  EXPECT_EQ(with.substr(with.size() - columns.size()), columns);
+  EXPECT_EQ(with.substr(0, with.size() - columns.size()) + ",motor_heat_max,origin", without);
+}
+
+TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
+  const std::vector<RecordingRow> rows = any_cutting_rows(20);
+  for (const RecordingOrigin& origin :
+       {RecordingOrigin{}, RecordingOrigin{{{"force-law", "hooke"}}},
+        RecordingOrigin{{{"force-law", "network"}}}, RecordingOrigin{{{"scene", "cutting"}}}}) {
+    auto writer = RecordingWriter::open(folder_ / "r.csv", origin);
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE(writer->append(rows));
+    ASSERT_TRUE(writer->commit());
+    const std::string csv = text_of(folder_ / "r.csv");
+    EXPECT_EQ(csv.substr(0, csv.find('\n')), recording_header());
+    const auto read = read_recording(folder_ / "r.csv");
+    ASSERT_TRUE(read) << read.error().message;
+    ASSERT_EQ(read->size(), rows.size());
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      EXPECT_TRUE(same(rows[i], (*read)[i]));
+      EXPECT_TRUE(same_cutting({}, (*read)[i].cutting));
+    }
+  }
+}
+
+TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
+  const std::string good = cutting_csv_of(folder_, any_cutting_rows(3));
+  const std::size_t second = good.find('\n', good.find('\n') + 1) + 1;
+  const std::size_t end = good.find('\n', second);
+  const char* const names[] = {"steps",        "tissue_stored_J", "absorbed_J",   "cut_J",
+                               "embedded_m",   "tip_N",           "front_HU",     "front_z_m",
+                               "tz_tissue_Nm", "ty_tissue_Nm",    "tx_tissue_Nm", "fz_tissue_N",
+                               "fy_tissue_N",  "fx_tissue_N"};
+  std::size_t after = good.rfind(',', end);  // behind the field
+  for (const char* name : names) {
+    const std::size_t before = good.rfind(',', after - 1);
+    const auto with = [&](const std::string& text) {
+      std::string bad = good;
+      bad.replace(before + 1, after - before - 1, text);
+      const auto result = parse_recording(bad, "c.csv");
+      return result ? std::string("taken") : result.error().message;
+    };
+    const std::string where = std::string("c.csv: line 3: ") + name + " is not ";
+    EXPECT_EQ(with("x"), where + "a number");
+    EXPECT_EQ(with("nan"), where + (name == names[0] ? "a number" : "finite"));
+    after = before;
+  }
+  // A header with some of the columns only is none.
+  for (const char* name : names) {
+    std::string bad = good;
+    const std::size_t at = bad.find(std::string(",") + name);
+    bad.erase(at, std::string(name).size() + 1);
+    EXPECT_EQ(parse_recording(bad, "c.csv").error().message,
+              "c.csv: line 1: is not the header of a recording")
+        << name;
+  }
+}
+
 TEST_F(Recording, TheFirstColumnsAreFixed) {
   EXPECT_EQ(recording_header().rfind(
                 "t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,tool_y_m,tool_z_m,"

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 namespace trocar {
@@ -113,6 +114,115 @@ TEST(Scene, EveryFieldIsRead) {
   ASSERT_EQ(scene->hand.trajectory.size(), 2U);
   EXPECT_EQ(scene->hand.trajectory[1].t_s, 1.5);
   EXPECT_EQ(scene->hand.trajectory[1].tip_m[2], 0.1);
+}
+
+/// With everything that the force law `cutting` has: a body, tissues that are cut, the law.
+json fullest_of_cutting() {
+  json scene = smallest();
+  scene.erase("slices");
+  scene["body"] = {{"from", 3}, {"to", 37}, {"top_z_m", 0.13}};
+  scene["body"]["shell"] = {{"thickness_m", 0.0015}, {"strength_factor", 2.5}};
+  scene["tissue"]["cut"] = {{"strength_MPa", 4.5},
+                            {"tearing_N_per_m", 500},
+                            {"friction_kPa", 20},
+                            {"bed_N_per_mm3", 12},
+                            {"lateral_strength_MPa", 6}};
+  scene["tissues"] = {{{"name", "bone"}, {"hu", {100, 2000}}}};
+  scene["tissues"][0]["cut"]["bone"] = {{"law", "kopperdahl-linear"},
+                                        {"density", "apparent"},
+                                        {"g_per_cm3_per_HU", 0.001},
+                                        {"g_per_cm3_at_0_HU", -0.02}};
+  scene["force_law"] = {{"kind", "cutting"},        {"axis", "coupled"},
+                        {"coupling_N_per_m", 8000}, {"coupling_Nm_per_rad", 30},
+                        {"prediction", "off"},      {"force_scale", 0.25}};
+  return scene;
+}
+
+TEST(Scene, EveryFieldOfTheCuttingLawIsRead) {
+  const auto scene = parse(fullest_of_cutting());
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(scene->slices.empty());
+  ASSERT_TRUE(scene->body);
+  EXPECT_EQ(scene->body->from, 3);
+  EXPECT_EQ(scene->body->to, 37);
+  EXPECT_EQ(scene->body->top_z_m, 0.13);
+  EXPECT_EQ(scene->body->shell_m, 0.0015);
+  EXPECT_EQ(scene->body->shell_factor, 2.5);
+  ASSERT_TRUE(scene->tissue.cut);
+  EXPECT_EQ(*scene->tissue.cut, (CutTissue{4.5, std::nullopt, 500, 1, 0, 0, 20, 12, 6}));
+  ASSERT_EQ(scene->tissues.size(), 1U);
+  ASSERT_TRUE(scene->tissues[0].tissue.cut);
+  const CutTissue& cut = *scene->tissues[0].tissue.cut;
+  EXPECT_FALSE(cut.strength_MPa);
+  ASSERT_TRUE(cut.bone);
+  EXPECT_EQ(*cut.bone, (BoneByHu{"kopperdahl-linear", "apparent", 0.001, -0.02, true}));
+  const ForceLaw& law = scene->force_law;
+  EXPECT_EQ(law.kind, ForceLawKind::kCutting);
+  EXPECT_EQ(law.axis, ToolAxis::kCoupled);
+  EXPECT_EQ(law.coupling_N_per_m, 8000);
+  EXPECT_EQ(law.coupling_Nm_per_rad, 30);
+  EXPECT_EQ(law.prediction, PosePrediction::kOff);
+  EXPECT_EQ(law.force_scale, 0.25);
+}
+
+TEST(Scene, TheCuttingLawHasItsDefaults) {
+  json scene = smallest();
+  EXPECT_FALSE(parse(scene)->body);
+  EXPECT_FALSE(parse(scene)->tissue.cut);
+  scene["force_law"] = {{"kind", "cutting"}};
+  scene["tissue"]["cut"]["bone"] = {{"law", "kopperdahl-power"}};
+  auto read = parse(scene);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->force_law.axis, ToolAxis::kAuto);
+  EXPECT_EQ(read->force_law.coupling_N_per_m, 10'000);
+  EXPECT_EQ(read->force_law.coupling_Nm_per_rad, 25);
+  EXPECT_EQ(read->force_law.prediction, PosePrediction::kAuto);
+  EXPECT_EQ(read->force_law.force_scale, 1);
+  const CutTissue& cut = *read->tissue.cut;
+  EXPECT_EQ(*cut.bone, (BoneByHu{"kopperdahl-power", "qct", 8e-4, 0, false}))
+      << "a calibration that is not given is said to be assumed";
+  EXPECT_EQ(cut.tearing_N_per_m, 0);
+  EXPECT_EQ(cut.friction_kPa, 0);
+  EXPECT_EQ(cut.bed_N_per_mm3, 0);
+  EXPECT_EQ(cut.lateral_strength_MPa, 0);
+  for (const char* one : {"g_per_cm3_per_HU", "g_per_cm3_at_0_HU"}) {
+    json given = scene;
+    given["tissue"]["cut"]["bone"][one] = 0.001;
+    EXPECT_TRUE(parse(given)->tissue.cut->bone->calibration_is_given) << one;
+  }
+  scene.erase("slices");
+  scene["body"] = {{"from", 7}, {"to", 7}, {"top_z_m", -0.1}};
+  read = parse(scene);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->body->shell_m, 0);
+  EXPECT_EQ(read->body->shell_factor, 1);
+  scene["body"]["shell"]["thickness_m"] = 0.001;
+  EXPECT_EQ(parse(scene)->body->shell_factor, 1);
+  scene["body"]["to"] = 70;
+  EXPECT_TRUE(parse(scene)) << "64 slices";
+}
+
+TEST(Scene, EveryChoiceOfTheCuttingLawIsRead) {
+  json scene = fullest_of_cutting();
+  const auto axis = [&](const char* name) {
+    scene["force_law"]["axis"] = name;
+    return parse(scene)->force_law.axis;
+  };
+  EXPECT_EQ(axis("auto"), ToolAxis::kAuto);
+  EXPECT_EQ(axis("rigid"), ToolAxis::kRigid);
+  EXPECT_EQ(axis("coupled"), ToolAxis::kCoupled);
+  const auto prediction = [&](const char* name) {
+    scene["force_law"]["prediction"] = name;
+    return parse(scene)->force_law.prediction;
+  };
+  EXPECT_EQ(prediction("auto"), PosePrediction::kAuto);
+  EXPECT_EQ(prediction("on"), PosePrediction::kOn);
+  EXPECT_EQ(prediction("off"), PosePrediction::kOff);
+  for (const char* other : {"hooke", "network"}) {
+    json mixed = smallest();
+    mixed["force_law"] = {{"kind", other}, {"force_scale", 1}};
+    EXPECT_FALSE(parse(mixed)) << "another law's parameter, " << other;
+  }
 }
 
 TEST(Scene, EverySolverHasItsParameter) {
@@ -260,6 +370,186 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"/hand/glove", 1, "unknown key \"glove\""},
         Refusal{"/hand/grip", "loose", "/hand/grip"}, Refusal{"/hand/mass_kg", -1, "/hand/mass_kg"},
         Refusal{"/hand/let_go_t_s", "never", "/hand/let_go_t_s"}));
+
+class RefusedOfCutting : public testing::TestWithParam<Refusal> {};
+
+TEST_P(RefusedOfCutting, NamesFileAndPlaceInOneLine) {
+  json scene = fullest_of_cutting();
+  ASSERT_TRUE(parse(scene));
+  scene[json::json_pointer(GetParam().pointer)] = GetParam().value;
+  const auto result = parse(scene);
+  ASSERT_FALSE(result);
+  EXPECT_EQ(result.error().code, ExitCode::kRefused);
+  EXPECT_EQ(result.error().message.rfind("s.json: ", 0), 0U) << result.error().message;
+  EXPECT_NE(result.error().message.find(GetParam().named), std::string::npos)
+      << result.error().message;
+  EXPECT_EQ(result.error().message.find('\n'), std::string::npos);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Scene, RefusedOfCutting,
+    testing::Values(
+        Refusal{"/slices", json::array({{{"index", 3}, {"z_m", 0.12}}}), "/body"},
+        Refusal{"/body", 3, "/body"}, Refusal{"/body/from", -1, "/body/from"},
+        Refusal{"/body/from", 1.5, "/body/from"}, Refusal{"/body/from", 38, "/body/to"},
+        Refusal{"/body/to", 67, "/body/to"}, Refusal{"/body/to", 1'000'001, "/body/to"},
+        Refusal{"/body/top_z_m", 1.1, "/body/top_z_m"},
+        Refusal{"/body/top_z_m", "top", "/body/top_z_m"},
+        Refusal{"/body/up", 1, "unknown key \"up\""}, Refusal{"/body/shell", 0.001, "/body/shell"},
+        Refusal{"/body/shell", json::object(), "/body/shell/thickness_m"},
+        Refusal{"/body/shell/thickness_m", 0, "/body/shell/thickness_m"},
+        Refusal{"/body/shell/thickness_m", 0.011, "/body/shell/thickness_m"},
+        Refusal{"/body/shell/strength_factor", 0.05, "/body/shell/strength_factor"},
+        Refusal{"/body/shell/strength_factor", 101, "/body/shell/strength_factor"},
+        Refusal{"/body/shell/hu", 1, "unknown key \"hu\""},
+        Refusal{"/tissue/cut", json::object(), "/tissue/cut: must have either"},
+        Refusal{"/tissue/cut", true, "/tissue/cut"},
+        Refusal{"/tissue/cut/bone", {{"law", "morgan"}}, "/tissue/cut: must have either"},
+        Refusal{"/tissue/cut/strength_MPa", -1, "/tissue/cut/strength_MPa"},
+        Refusal{"/tissue/cut/strength_MPa", 1001, "/tissue/cut/strength_MPa"},
+        Refusal{"/tissue/cut/tearing_N_per_m", -1, "/tissue/cut/tearing_N_per_m"},
+        Refusal{"/tissue/cut/tearing_N_per_m", 2e6, "/tissue/cut/tearing_N_per_m"},
+        Refusal{"/tissue/cut/friction_kPa", -0.1, "/tissue/cut/friction_kPa"},
+        Refusal{"/tissue/cut/friction_kPa", 1e6, "/tissue/cut/friction_kPa"},
+        Refusal{"/tissue/cut/bed_N_per_mm3", -1, "/tissue/cut/bed_N_per_mm3"},
+        Refusal{"/tissue/cut/bed_N_per_mm3", 1e5, "/tissue/cut/bed_N_per_mm3"},
+        Refusal{"/tissue/cut/lateral_strength_MPa", 0, "/tissue/cut/lateral_strength_MPa"},
+        Refusal{"/tissue/cut/lateral_strength_MPa", 2000, "/tissue/cut/lateral_strength_MPa"},
+        Refusal{"/tissue/cut/depth", 1, "unknown key \"depth\""},
+        Refusal{"/tissues/0/cut/bone/law", 1, "/tissues/0/cut/bone/law"},
+        Refusal{"/tissues/0/cut/bone/law", "", "/tissues/0/cut/bone/law"},
+        Refusal{"/tissues/0/cut/bone", json::object(), "/tissues/0/cut/bone/law"},
+        Refusal{"/tissues/0/cut/bone/density", "wet", "/tissues/0/cut/bone/density"},
+        Refusal{"/tissues/0/cut/bone/g_per_cm3_per_HU", 0.02, "/g_per_cm3_per_HU"},
+        Refusal{"/tissues/0/cut/bone/g_per_cm3_per_HU", -0.001, "/g_per_cm3_per_HU"},
+        Refusal{"/tissues/0/cut/bone/g_per_cm3_at_0_HU", 1.5, "/g_per_cm3_at_0_HU"},
+        Refusal{"/tissues/0/cut/bone/author", "x", "unknown key \"author\""},
+        Refusal{"/force_law/axis", "loose", "/force_law/axis"},
+        Refusal{"/force_law/axis", 1, "/force_law/axis"},
+        Refusal{"/force_law/coupling_N_per_m", 99, "/force_law/coupling_N_per_m"},
+        Refusal{"/force_law/coupling_N_per_m", 2e6, "/force_law/coupling_N_per_m"},
+        Refusal{"/force_law/coupling_Nm_per_rad", 0, "/force_law/coupling_Nm_per_rad"},
+        Refusal{"/force_law/coupling_Nm_per_rad", 1e5, "/force_law/coupling_Nm_per_rad"},
+        Refusal{"/force_law/prediction", "maybe", "/force_law/prediction"},
+        Refusal{"/force_law/force_scale", 0, "/force_law/force_scale"},
+        Refusal{"/force_law/force_scale", 11, "/force_law/force_scale"},
+        Refusal{"/force_law/reach_m", 0.01, "unknown key \"reach_m\""}));
+
+json with_goals() {
+  json scene = smallest();
+  scene["goals"] = json::parse(R"({
+    "target": {"at_m": [0.001, 0, 0.11], "radius_m": 0.003},
+    "line": {"entry_m": [0.001, 0, 0.15], "entry_radius_m": 0.004, "corridor_m": 0.005},
+    "force_max_N": 30, "time_max_s": 8, "plunge_max_m": 0.004,
+    "zones": [
+      {"name": "canal", "margin_m": 0.002,
+       "prism": {"outline_m": [[0, 0.02], [0.01, 0.02], [0.01, 0.03], [0, 0.03]], "z_m": [0.1, 0.15]}},
+      {"name": "vessel", "capsule": {"from_m": [0.03, 0, 0.1], "to_m": [0.03, 0, 0.2], "radius_m": 0.005}},
+      {"name": "lung", "box": {"min_m": [-0.1, -0.1, 0.05], "max_m": [0.1, 0.1, 0.08]}}]})");
+  return scene;
+}
+
+TEST(Scene, EveryGoalIsRead) {
+  EXPECT_FALSE(parse(smallest())->goals);
+  const auto scene = parse(with_goals());
+  ASSERT_TRUE(scene) << scene.error().message;
+  ASSERT_TRUE(scene->goals);
+  const SceneGoals& goals = *scene->goals;
+  ASSERT_TRUE(goals.target && goals.line);
+  EXPECT_EQ(goals.target->at_m, (std::array{0.001, 0.0, 0.11}));
+  EXPECT_EQ(goals.target->radius_m, 0.003);
+  EXPECT_EQ(goals.line->entry_m, (std::array{0.001, 0.0, 0.15}));
+  EXPECT_EQ(goals.line->direction, (std::array{0.0, 0.0, -1.0}));
+  EXPECT_EQ(goals.line->entry_radius_m, 0.004);
+  EXPECT_EQ(goals.line->corridor_m, 0.005);
+  EXPECT_EQ(goals.force_max_N, 30);
+  EXPECT_EQ(goals.time_max_s, 8);
+  EXPECT_EQ(goals.plunge_max_m, 0.004);
+  ASSERT_EQ(goals.zones.size(), 3U);
+  EXPECT_EQ(goals.zones[0].name, "canal");
+  EXPECT_EQ(goals.zones[0].margin_m, 0.002);
+  EXPECT_EQ(goals.zones[0].shape, ForbiddenZone::Shape::kPrism);
+  EXPECT_EQ(goals.zones[0].outline_m.at(2), (std::array{0.01, 0.03}));
+  EXPECT_EQ(goals.zones[0].z_m, (std::array{0.1, 0.15}));
+  EXPECT_EQ(goals.zones[1].shape, ForbiddenZone::Shape::kCapsule);
+  EXPECT_EQ(goals.zones[1].high_m, (std::array{0.03, 0.0, 0.2}));
+  EXPECT_EQ(goals.zones[1].radius_m, 0.005);
+  EXPECT_EQ(goals.zones[2].shape, ForbiddenZone::Shape::kBox);
+  EXPECT_EQ(goals.zones[2].low_m, (std::array{-0.1, -0.1, 0.05}));
+  json given = with_goals();
+  given["goals"]["line"]["direction"] = {0.3, 0, -0.4};
+  EXPECT_NEAR(parse(given)->goals->line->direction[0], 0.6, 1e-15);
+  given = with_goals();
+  given["goals"]["line"]["to_m"] = {0.001, 0.2, 0.15};
+  EXPECT_EQ(parse(given)->goals->line->direction, (std::array{0.0, 1.0, 0.0}));
+  given = smallest();
+  given["goals"] = json::object();
+  EXPECT_TRUE(parse(given)->goals);
+}
+
+class RefusedOfGoals : public testing::TestWithParam<Refusal> {};
+
+TEST_P(RefusedOfGoals, NamesFileAndPlaceInOneLine) {
+  json scene = with_goals();
+  ASSERT_TRUE(parse(scene));
+  scene[json::json_pointer(GetParam().pointer)] = GetParam().value;
+  const auto result = parse(scene);
+  ASSERT_FALSE(result);
+  EXPECT_EQ(result.error().code, ExitCode::kRefused);
+  EXPECT_EQ(result.error().message.rfind("s.json: ", 0), 0U) << result.error().message;
+  EXPECT_NE(result.error().message.find(GetParam().named), std::string::npos)
+      << result.error().message;
+  EXPECT_EQ(result.error().message.find('\n'), std::string::npos);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Scene, RefusedOfGoals,
+    testing::Values(
+        Refusal{"/goals", 3, "/goals"}, Refusal{"/goals/score", 1, "unknown key \"score\""},
+        Refusal{"/goals/target/at_m", json::array({0, 0}), "/goals/target/at_m"},
+        Refusal{"/goals/target/radius_m", 0, "/goals/target/radius_m"},
+        Refusal{"/goals/target", json::object(), "/goals/target/at_m: is missing"},
+        Refusal{"/goals/line", json::object(), "/goals/line/entry_m: is missing"},
+        Refusal{"/goals/line/direction", json::array({0, 0, 0}), "/goals/line/direction"},
+        Refusal{"/goals/line/to_m", json::array({0.001, 0, 0.15}), "/goals/line: has no direction"},
+        Refusal{"/goals/line/entry_radius_m", -1, "/goals/line/entry_radius_m"},
+        Refusal{"/goals/line/corridor_m", 2, "/goals/line/corridor_m"},
+        Refusal{"/goals/force_max_N", 0, "/goals/force_max_N"},
+        Refusal{"/goals/time_max_s", 86401, "/goals/time_max_s"},
+        Refusal{"/goals/plunge_max_m", "small", "/goals/plunge_max_m"},
+        Refusal{"/goals/zones", json::array(), "/goals/zones"},
+        Refusal{"/goals/zones/0/box", json::object(), "/goals/zones/0/box/min_m"},
+        Refusal{"/goals/zones/0/box", json::parse(R"({"min_m": [0,0,0], "max_m": [1,1,1]})"),
+                "/goals/zones/0: must have one of"},
+        Refusal{"/goals/zones/1/name", "canal", "/goals/zones/1/name: occurs twice"},
+        Refusal{"/goals/zones/1/capsule/radius_m", 0, "/goals/zones/1/capsule/radius_m"},
+        Refusal{"/goals/zones/0/prism/outline_m", json::parse("[[0,0],[1,1],[1,0],[0,1]]"),
+                "must be a simple polygon"},
+        Refusal{"/goals/zones/0/prism/outline_m/1", json::array({0, 2}), "must be pairs"},
+        Refusal{"/goals/zones/0/prism/z_m", json::array({0.2, 0.1}), "[lowest, highest]"},
+        Refusal{"/goals/zones/2/box/max_m", json::array({0.1, -0.1, 0.08}), "must be above min_m"},
+        Refusal{"/goals/zones/2/margin_m", 0.2, "/goals/zones/2/margin_m"},
+        Refusal{"/goals/zones/2/sphere", 1, "unknown key \"sphere\""}));
+
+TEST(Scene, ALineWithoutAnyEndIsRefused) {
+  json scene = with_goals();
+  scene["goals"].erase("target");
+  const auto result = parse(scene);
+  ASSERT_FALSE(result);
+  EXPECT_NE(result.error().message.find("must have direction or to_m"), std::string::npos);
+}
+
+TEST(Scene, MissingKeysOfABodyAreNamed) {
+  for (const char* key : {"from", "to", "top_z_m"}) {
+    json scene = fullest_of_cutting();
+    scene["body"].erase(key);
+    const auto result = parse(scene);
+    ASSERT_FALSE(result) << key;
+    EXPECT_NE(result.error().message.find(std::string("/body/") + key + ": is missing"),
+              std::string::npos)
+        << result.error().message;
+  }
+}
 
 TEST(Scene, MissingKeysAreNamed) {
   for (const char* key : {"schema", "name", "asset", "duration_s", "slices", "hand"}) {

@@ -130,6 +130,14 @@ void expect_valid_refinement(const Pslg& pslg, const RefinementOptions& options,
   }
 }
 
+TEST(Refinement, LeavesNothingAsItIs) {
+  for (const double max_area_mm2 : {1e-6, 50.0, 1e12}) {
+    RefinementOptions options;
+    options.max_area_mm2 = max_area_mm2;
+    EXPECT_TRUE(refine(Triangulation{}, Lattice{}, options).mesh.triangles.empty()) << max_area_mm2;
+  }
+}
+
 TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
   for (const double radius : {3.0, 12.0, 25.0}) {
     const Pslg disc =
@@ -147,6 +155,54 @@ TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
         expect_valid_refinement(disc, options, "disc");
       }
     }
+  }
+}
+
+// Where the area bound alone asks for triangles, nearly all are equilateral and of that area.
+TEST(Refinement, FillsLargeAreasWithHardlyMoreTrianglesThanTheAreaAsksFor) {
+  Pslg pslg = simplify(contours(disc_field(64, 31.3, 31.8, 25), kGrid, ContourKind::kSubpixel),
+                       kLattice, {0.1});
+  pslg.rings.push_back({{4000, 4000}, {3700, 4500}, {5000, 4700}});
+  const double area_mm2 =
+      0.5 * static_cast<double>(doubled_area(pslg)) * kLattice.step_mm() * kLattice.step_mm();
+  for (const double wanted : {500.0, 2000.0, 8000.0}) {
+    RefinementOptions options;
+    options.max_area_mm2 = area_mm2 / wanted;
+    const Refined refined = refine(*triangulate(pslg), kLattice, options);
+    const auto triangles = static_cast<double>(refined.mesh.triangles.size());
+    EXPECT_LE(triangles, wanted * (1.05 + 3 / std::sqrt(wanted))) << wanted;
+    const MeshQuality quality = measure_quality(refined, kLattice, 30);
+    EXPECT_EQ(quality.below_min_angle, 0U) << wanted;
+    EXPECT_LE(quality.max_area_mm2, options.max_area_mm2);
+    expect_valid_refinement(pslg, options, "filled");
+    // Moved and rotated, the same.
+    Pslg moved = pslg;
+    for (Ring& ring : moved.rings) {
+      for (LatticePoint& p : ring)
+        p = {1001 - p.y, p.x - 100'003};
+    }
+    Refined again = refine(*triangulate(moved), kLattice, options);
+    for (LatticePoint& p : again.mesh.vertices)
+      p = {p.y + 100'003, 1001 - p.x};
+    EXPECT_EQ(again.mesh.vertices, refined.mesh.vertices) << wanted;
+    EXPECT_EQ(again.mesh.triangles, refined.mesh.triangles) << wanted;
+  }
+}
+
+// Wider than an asset may be: products of coordinates do not fit into a double.
+TEST(Refinement, GivesValidMeshesOnTheWholeLattice) {
+  for (const std::int32_t scale : {1, 1 << 13}) {
+    Pslg pslg;
+    for (const Ring& ring :
+         simplify(contours(noise_field(64, 3, 5), kGrid, ContourKind::kSubpixel), kLattice, {0.25})
+             .rings) {
+      Ring& scaled = pslg.rings.emplace_back();
+      for (const LatticePoint p : ring)
+        scaled.push_back({p.x * scale, p.y * scale});
+    }
+    RefinementOptions options;
+    options.max_area_mm2 = 1e12;
+    expect_valid_refinement(pslg, options, "scaled by " + std::to_string(scale));
   }
 }
 

@@ -54,9 +54,10 @@ TEST(BoneStrength, EachLawSaysWhichDensityItTakes) {
   EXPECT_EQ(law("kopperdahl-linear").kind, DensityKind::kQct);
   EXPECT_EQ(law("kopperdahl-power").kind, DensityKind::kQct);
   EXPECT_EQ(law("morgan").kind, DensityKind::kApparent);
-  EXPECT_EQ(law("keller").kind, DensityKind::kApparent);
+  EXPECT_EQ(law("keller").kind, DensityKind::kAsh);
   EXPECT_EQ(name_of(DensityKind::kQct), "QCT mineral density");
   EXPECT_EQ(name_of(DensityKind::kApparent), "apparent density");
+  EXPECT_EQ(name_of(DensityKind::kAsh), "ash density");
   EXPECT_EQ(find_bone_law("keler"), nullptr);
 }
 
@@ -67,6 +68,38 @@ TEST(BoneStrength, CalibrationIsLinearAndMarked) {
   EXPECT_EQ(density_of(assumed, -1000), 0);
   const HuCalibration measured{.per_HU = 7.5e-4, .at_0_HU = -0.006, .is_assumed = false};
   EXPECT_NEAR(density_of(measured, 200), 0.144, 1e-12);
+}
+
+TEST(BoneStrength, AnotherKindOfDensityIsRefusedOrConverted) {
+  const HuCalibration qct{.per_HU = 1e-3, .kind = DensityKind::kQct};
+  const HuCalibration ash{.per_HU = 1e-3, .kind = DensityKind::kAsh};
+  const HuCalibration apparent{.per_HU = 1e-3, .kind = DensityKind::kApparent};
+
+  const auto direct = estimate(law("kopperdahl-linear"), qct, 200);
+  ASSERT_TRUE(direct.has_value());
+  EXPECT_NEAR(*direct->strength_MPa, 4.23, 1e-9);
+  EXPECT_NEAR(direct->modulus_MPa, 611.3, 1e-9);
+  EXPECT_EQ(direct->kind, DensityKind::kQct);
+  EXPECT_EQ(direct->conversion, nullptr);
+
+  // Each law by each density.
+  for (const BoneLaw& each : bone_laws())
+    for (const HuCalibration& calibration : {qct, ash, apparent})
+      EXPECT_EQ(estimate(each, calibration, 200).has_value(), each.kind == calibration.kind)
+          << each.name;
+
+  // From QCT nothing is known; between ash and apparent 0.598.
+  EXPECT_FALSE(estimate(law("morgan"), qct, 200, true).has_value());
+  EXPECT_FALSE(estimate(law("kopperdahl-power"), apparent, 200, true).has_value());
+  const auto morgan = estimate(law("morgan"), ash, 119.6, true);
+  ASSERT_TRUE(morgan.has_value());
+  EXPECT_NEAR(morgan->density, 0.2, 1e-12);
+  EXPECT_EQ(morgan->kind, DensityKind::kApparent);
+  EXPECT_NEAR(morgan->modulus_MPa, 384.12, 0.01);
+  EXPECT_FALSE(morgan->strength_MPa.has_value());
+  ASSERT_NE(morgan->conversion, nullptr);
+  EXPECT_FALSE(morgan->conversion->source.empty());
+  EXPECT_NEAR(estimate(law("keller"), apparent, 200, true)->density, 0.1196, 1e-12);
 }
 
 // An 11 G needle (3.05 mm) and a 6 mm trocar in the same bone of 150 HU: 0.12 g/cm^3, 2.238 MPa.

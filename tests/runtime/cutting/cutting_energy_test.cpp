@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Contract 1 of cutting_law.h in random sessions: bodies, tools, hands with mass, rates; push,
-// hold, hammer, twist, drag sideways, slide on the surface under load, withdraw, enter again.
+// hold, hammer, twist, drag sideways, slide on the surface under load, withdraw, enter again; with
+// soft layers or without.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,6 +36,7 @@ class Random {
 struct Session {
   CuttingOptions options;
   std::vector<CuttingSlab> slabs;
+  std::vector<SoftLayer> layers;
   CuttingState state;
 };
 
@@ -76,6 +78,27 @@ Session random_session(Random& random) {
   o.most_steps = random.chance(0.2) ? 1 + random.integer(4) : 12;
   s.state = make_cutting_state(s.slabs.size(), static_cast<std::size_t>(random.integer(4)));
   return s;
+}
+
+// Soft tissue over the bone, into it and within.
+void add_layers(Random& random, Session& s) {
+  double at = random.uniform(-0.001, 0.004);
+  for (int i = 0, count = 1 + random.integer(3); i < count; ++i) {
+    SoftLayer layer;
+    layer.top_m = at;
+    layer.bottom_m = at + random.power(-3.7, -2.2);
+    layer.stiffness_N_per_m = random.chance(0.1) ? 0 : random.power(1, 3.7);
+    layer.stiffening_N_per_m2 = random.chance(0.2) ? 0 : random.power(3, 6);
+    layer.puncture_N = random.power(-1, 1.5);
+    layer.cutting_N = layer.puncture_N * random.uniform(0, 1);
+    layer.friction_N_per_m = random.chance(0.3) ? 0 : random.uniform(0, 300);
+    at = layer.bottom_m + (random.chance(0.5) ? 0 : random.uniform(0, 0.003));
+    s.layers.push_back(layer);
+  }
+  s.options.layers = s.layers;
+  s.state.layers.resize(s.layers.size());
+  for (SoftLayerState& layer : s.state.layers)
+    layer.holes.resize(static_cast<std::size_t>(random.integer(3)));
 }
 
 // What a hand aims at: the tip's place and the tool's attitude.
@@ -151,6 +174,17 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   const Vector2d f = was.friction_N_per_m * was.presliding_m;
   leak += 0.5 * k * (along * along + around * around) + f[0] * (along - straight) +
           f[1] * (around - tool.radius_m * axis.dot(omega));
+  const Vector3d slipped = B * tool.tip_plate_m - A * tool.tip_plate_m;
+  const double shear = std::max(was.tip_friction_N_per_m, is.tip_friction_N_per_m);
+  leak +=
+      0.5 * shear * (slipped - axis * along).squaredNorm() +
+      was.tip_friction_N_per_m * was.tip_slip_m.dot(slipped - dx.head<3>() - omega.cross(lever));
+  for (std::size_t i = 0; i < s.layers.size(); ++i) {
+    const double z = std::max(was.layers[i].stretch_m, 0.0);
+    const double stiffest = soft_spring(s.layers[i], z + std::abs(along)).stiffness_N_per_m;
+    const double least = std::max(soft_spring(s.layers[i], z).force_N, 0.0);
+    leak += 0.5 * stiffest * along * along + least * (along - straight);
+  }
   const int hole = std::max(was.hole, is.hole);
   if (hole < 0) return leak;
   const auto h = static_cast<std::size_t>(hole);
@@ -185,14 +219,19 @@ double strength_above(const Session& s, double front_m) {
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11);
+  Random random(11), layers(12), tips(13);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
-       gained = 0;
+       gained = 0, torn = 0, slipped = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
     Session s = random_session(random);
+    if (layers.chance(0.4)) add_layers(layers, s);
+    if (tips.chance(0.4)) {
+      s.options.tip_friction = tips.uniform(0.05, 0.8);
+      s.options.tip_presliding_m = tips.power(-5, -3.5);
+    }
     Aim aim;
     aim.kind = random.integer(7);
     aim.depth = random.uniform(0.002, 0.05);
@@ -243,6 +282,9 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       cutting_tick(s.options, X, s.slabs, s.state, out);
       ASSERT_TRUE(out.wrench_device.allFinite());
       ASSERT_GE(out.cut_J, 0);
+      ASSERT_GE(out.layer_cut_J, 0);
+      torn += out.layer_cut_J > 0;
+      slipped += s.state.tip_slip_m.norm() > 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
         const double Y = strength_above(s, out.front_m);
         too_far += out.tip_N < Y - 1e-4 * std::max(1.0, Y);
@@ -253,7 +295,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
         double leak = 0.5 * s.options.coupling.translation_N_per_m * dx.head<3>().squaredNorm() +
                       0.5 * s.options.coupling.rotation_Nm_per_rad * dx.tail<3>().squaredNorm();
         if (s.options.coupling.is_rigid) leak = rigid_leak(s, was, s.state, before, X);
-        const double gain = out.stored_J - stored + out.cut_J + w.dot(dx);
+        const double gain = out.stored_J - stored + out.cut_J + out.layer_cut_J + w.dot(dx);
         gained += gain > 0;
         worst = std::max(worst, gain - leak);
         ASSERT_LE(gain - leak, 1e-12) << "session " << n << " tick " << k << " kind " << aim.kind
@@ -273,9 +315,11 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   RecordProperty("worst_J", std::to_string(worst));
   std::printf(
       "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
-      "energy at all, %ld of %ld fronts too far\n",
-      worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped);
+      "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld tip holds\n",
+      worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped);
   EXPECT_GT(cutting, ticks / 50);
+  EXPECT_GT(torn, ticks / 1000);
+  EXPECT_GT(slipped, ticks / 50);
   EXPECT_GT(stopped, cutting / 4);
   // A tool that tilts over while the front advances loses force by that.
   EXPECT_LE(too_far, stopped / 1000);

@@ -198,8 +198,9 @@ struct Device {
   }
 };
 
-// `damping_share`: of K T / 2; `ahead`: ticks by which the law's pose is predicted.
-double most_given(std::mt19937& random, double damping_share, double ahead = 0) {
+// `damping_share`: of K T / 2; `ahead`: ticks by which the law's pose is predicted; with `soft`
+// there are layers over the bone, and the tip has friction.
+double most_given(std::mt19937& random, double damping_share, double ahead = 0, bool soft = false) {
   const auto uniform = [&](double a, double b) {
     return std::uniform_real_distribution<double>(a, b)(random);
   };
@@ -218,6 +219,25 @@ double most_given(std::mt19937& random, double damping_share, double ahead = 0) 
     slab.wall_strength_N_per_m = strength;
     slab.strength_top_N *= scale;
     slab.strength_bottom_N *= scale;
+  }
+  std::vector<SoftLayer> layers;
+  if (soft) {
+    b.options.tip_friction = uniform(0, 0.6);
+    layers = {{.top_m = -0.001,
+               .bottom_m = 0.002,
+               .stiffness_N_per_m = power(2, 3.3),
+               .stiffening_N_per_m2 = power(4, 5.7),
+               .puncture_N = uniform(2, 15),
+               .cutting_N = uniform(0, 2),
+               .friction_N_per_m = uniform(0, 200)},
+              {.top_m = 0.003,
+               .bottom_m = 0.0035,
+               .stiffness_N_per_m = 150,
+               .stiffening_N_per_m2 = 1e4,
+               .puncture_N = 0.6,
+               .cutting_N = 0.1}};
+    b.options.layers = layers;
+    b.state = make_cutting_state(b.slabs.size(), 4, layers.size());
   }
   const double T = 1 / power(2.7, 3.9);
   Device d{.mass = power(-1, 0.7),
@@ -260,6 +280,8 @@ TEST(CuttingFeel, ADampedDeviceIsGivenNothing) {
   double worst = 0, worst_undamped = 0;
   for (int n = 0; n < 150; ++n)
     worst = std::max(worst, most_given(random, 1));
+  for (int n = 0; n < 100; ++n)
+    worst = std::max(worst, most_given(random, 1, 0, true));
   EXPECT_LE(worst, 1e-9);
   for (int n = 0; n < 60; ++n)
     worst_undamped = std::max(worst_undamped, most_given(random, 0));
@@ -274,6 +296,9 @@ TEST(CuttingFeel, APredictedPoseGivesNothingWithoutDamping) {
     for (int n = 0; n < 100; ++n)
       worst = std::max(worst, most_given(random, 0, ahead));
     EXPECT_LE(worst, 1e-9) << ahead;
+    for (int n = 0; n < 100; ++n)
+      worst = std::max(worst, most_given(random, 0, ahead, true));
+    EXPECT_LE(worst, 1e-9) << ahead << ", soft layers";
   }
   double worst = 0;
   for (int n = 0; n < 100; ++n)

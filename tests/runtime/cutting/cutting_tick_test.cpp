@@ -3,6 +3,7 @@
 // a bound on what a tick computes.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 #include "runtime/realtime/allocation_counter.h"
@@ -24,6 +25,28 @@ Bench body_of_64() {
   return b;
 }
 
+// With two soft layers over the bone, and friction of the tip.
+Bench soft_body_of_64() {
+  static const std::array<SoftLayer, 2> layers{{{.top_m = -0.002,
+                                                 .bottom_m = 0.002,
+                                                 .stiffness_N_per_m = 500,
+                                                 .stiffening_N_per_m2 = 2e5,
+                                                 .puncture_N = 5,
+                                                 .cutting_N = 1,
+                                                 .friction_N_per_m = 100},
+                                                {.top_m = 0.004,
+                                                 .bottom_m = 0.0045,
+                                                 .stiffness_N_per_m = 150,
+                                                 .stiffening_N_per_m2 = 1e4,
+                                                 .puncture_N = 0.6,
+                                                 .cutting_N = 0.1}}};
+  Bench b = body_of_64();
+  b.options.tip_friction = 0.3;
+  b.options.layers = layers;
+  b.state = make_cutting_state(b.slabs.size(), 3, layers.size());
+  return b;
+}
+
 // Down, sideways, out and in again at three places.
 Pose pose_at(int k) {
   const double t = 1e-3 * k, depth = 0.04 * std::abs(std::sin(3 * t)) - 0.003;
@@ -35,23 +58,26 @@ Pose pose_at(int k) {
 
 TEST(CuttingTick, AllocatesNothing) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  Bench b = body_of_64();
-  const std::uint64_t before = allocations_in_scopes();
-  int entered = 0;
-  {
-    const NoAllocationScope scope;
-    for (int k = 0; k < 4000; ++k) {
-      const int hole = b.state.hole;
-      b.tick(pose_at(k));
-      entered += hole < 0 && b.state.hole >= 0;
+  for (Bench b : {body_of_64(), soft_body_of_64()}) {
+    const std::uint64_t before = allocations_in_scopes();
+    int entered = 0, punctured = 0;
+    {
+      const NoAllocationScope scope;
+      for (int k = 0; k < 4000; ++k) {
+        const int hole = b.state.hole;
+        b.tick(pose_at(k));
+        entered += hole < 0 && b.state.hole >= 0;
+        punctured += b.out.layer_cut_J > 0;
+      }
     }
+    EXPECT_EQ(allocations_in_scopes(), before);
+    EXPECT_GE(entered, 4);
+    EXPECT_EQ(punctured > 0, !b.options.layers.empty());
   }
-  EXPECT_EQ(allocations_in_scopes(), before);
-  EXPECT_GE(entered, 4);
 }
 
 TEST(CuttingTick, SameInputSameBits) {
-  Bench a = body_of_64(), b = body_of_64();
+  Bench a = soft_body_of_64(), b = soft_body_of_64();
   for (int k = 0; k < 3000; ++k) {
     a.tick(pose_at(k));
     b.tick(pose_at(k));

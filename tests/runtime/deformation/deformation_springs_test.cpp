@@ -38,10 +38,9 @@ TEST(Springs, AreNotNegativeInRefinedMeshes) {
     EXPECT_EQ(of_all_slices(scan).negative(), 0U) << scan.name;
 }
 
-/// The outline without the vertices that refinement put on its edges: those less than three steps
-/// from the line between their neighbours.
+/// The outline without the vertices that refinement put on its edges: those within the lattice's
+/// rounding of the line between their neighbours.
 Pslg before_refinement(const Pslg& pslg) {
-  constexpr double kFarthest_steps = 3;
   Pslg out;
   for (const Ring& ring : pslg.rings) {
     Ring kept;
@@ -50,7 +49,7 @@ Pslg before_refinement(const Pslg& pslg) {
                          c = ring[(i + 1) % ring.size()];
       const double off = std::abs(static_cast<double>(orient2d(a, b, c))) /
                          std::sqrt(static_cast<double>(std::max<std::int64_t>(1, distance2(a, c))));
-      if (off > kFarthest_steps) kept.push_back(b);
+      if (off > 2) kept.push_back(b);
     }
     if (kept.size() >= 3) out.rings.push_back(std::move(kept));
   }
@@ -59,11 +58,10 @@ Pslg before_refinement(const Pslg& pslg) {
 
 // The counter-example: a constrained Delaunay triangulation has no negative inner springs, but
 // negative ones on the boundary, and the maximum principle fails: a sheet pressed down at one place
-// rises at another.
+// rises at another. Of outlines by Douglas-Peucker, whose vertices are closer to each other.
 TEST(Springs, AreNegativeOnTheBoundaryOfUnrefinedMeshes) {
-  std::vector<test::ScanAsset> scans = test::scan_assets();
+  std::vector<test::ScanAsset> scans = test::scan_assets("_dp");
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
-  std::size_t negative = 0, boundary = 0;
   for (test::ScanAsset& scan : scans) {
     for (AssetSlice& slice : scan.asset.slices) {
       const Pslg outline = before_refinement(slice.pslg);
@@ -78,11 +76,8 @@ TEST(Springs, AreNegativeOnTheBoundaryOfUnrefinedMeshes) {
     ASSERT_GT(scan.slices.size(), 10U);
     const SpringSigns signs = of_all_slices(scan);
     EXPECT_EQ(signs.negative_interior, 0U) << scan.name;
-    EXPECT_GT(signs.negative_boundary, 0U) << scan.name;
-    negative += signs.negative_boundary;
-    boundary += signs.boundary;
+    EXPECT_GT(signs.negative_boundary, signs.boundary / 100) << scan.name;
   }
-  EXPECT_GT(negative, boundary / 200);
   const test::ScanAsset& scan = scans.back();
   double lowest = 0;
   for (std::size_t k = 0; k < scan.slices.size(); k += 10) {

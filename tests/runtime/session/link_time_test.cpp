@@ -56,7 +56,7 @@ void move_to(Scene& scene, double z_m, double speed_m_per_s) {
 /// Pecking in the sheet: 6 mm up and down at 0.12 m/s, with turns of 2 ms. Damping is 7 N, the
 /// largest force 25 N: the sheet holds.
 Scene pecking() {
-  Scene scene = hand_scene({2000, 35, 60, {}}, {kSheet_m});
+  Scene scene = hand_scene({2000, 35, 60, {}, {}}, {kSheet_m});
   move_to(scene, 0.1535, 0.33);
   for (int i = 0; i < 20; ++i) {
     move_to(scene, 0.1595, 0.12);
@@ -70,7 +70,7 @@ Scene piercing(std::uint64_t seed) {
   std::mt19937_64 random(seed);
   const std::vector<double> sheets_m = {kSheet_m, kSheet_m - 0.012, kSheet_m - 0.024,
                                         kSheet_m - 0.036, kSheet_m - 0.048};
-  Scene scene = hand_scene({5000, 35, 60, {}}, sheets_m);
+  Scene scene = hand_scene({5000, 35, 60, {}, {}}, sheets_m);
   for (const double z_m : sheets_m) {
     const double speed = 0.05 + 0.2 * static_cast<double>(random() >> 11) * 0x1p-53;
     move_to(scene, z_m - 0.0105, speed);

@@ -99,9 +99,10 @@ TEST(Notices, AreToldDuringTheSessionOnceForEachReason) {
     }
     EXPECT_EQ(told[0].notice.t_s, 0.2);
     EXPECT_GT(told[2].notice.lift_m, 0.001);
-    EXPECT_EQ(describe(told[0].notice),
-              "fault emergency_stop at 0.2000 s: the emergency stop is pressed; release it when "
-              "that is safe");
+    EXPECT_EQ(
+        describe(told[0].notice),
+        "fault emergency_stop at 0.2000 s: the emergency stop is pressed, the device's or the "
+        "operator's; release it when that is safe");
     EXPECT_NE(describe(told[1].notice).find("the emergency stop is still pressed; release it"),
               std::string::npos);
     EXPECT_NE(describe(told[3].notice).find("recovered at "), std::string::npos);

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Disjoint sets of the numbers below a size (union-find with path halving; Tarjan and van Leeuwen
+// 1984).
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <numeric>
+#include <vector>
+
+namespace trocar {
+
+class DisjointSets {
+ public:
+  /// Each number is a set of its own. `size` is below 2^32.
+  explicit DisjointSets(std::size_t size = 0) : parent_(size) {
+    std::iota(parent_.begin(), parent_.end(), std::uint32_t{0});
+  }
+
+  std::size_t size() const noexcept { return parent_.size(); }
+
+  /// The least number of i's set, unless put_under() was used.
+  std::uint32_t root(std::uint32_t i) noexcept {
+    while (parent_[i] != i)
+      i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+
+  /// Makes one set of two; false if they were one.
+  bool join(std::uint32_t a, std::uint32_t b) noexcept {
+    a = root(a);
+    b = root(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+    return a != b;
+  }
+
+  /// Makes one set of two, whose root is the first one's; both must be roots.
+  void put_under(std::uint32_t root, std::uint32_t other) noexcept { parent_[other] = root; }
+
+ private:
+  std::vector<std::uint32_t> parent_;
+};
+
+}  // namespace trocar

@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "formats/geometry/outline_sweep.h"
+
+#include <algorithm>
+#include <numeric>
+#include <set>
+#include <tuple>
+#include <utility>
+
+namespace trocar {
+namespace {
+
+// Left and right are meant by LatticePoint's order: of two points above each other, the lower one
+// is to the left. So no edge is vertical.
+//
+// The line that sweeps from left to right meets edges in an order from below to above. Until it
+// reaches the first point where two edges cross, that order is the same at every place where both
+// are met, and the two are neighbours in it just before that point, or begin there. Therefore it is
+// enough to look at pairs of edges when they become neighbours, and at the edges that are next to a
+// point where edges begin.
+
+// An edge that the line meets. Where it ends and another one begins, that takes its place in the
+// set, and the order stays.
+struct Met {
+  mutable LatticePoint left, right;
+  mutable std::uint32_t edge;
+  mutable std::int32_t winding_below;
+  mutable bool is_forwards;  // it runs from left to right: the material is above it
+
+  std::int32_t winding_above() const { return winding_below + (is_forwards ? 1 : -1); }
+  std::int32_t winding_right() const { return is_forwards ? winding_below : winding_below - 1; }
+};
+
+// From below to above. A point on an edge is neither.
+class Below {
+ public:
+  using is_transparent = void;
+  explicit Below(std::uint64_t& tests) : tests_(&tests) {}
+
+  std::int64_t side(const Met& e, LatticePoint p) const {
+    ++*tests_;
+    return orient2d(e.left, e.right, p);
+  }
+  bool operator()(const Met& e, LatticePoint p) const { return side(e, p) > 0; }
+  bool operator()(LatticePoint p, const Met& e) const { return side(e, p) < 0; }
+  bool operator()(const Met& e, const Met& f) const {
+    if (e.left == f.left) return side(e, f.right) > 0;
+    return e.left < f.left ? side(e, f.left) > 0 : side(f, e.left) < 0;
+  }
+
+ private:
+  std::uint64_t* tests_;
+};
+
+// An edge that the line begins to meet, not in the place of another one, and the edge just below it
+// or kNoEdge.
+constexpr std::uint32_t kNoEdge = 0xffffffff;
+struct Beginning {
+  std::uint32_t edge, below;
+};
+
+// What is set in passing, where it is not null.
+struct Wanted {
+  std::vector<std::int32_t>* right_of = nullptr;  // by edge
+  std::vector<Beginning>* beginnings = nullptr;
+};
+
+class Sweeper {
+ public:
+  Sweeper(const EdgeLoops& loops, std::span<const char> is_swept, const Wanted& wanted)
+      : loops_(loops), is_swept_(is_swept), wanted_(wanted), place_(loops.points.size()) {
+    if (wanted.right_of != nullptr) wanted.right_of->assign(loops.points.size(), 0);
+  }
+
+  SweepResult run(std::span<const std::uint32_t> order) {
+    for (std::size_t i = 0; i < order.size() && !result_.crosses;) {
+      const LatticePoint p = loops_.points[order[i]];
+      std::size_t end = i + 1;
+      while (end < order.size() && loops_.points[order[end]] == p)
+        ++end;
+      if (!(end == i + 1 && pass_on(order[i]))) pass(p, order.subspan(i, end - i));
+      i = end;
+    }
+    return result_;
+  }
+
+ private:
+  using Line = std::set<Met, Below>;
+
+  bool is_swept(std::uint32_t edge) const { return is_swept_.empty() || is_swept_[edge] != 0; }
+
+  // Where one edge ends and one begins: true if it is so.
+  bool pass_on(std::uint32_t vertex) {
+    const std::uint32_t in = loops_.previous[vertex];
+    const LatticePoint p = loops_.points[vertex], from = loops_.points[in], to = loops_.to(vertex);
+    if ((from < p) != (p < to) || !is_swept(in) || !is_swept(vertex)) return false;
+    const bool is_forwards = from < p;
+    const Line::iterator at = place_[is_forwards ? in : vertex];
+    replace(at, p, is_forwards ? to : from, is_forwards ? vertex : in);
+    if (at != line_.begin()) look_at(*std::prev(at), *at);
+    if (const auto above = std::next(at); above != line_.end()) look_at(*at, *above);
+    return true;
+  }
+
+  void pass(LatticePoint p, std::span<const std::uint32_t> vertices) {
+    begin_.clear();
+    ends_.clear();
+    for (const std::uint32_t v : vertices) {
+      const std::uint32_t in = loops_.previous[v];
+      for (const auto& [edge, other] :
+           {std::pair{in, loops_.points[in]}, std::pair{v, loops_.to(v)}}) {
+        if (!is_swept(edge)) continue;
+        if (other < p) {
+          ends_.push_back(edge);
+        } else {
+          begin_.push_back({p, other, edge, 0, edge == v});
+        }
+      }
+    }
+    Line::iterator above;
+    if (ends_.empty()) {
+      if (begin_.empty()) return;
+      above = line_.lower_bound(p);
+      if (above != line_.end() && line_.key_comp().side(*above, p) == 0)
+        return found(*above, begin_.front());
+    } else {
+      // What ends in one point is side by side.
+      for (const std::uint32_t edge : ends_)
+        above = line_.erase(place_[edge]);
+    }
+    std::sort(begin_.begin(), begin_.end(),
+              [this](const Met& e, const Met& f) { return line_.key_comp().side(e, f.right) > 0; });
+    for (std::size_t i = 0; i + 1 < begin_.size(); ++i) {
+      if (line_.key_comp().side(begin_[i], begin_[i + 1].right) == 0)
+        return found(begin_[i], begin_[i + 1]);
+    }
+    const Met* below = above == line_.begin() ? nullptr : &*std::prev(above);
+    if (begin_.empty()) {
+      if (below != nullptr && above != line_.end()) look_at(*below, *above);
+      return;
+    }
+    if (below != nullptr) look_at(*below, begin_.front());
+    if (above != line_.end()) look_at(begin_.back(), *above);
+    if (result_.crosses) return;
+    std::int32_t winding = below == nullptr ? 0 : below->winding_above();
+    std::uint32_t edge_below = below == nullptr ? kNoEdge : below->edge;
+    for (Met& met : begin_) {
+      if (wanted_.beginnings != nullptr) wanted_.beginnings->push_back({met.edge, edge_below});
+      edge_below = met.edge;
+      met.winding_below = winding;
+      winding = met.winding_above();
+      const Line::iterator at = line_.insert(above, met);
+      place_[met.edge] = at;
+      note(*at);
+    }
+  }
+
+  void replace(Line::iterator at, LatticePoint left, LatticePoint right, std::uint32_t edge) {
+    at->left = left;
+    at->right = right;
+    at->edge = edge;
+    place_[edge] = at;
+    note(*at);
+  }
+
+  void note(const Met& met) {
+    const std::int32_t winding = met.winding_right();
+    result_.winds_once = result_.winds_once && winding == 0;
+    if (wanted_.right_of != nullptr) (*wanted_.right_of)[met.edge] = winding;
+  }
+
+  // Of neighbours: the lower one must stay below the other to the end of either, but for a common
+  // end.
+  void look_at(const Met& lower, const Met& upper) {
+    if (lower.right == upper.right) return;
+    const bool stays = lower.right < upper.right ? line_.key_comp().side(upper, lower.right) < 0
+                                                 : line_.key_comp().side(lower, upper.right) > 0;
+    if (!stays) found(lower, upper);
+  }
+
+  void found(const Met& one, const Met& other) {
+    result_.crosses = true;
+    result_.first = one.edge;
+    result_.second = other.edge;
+  }
+
+  const EdgeLoops& loops_;
+  std::span<const char> is_swept_;
+  Wanted wanted_;
+  SweepResult result_;
+  Line line_{Below(result_.tests)};
+  std::vector<Line::iterator> place_;  // in line_, by edge
+  std::vector<Met> begin_;             // of pass()
+  std::vector<std::uint32_t> ends_;
+};
+
+}  // namespace
+
+void EdgeLoops::reserve(std::size_t size) {
+  points.reserve(size);
+  next.reserve(size);
+  previous.reserve(size);
+}
+
+void EdgeLoops::add(std::span<const LatticePoint> ring) {
+  const auto first = static_cast<std::uint32_t>(points.size()),
+             size = static_cast<std::uint32_t>(ring.size());
+  points.insert(points.end(), ring.begin(), ring.end());
+  for (std::uint32_t i = 0; i < size; ++i) {
+    next.push_back(first + (i + 1 < size ? i + 1 : 0));
+    previous.push_back(first + (i > 0 ? i : size) - 1);
+  }
+}
+
+std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) {
+  struct Key {
+    std::uint64_t point;
+    std::uint32_t number;
+  };
+  std::vector<Key> keys;
+  keys.reserve(points.size());
+  const auto unsigned_of = [](std::int32_t c) {
+    return static_cast<std::uint32_t>(c) ^ 0x80000000U;  // in the same order
+  };
+  for (std::uint32_t i = 0; i < points.size(); ++i)
+    keys.push_back({std::uint64_t{unsigned_of(points[i].x)} << 32U | unsigned_of(points[i].y), i});
+  std::sort(keys.begin(), keys.end(), [](const Key& a, const Key& b) {
+    return a.point != b.point ? a.point < b.point : a.number < b.number;
+  });
+  std::vector<std::uint32_t> out(keys.size());
+  std::transform(keys.begin(), keys.end(), out.begin(), [](const Key& k) { return k.number; });
+  return out;
+}
+
+SweepResult sweep(const EdgeLoops& loops, std::span<const std::uint32_t> order,
+                  std::span<const char> is_swept, std::vector<std::int32_t>* right_of) {
+  return Sweeper(loops, is_swept, {right_of, nullptr}).run(order);
+}
+
+std::optional<std::vector<std::uint32_t>> rings_around(const std::vector<Ring>& rings) {
+  EdgeLoops loops;
+  std::vector<std::uint32_t> ring_of;  // by edge
+  for (const Ring& ring : rings) {
+    ring_of.insert(ring_of.end(), ring.size(), static_cast<std::uint32_t>(&ring - rings.data()));
+    loops.add(ring);
+  }
+  std::vector<std::int32_t> right_of;
+  std::vector<Beginning> beginnings;
+  const SweepResult swept =
+      Sweeper(loops, {}, {&right_of, &beginnings}).run(in_sweep_order(loops.points));
+  if (swept.crosses) return std::nullopt;
+  // Along a ring that no other one passes into, the windings are the same.
+  for (std::size_t e = 0; e < right_of.size(); ++e) {
+    if (right_of[e] != right_of[loops.next[e]]) return std::nullopt;
+  }
+  constexpr std::uint32_t kUnknown = kNoRing - 1;
+  std::vector<std::uint32_t> out(rings.size(), kUnknown);
+  // Of a ring, the lower edge at its first point comes first; so do those of the ring below.
+  for (const auto& [edge, below] : beginnings) {
+    std::uint32_t& around = out[ring_of[edge]];
+    if (around != kUnknown) continue;
+    around = kNoRing;
+    if (below == kNoEdge) continue;
+    const std::uint32_t other = ring_of[below];
+    const bool is_forwards =
+        loops.points[below]<loops.to(below), is_outer = doubled_area(rings[other])> 0;
+    around = is_forwards == is_outer ? other : out[other];
+  }
+  return out;
+}
+
+Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
+                               const SweepResult& swept, const char* what) {
+  if (!swept.crosses) return {};
+  // The shortest part of this list, from its start, in which any two edges cross.
+  std::vector<std::uint32_t> edges(loops.points.size());
+  std::iota(edges.begin(), edges.end(), 0U);
+  std::sort(edges.begin(), edges.end(), [&loops](std::uint32_t e, std::uint32_t f) {
+    const auto key = [&loops](std::uint32_t i) {
+      const LatticePoint a = loops.points[i], b = loops.to(i);
+      return std::tuple{std::min(a.x, b.x), a, b};
+    };
+    return key(e) < key(f);
+  });
+  std::vector<std::uint32_t> rank(edges.size());
+  for (std::uint32_t i = 0; i < edges.size(); ++i)
+    rank[edges[i]] = i;
+  std::vector<char> is_swept(edges.size());
+  const auto last_of = [&rank](const SweepResult& s) {
+    return std::max(rank[s.first], rank[s.second]);
+  };
+  std::uint32_t last = last_of(swept);  // the list up to here has two that cross
+  for (std::uint32_t low = 1; low < last;) {
+    const std::uint32_t middle = low + (last - low) / 2;
+    for (std::size_t e = 0; e < edges.size(); ++e)
+      is_swept[e] = rank[e] <= middle ? 1 : 0;
+    const SweepResult part = sweep(loops, order, is_swept);
+    if (part.crosses) {
+      last = last_of(part);
+    } else {
+      low = middle + 1;
+    }
+  }
+  const LatticePoint p = loops.points[edges[last]];
+  return refused(std::string(what) + " cross near lattice point (" + std::to_string(p.x) + ", " +
+                 std::to_string(p.y) + ")");
+}
+
+}  // namespace trocar

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/batch_run.h"
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <deque>
+#include <memory>
+#include <unordered_map>
+
+#include "formats/base/json_text.h"
+#include "formats/base/nearest_name.h"
+#include "pipeline/farm/claim.h"
+#include "pipeline/farm/fault_point.h"
+#include "pipeline/farm/journal.h"
+#include "pipeline/farm/processes.h"
+
+namespace trocar::farm {
+namespace {
+
+using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+// Of a claimed key: how often it is looked for.
+constexpr std::chrono::milliseconds kLookAgain{200};
+
+struct Todo {
+  std::size_t scan = 0;   // in the batch
+  bool is_stale = false;  // or only to be verified
+};
+
+struct Waiting {
+  Todo todo;
+  std::string key;
+};
+
+json journal_line(const std::string& scan, const Outcome& outcome) {
+  json out = {{"scan", scan},
+              {"key", outcome.key.empty() ? json() : json(outcome.key)},
+              {"outcome", outcome_name(outcome.kind)},
+              {"seconds", outcome.seconds},
+              {"bytes", outcome.bytes},
+              {"input_bytes", outcome.input_bytes},
+              {"exit_code", outcome.exit_code}};
+  if (outcome.signal != 0) out["signal"] = outcome.signal;
+  if (!outcome.reason.empty()) out["reason"] = outcome.reason;
+  if (!outcome.warnings.empty()) out["warnings"] = outcome.warnings;
+  return out;
+}
+
+// The work of one run.
+class Run {
+ public:
+  Run(const std::vector<WantedScan>& wanted, const BatchSettings& settings,
+      const ScanProgram& program, const Store& store)
+      : wanted_(wanted),
+        settings_(settings),
+        program_(program),
+        store_(store),
+        journal_(store.folder() / "journal") {}
+
+  Result<BatchSummary> operator()() {
+    const auto start = Clock::now();
+    look_for_work();
+    total_ = todo_.size();
+    while (!todo_.empty() || !waiting_.empty() || processes_.running() > 0) {
+      if (is_stopped()) break;
+      if (auto ok = begin_more(); !ok) return ok.error();
+      if (auto ended = processes_.wait(patience()); ended) finish(*ended);
+      look_at_waiting();
+    }
+    end_all();
+    // A killed process's files: it had no time to remove them.
+    if (has_killed_) store_.remove_strays();
+    summary_.scans = wanted_.size();
+    summary_.left += todo_.size() + waiting_.size();
+    std::sort(failed_.begin(), failed_.end(),
+              [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (auto& [scan, outcome] : failed_)
+      summary_.failed.push_back({wanted_[scan].scan->name, std::move(outcome)});
+    summary_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    return std::move(summary_);
+  }
+
+ private:
+  bool is_stopped() const { return settings_.stop != nullptr && settings_.stop->load(); }
+
+  void look_for_work() {
+    for (std::size_t k = 0; k < wanted_.size(); ++k) {
+      const bool is_stale = !causes(wanted_[k], store_, {}).empty();
+      // A rehash is done by the scans' processes, several at once.
+      if (is_stale || settings_.rehash || settings_.verify) {
+        todo_.push_back({k, is_stale});
+      } else {
+        ++summary_.unchanged;
+      }
+    }
+  }
+
+  Work work_of(const Todo& todo, int threads) const {
+    return {wanted_[todo.scan], settings_.rehash, settings_.verify, threads, settings_.stop};
+  }
+
+  Result<void> begin_more() {
+    const auto jobs = static_cast<std::size_t>(settings_.jobs);
+    while (!todo_.empty() && processes_.running() < jobs) {
+      // The last scans share the cores that others leave.
+      const std::size_t at_once = std::min(jobs, todo_.size() + processes_.running());
+      const Todo todo = todo_.front();
+      const Work work = work_of(todo, static_cast<int>(std::max<std::size_t>(1, jobs / at_once)));
+      auto ok = processes_.begin(in_hand_.size(), [&] {
+        return json_text(outcome_json(work_on(work, store_, program_)));
+      });
+      if (!ok) return ok;
+      todo_.pop_front();
+      in_hand_.push_back(todo);
+    }
+    return {};
+  }
+
+  std::chrono::milliseconds patience() const {
+    return waiting_.empty() ? std::chrono::milliseconds(1000) : kLookAgain;
+  }
+
+  void finish(const Ended& ended) {
+    const Todo todo = in_hand_[ended.piece];
+    const json sent = json::parse(ended.text, nullptr, false);
+    Outcome outcome;
+    if (ended.signal == 0 && sent.is_object()) {
+      outcome = outcome_from(sent);
+    } else {
+      has_killed_ = true;
+      if (is_stopped()) return void(++summary_.left);
+      outcome = record_killed(work_of(todo, 1), store_, ended.signal, ended.exit_code);
+    }
+    outcome.seconds = ended.seconds;
+    if (outcome.kind == Outcome::Kind::kClaimed) {
+      waiting_.push_back({todo, outcome.key});
+      return;
+    }
+    count(todo, std::move(outcome));
+  }
+
+  void count(const Todo& todo, Outcome outcome) {
+    const std::string& name = wanted_[todo.scan].scan->name;
+    const bool is_same = !todo.is_stale && outcome.kind == Outcome::Kind::kFound;
+    if (!is_same) summary_.has_journal &= journal_.add(journal_line(name, outcome));
+    switch (outcome.kind) {
+      case Outcome::Kind::kMade:
+        ++summary_.made;
+        break;
+      case Outcome::Kind::kFound:
+        ++(is_same ? summary_.unchanged : summary_.found);
+        break;
+      case Outcome::Kind::kClaimed:
+      case Outcome::Kind::kInterrupted:
+        ++summary_.left;
+        break;
+      case Outcome::Kind::kFailed:
+        summary_.has_unrecorded |= !outcome.is_recorded;
+        failed_.emplace_back(todo.scan, std::move(outcome));
+        break;
+    }
+    ++done_;
+    if (settings_.progress) settings_.progress(done_, failed_.size(), total_);
+  }
+
+  // A claimed key is done, or its owner is dead: either way its scan is begun again.
+  void look_at_waiting() {
+    if (waiting_.empty() || Clock::now() < next_look_) return;
+    next_look_ = Clock::now() + kLookAgain;
+    std::erase_if(waiting_, [this](const Waiting& one) {
+      if (is_claimed(store_, one.key)) return false;
+      todo_.push_back(one.todo);
+      return true;
+    });
+  }
+
+  // After a signal the scans in hand end soon, by the same signal's handler.
+  void end_all() {
+    if (processes_.running() == 0) return;
+    processes_.signal_all(SIGTERM);
+    while (processes_.running() > 0) {
+      const auto ended = processes_.wait(std::chrono::milliseconds(10'000));
+      if (!ended) {
+        processes_.signal_all(SIGKILL);
+        continue;
+      }
+      const json sent = json::parse(ended->text, nullptr, false);
+      const Todo todo = in_hand_[ended->piece];
+      if (ended->signal == 0 && sent.is_object() &&
+          outcome_from(sent).kind != Outcome::Kind::kFailed) {
+        Outcome outcome = outcome_from(sent);
+        outcome.seconds = ended->seconds;
+        count(todo, std::move(outcome));
+      } else {
+        has_killed_ |= ended->signal != 0;
+        ++summary_.left;
+      }
+    }
+  }
+
+  const std::vector<WantedScan>& wanted_;
+  const BatchSettings& settings_;
+  const ScanProgram& program_;
+  const Store& store_;
+  Journal journal_;
+  Processes processes_;
+  std::deque<Todo> todo_;
+  std::vector<Todo> in_hand_;  // in the order in which they were begun
+  std::vector<Waiting> waiting_;
+  std::vector<std::pair<std::size_t, Outcome>> failed_;
+  BatchSummary summary_;
+  std::size_t total_ = 0, done_ = 0;
+  bool has_killed_ = false;
+  Clock::time_point next_look_;
+};
+
+}  // namespace
+
+Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& program,
+                          const std::string& digest, BatchSettings settings) {
+  Batch out(program);
+  out.settings_ = std::move(settings);
+  std::set<std::string> unknown = out.settings_.only.value_or(std::set<std::string>());
+  std::unordered_map<std::string, const Parameters*> known;
+  for (std::size_t k = 0; k < collection.scans.size(); ++k) {
+    const CollectionScan& scan = collection.scans[k];
+    // All are checked, so that every shard refuses a wrong collection.
+    const auto [at, is_new] = known.emplace(json_text(scan.parameters), nullptr);
+    if (is_new) {
+      auto read = program.parameters(scan.parameters);
+      if (!read && read.error().code == ExitCode::kUsage)
+        return usage("scan " + scan.name + ": " + read.error().message);
+      if (read) {
+        out.parameters_.push_back(std::make_unique<Parameters>(std::move(*read)));
+        at->second = out.parameters_.back().get();
+      }
+    }
+    if (out.settings_.only) {
+      unknown.erase(scan.name);
+      if (!out.settings_.only->contains(scan.name)) continue;
+    }
+    if (const auto& shard = out.settings_.shard;
+        shard &&
+        k % static_cast<std::size_t>(shard->second) != static_cast<std::size_t>(shard->first))
+      continue;
+    out.wanted_.push_back({&scan, at->second, &digest});
+  }
+  if (!unknown.empty())
+    return usage("--only: " + *unknown.begin() + ": the collection has no such scan");
+  return out;
+}
+
+Result<std::vector<StaleScan>> Batch::dry_run() const {
+  const auto store = Store::open_for_reading(settings_.store);
+  if (!store) return store.error();
+  std::vector<StaleScan> out;
+  for (const WantedScan& one : wanted_) {
+    auto why = causes(one, *store, {settings_.rehash, false});
+    if (!why.empty()) out.push_back({one.scan->name, std::move(why)});
+  }
+  return out;
+}
+
+Result<std::vector<json>> Batch::explain(const std::string& scan) const {
+  const auto store = Store::open_for_reading(settings_.store);
+  if (!store) return store.error();
+  std::vector<std::string> names;
+  for (const WantedScan& one : wanted_) {
+    if (one.scan->name == scan) return causes(one, *store, {settings_.rehash, true});
+    names.push_back(one.scan->name);
+  }
+  return usage("--explain " + scan + ": the collection has no such scan" +
+               did_you_mean(scan, names));
+}
+
+Result<BatchSummary> Batch::run() const {
+  const auto store = Store::open_for_writing(settings_.store);
+  if (!store) {
+    // One that cannot be written will do if there is nothing to write.
+    const auto stale = dry_run();
+    if (store.error().code != ExitCode::kUnwritable || settings_.rehash || settings_.verify ||
+        !stale || !stale->empty())
+      return store.error();
+    BatchSummary out;
+    out.scans = out.unchanged = wanted_.size();
+    return out;
+  }
+  return Run(wanted_, settings_, *program_, *store)();
+}
+
+}  // namespace trocar::farm

@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/collection.h"
+
+#include <algorithm>
+#include <set>
+#include <system_error>
+#include <unordered_map>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "formats/base/strict_json.h"
+
+namespace trocar::farm {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+constexpr std::size_t kMostScans = 10'000'000;
+constexpr std::size_t kMostNameBytes = 120;
+
+bool is_letter_or_digit(char c) {
+  return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+}
+
+// A path or a name of a series: 1 to 4096 bytes without control characters.
+bool is_text(const json& value) {
+  if (!value.is_string()) return false;
+  const auto& text = value.get_ref<const std::string&>();
+  return !text.empty() && text.size() <= 4096 &&
+         std::none_of(text.begin(), text.end(),
+                      [](unsigned char c) { return c < 0x20 || c == 0x7f; });
+}
+
+bool is_value(const json& value) {
+  if (value.is_array())
+    return !value.empty() && std::all_of(value.begin(), value.end(), [](const json& one) {
+      return one.is_number() || is_text(one);
+    });
+  return value.is_number() || value.is_boolean() || value.is_null() || is_text(value);
+}
+
+// Adds to `into`; null and false take back what is there.
+void read_parameters(const json& given, const std::string& path, json& into, JsonErrors& errors) {
+  if (!given.is_object()) return errors.add(path, "must be an object");
+  for (const auto& [name, value] : given.items()) {
+    if (!is_value(value)) {
+      std::string at = path;
+      errors.add(at.append("/").append(name),
+                 "must be a number, a text, true, false, null, or an array");
+    } else if (value.is_null() || value == false) {
+      into.erase(name);
+    } else {
+      into[name] = value;
+    }
+  }
+}
+
+void read_input(const json& input, const std::string& path, CollectionScan& scan,
+                JsonErrors& errors) {
+  if (is_text(input)) {
+    scan.paths = {input.get<std::string>()};
+  } else if (input.is_array() && !input.empty() &&
+             std::all_of(input.begin(), input.end(), is_text)) {
+    scan.paths = input.get<std::vector<std::string>>();
+  } else if (input.is_object() && input.contains("glob")) {
+    StrictObject reader(input, path, errors);
+    scan.glob = reader.string("glob");
+    reader.finish();
+  } else if (input.is_object()) {
+    StrictObject reader(input, path, errors);
+    scan.paths = {reader.string("folder")};
+    if (const json* series = reader.optional_value("series"); series != nullptr) {
+      if (series->is_number_integer()) {
+        scan.series = series->dump();
+      } else if (is_text(*series)) {
+        scan.series = series->get<std::string>();
+      } else {
+        errors.add(reader.path("series"), "must be a number or a text");
+      }
+    }
+    reader.finish();
+  } else {
+    errors.add(path, "must be a path, an array of paths, {\"glob\": ...} or {\"folder\": ...}");
+  }
+}
+
+CollectionScan read_scan(const json& value, const std::string& path, const json& defaults,
+                         JsonErrors& errors) {
+  CollectionScan out;
+  StrictObject reader(value, path, errors);
+  out.name = reader.string("name");
+  if (!out.name.empty() && !is_scan_name(out.name))
+    errors.add(reader.path("name"),
+               "must begin with a letter, digit or _, and hold only these and . + -, 120 at most");
+  if (const json* input = reader.optional_value("input"); input == nullptr) {
+    errors.add(reader.path("input"), "is missing");
+  } else {
+    read_input(*input, reader.path("input"), out, errors);
+  }
+  out.parameters = defaults;
+  if (const json* own = reader.optional_value("parameters"); own != nullptr)
+    read_parameters(*own, reader.path("parameters"), out.parameters, errors);
+  reader.finish();
+  return out;
+}
+
+// A scan's name from where it lies and its series: what may not be in a name becomes _.
+std::string name_of(const json& scan) {
+  std::string out = scan["path"].get<std::string>();
+  for (const char* ending : {".gz", ".nii"})
+    if (scan["kind"] == "nifti" && out.ends_with(ending))
+      out.resize(out.size() - std::string(ending).size());
+  if (out == ".") out = "scan";
+  if (const auto number = scan.find("number"); number != scan.end() && number->is_number())
+    out += "_s" + number->dump();
+  std::replace_if(
+      out.begin(), out.end(),
+      [](char c) { return !is_letter_or_digit(c) && c != '.' && c != '-' && c != '_' && c != '+'; },
+      '_');
+  if (out.size() > kMostNameBytes - 8) out.resize(kMostNameBytes - 8);
+  return is_scan_name(out) ? out : "_" + out;
+}
+
+}  // namespace
+
+bool is_scan_name(std::string_view name) {
+  if (name.empty() || name.size() > kMostNameBytes) return false;
+  if (!is_letter_or_digit(name[0]) && name[0] != '_') return false;
+  return std::all_of(name.begin(), name.end(), [](char c) {
+    return is_letter_or_digit(c) || c == '.' || c == '_' || c == '+' || c == '-';
+  });
+}
+
+Result<Collection> parse_collection(std::string_view text, const fs::path& file) {
+  const auto document = parse_strict_json(text, file.string());
+  if (!document) return usage(document.error().message);
+  JsonErrors errors{file.string(), {}};
+  StrictObject reader(*document, "", errors);
+  if (const std::string schema = reader.string("schema");
+      !errors.first && schema != "trocar.collection/1")
+    errors.add("/schema", "must be \"trocar.collection/1\"");
+  Collection out;
+  out.folder = file.has_parent_path() ? file.parent_path() : ".";
+  json defaults = json::object();
+  if (const json* given = reader.optional_value("defaults"); given != nullptr)
+    read_parameters(*given, "/defaults", defaults, errors);
+  if (const json* scans = reader.array("scans", 0, kMostScans); scans != nullptr) {
+    out.scans.reserve(scans->size());
+    std::unordered_map<std::string, std::size_t> places;
+    for (std::size_t k = 0; k < scans->size() && !errors.first; ++k) {
+      const std::string path = "/scans/" + std::to_string(k);
+      out.scans.push_back(read_scan((*scans)[k], path, defaults, errors));
+      const auto [at, is_new] = places.emplace(out.scans.back().name, k);
+      if (!is_new)
+        errors.add(path + "/name", "\"" + at->first + "\" is also the name of /scans/" +
+                                       std::to_string(at->second));
+    }
+  }
+  reader.finish();
+  if (errors.first) return usage(errors.first->message);
+  return out;
+}
+
+Result<Collection> read_collection(const fs::path& file) {
+  const auto bytes = read_file(file, kMostBytes);
+  if (!bytes) return usage(bytes.error().message);
+  return parse_collection({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, file);
+}
+
+json first_collection(const json& list, const fs::path& folder, const fs::path& relative_to) {
+  std::error_code ignored;
+  const fs::path base = fs::is_regular_file(folder, ignored) ? folder.parent_path() : folder;
+  json scans = json::array();
+  std::set<std::string> names;
+  for (const json& scan : list["scans"]) {
+    const auto localiser = scan.find("localiser");
+    if (!scan["usable"].get<bool>() || (localiser != scan.end() && localiser->get<bool>()))
+      continue;
+    std::string name = name_of(scan);
+    for (int k = 2; !names.insert(name).second; ++k)
+      name = name_of(scan) + "-" + std::to_string(k);
+    fs::path path = base / scan["path"].get<std::string>();
+    if (path.filename() == ".") path = path.parent_path();
+    path = fs::proximate(path, relative_to, ignored);
+    json one = {{"name", name}, {"input", path.generic_string()}};
+    json parameters = json::object();
+    if (scan["kind"] == "dicom") {
+      const bool is_file = fs::is_regular_file(base / scan["path"].get<std::string>(), ignored);
+      if (!is_file) one["input"] = {{"folder", path.generic_string()}, {"series", scan["uid"]}};
+      if (scan.contains("segments")) parameters["labels"] = "all";
+    }
+    if (!parameters.empty()) one["parameters"] = std::move(parameters);
+    scans.push_back(std::move(one));
+  }
+  return {
+      {"schema", "trocar.collection/1"}, {"defaults", json::object()}, {"scans", std::move(scans)}};
+}
+
+}  // namespace trocar::farm

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/journal.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <ctime>
+#include <string>
+
+#include "formats/base/json_text.h"
+#include "pipeline/farm/fault_point.h"
+#include "pipeline/farm/owner.h"
+
+namespace trocar::farm {
+namespace {
+
+std::string time_text() {
+  using namespace std::chrono;
+  const auto now = system_clock::now();
+  const std::time_t seconds = system_clock::to_time_t(now);
+  const auto ms = duration_cast<milliseconds>(now.time_since_epoch()).count() % 1000;
+  std::tm parts{};
+  ::gmtime_r(&seconds, &parts);
+  std::array<char, 40> day{};
+  const std::size_t n = std::strftime(day.data(), day.size(), "%Y-%m-%dT%H:%M:%S", &parts);
+  std::array<char, 8> rest{};
+  std::snprintf(rest.data(), rest.size(), ".%03dZ", static_cast<int>(ms));
+  return std::string(day.data(), n) + rest.data();
+}
+
+}  // namespace
+
+Journal::~Journal() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+bool Journal::add(nlohmann::json line) {
+  const Owner me = this_process();
+  if (fd_ < 0) {
+    const std::string name =
+        me.host + "-" + std::to_string(me.pid) + "-" + std::to_string(me.start) + ".ndjson";
+    fd_ = ::open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+    if (fd_ < 0) return false;
+  }
+  line["time"] = time_text();
+  line["host"] = me.host;
+  line["pid"] = me.pid;
+  fault_point("journal");
+  const std::string text = json_text(line) + "\n";
+  return ::write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+}
+
+}  // namespace trocar::farm

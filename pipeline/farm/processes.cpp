@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/processes.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <system_error>
+
+#include "pipeline/farm/fault_point.h"
+
+namespace trocar::farm {
+namespace {
+
+void send_all(int fd, const std::string& text) {
+  for (std::size_t done = 0; done < text.size();) {
+    const ssize_t put = ::write(fd, text.data() + done, text.size() - done);
+    if (put < 0 && errno != EINTR) return;
+    if (put > 0) done += static_cast<std::size_t>(put);
+  }
+}
+
+}  // namespace
+
+Processes::~Processes() {
+  signal_all(SIGKILL);
+  for (const Running& one : running_) {
+    ::close(one.fd);
+    ::waitpid(one.pid, nullptr, 0);
+  }
+}
+
+Result<void> Processes::begin(std::size_t piece, const std::function<std::string()>& work) {
+  std::array<int, 2> ends{};
+  if (::pipe2(ends.data(), O_CLOEXEC) != 0)
+    return bug("no pipe for a scan's process: " + std::generic_category().message(errno));
+  std::fflush(nullptr);
+  const pid_t parent = ::getpid();
+  const pid_t pid = ::fork();
+  if (pid < 0) {
+    const int error = errno;
+    ::close(ends[0]);
+    ::close(ends[1]);
+    return bug("no process for a scan: " + std::generic_category().message(error));
+  }
+  if (pid == 0) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) ::_exit(0);  // it died before
+    ::close(ends[0]);
+    for (const Running& other : running_)
+      ::close(other.fd);
+    take_role(ProcessRole::kWorker);
+    send_all(ends[1], work());
+    std::fflush(nullptr);
+    ::_exit(0);  // the parent's objects are not this process's to destroy
+  }
+  ::close(ends[1]);
+  running_.push_back({piece, pid, ends[0], {}, std::chrono::steady_clock::now()});
+  return {};
+}
+
+std::optional<Ended> Processes::wait(std::chrono::milliseconds most) {
+  std::vector<pollfd> waiting;
+  for (const Running& one : running_)
+    waiting.push_back({one.fd, POLLIN, 0});
+  if (::poll(waiting.data(), waiting.size(), static_cast<int>(most.count())) <= 0)
+    return std::nullopt;
+  for (std::size_t k = 0; k < waiting.size(); ++k) {
+    if (waiting[k].revents == 0) continue;
+    std::array<char, 4096> block{};
+    const ssize_t got = ::read(running_[k].fd, block.data(), block.size());
+    if (got > 0) running_[k].text.append(block.data(), static_cast<std::size_t>(got));
+    if (got > 0 || (got < 0 && errno == EINTR)) continue;
+    const Running one = std::move(running_[k]);
+    running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
+    ::close(one.fd);
+    int status = 0;
+    while (::waitpid(one.pid, &status, 0) < 0 && errno == EINTR) {
+    }
+    Ended out;
+    out.piece = one.piece;
+    out.text = one.text;
+    if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);
+    if (WIFEXITED(status)) out.exit_code = WEXITSTATUS(status);
+    out.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - one.start).count();
+    return out;
+  }
+  return std::nullopt;
+}
+
+void Processes::signal_all(int signal) const {
+  for (const Running& one : running_)
+    ::kill(one.pid, signal);
+}
+
+}  // namespace trocar::farm

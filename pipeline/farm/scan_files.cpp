@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/scan_files.h"
+
+#include <glob.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <system_error>
+#include <thread>
+#include <unordered_map>
+
+#include "pipeline/farm/sha256.h"
+#include "pipeline/read/scan_folder.h"
+
+namespace trocar::farm {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+Result<struct stat> status_of(const fs::path& path) {
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0)
+    return refused(path.string() + ": " + std::generic_category().message(errno));
+  return status;
+}
+
+ScanFile file_of(const NamedFile& file, const struct stat& status) {
+  return {file.of, file.path.string(), static_cast<std::uint64_t>(status.st_size),
+          std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec,
+          static_cast<std::uint64_t>(status.st_ino)};
+}
+
+}  // namespace
+
+bool same_state(const ScanFile& a, const ScanFile& b) {
+  return a.of == b.of && a.path == b.path && a.size == b.size && a.mtime_ns == b.mtime_ns &&
+         a.inode == b.inode;
+}
+
+bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](const ScanFile& x, const ScanFile& y) { return same_state(x, y); });
+}
+
+Result<std::vector<fs::path>> inputs_of(const CollectionScan& scan) {
+  std::vector<fs::path> out(scan.paths.begin(), scan.paths.end());
+  if (scan.glob.empty()) return out;
+  glob_t found{};
+  // The batch has no threads, and a scan's process calls this before it has any.
+  const int failed =
+      ::glob(scan.glob.c_str(), 0, nullptr, &found);  // NOLINT(concurrency-mt-unsafe)
+  if (failed == 0) out.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+  ::globfree(&found);
+  if (failed == GLOB_NOMATCH) return refused(scan.glob + ": no file matches");
+  if (failed != 0) return refused(scan.glob + ": the pattern's folders cannot be read");
+  std::sort(out.begin(), out.end(), [](const fs::path& a, const fs::path& b) {
+    return pipeline::natural_less(a.string(), b.string());
+  });
+  return out;
+}
+
+Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths) {
+  std::vector<ScanFile> out;
+  for (const NamedFile& one : paths) {
+    const auto status = status_of(one.path);
+    if (!status) return status.error();
+    if (S_ISREG(status->st_mode)) {
+      out.push_back(file_of(one, *status));
+    } else if (S_ISDIR(status->st_mode)) {
+      std::vector<pipeline::Warning> ignored;
+      const auto below = pipeline::files_below(one.path, ignored);
+      if (!below) return below.error();
+      for (const fs::path& path : *below) {
+        const auto of_file = status_of(path);
+        if (!of_file) return of_file.error();
+        out.push_back(file_of({one.of, path}, *of_file));
+      }
+    } else {
+      return refused(one.path.string() + ": neither a file nor a folder");
+    }
+  }
+  return out;
+}
+
+void let_times_settle(const std::vector<ScanFile>& files) {
+  using namespace std::chrono;
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  // A kernel's clock for times of files moves in steps of up to 10 ms; some file systems keep
+  // whole seconds, or two.
+  constexpr std::int64_t kStep = 20'000'000;
+  const std::int64_t now =
+      duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
+  std::int64_t wait = 0;
+  for (const ScanFile& file : files) {
+    const std::int64_t step = file.mtime_ns % kSecond == 0 ? 2 * kSecond : kStep;
+    const std::int64_t left = file.mtime_ns + step - now;
+    // One that lies far in the future was set by hand.
+    if (left <= 2 * kSecond) wait = std::max(wait, left);
+  }
+  if (wait > 0) std::this_thread::sleep_for(nanoseconds(wait));
+}
+
+Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files) {
+  std::unordered_map<std::string, std::size_t> places;
+  for (std::size_t k = 0; k < files.size(); ++k)
+    places.emplace(files[k].of + ":" + files[k].path, k);
+  for (const NamedFile& one : wanted) {
+    const auto [at, is_new] = places.emplace(one.of + ":" + one.path.string(), files.size());
+    if (is_new) {
+      const auto status = status_of(one.path);
+      if (!status) return status.error();
+      files.push_back(file_of(one, *status));
+    }
+    ScanFile& file = files[at->second];
+    if (!file.sha256.empty()) continue;
+    auto digest = sha256_of_file(one.path);
+    if (!digest) return digest.error();
+    file.sha256 = std::move(*digest);
+  }
+  return {};
+}
+
+json files_json(const std::vector<ScanFile>& files) {
+  json out = json::array();
+  for (const ScanFile& file : files)
+    out.push_back({{"of", file.of},
+                   {"path", file.path},
+                   {"size", file.size},
+                   {"mtime_ns", file.mtime_ns},
+                   {"inode", file.inode},
+                   {"sha256", file.sha256.empty() ? json() : json(file.sha256)}});
+  return out;
+}
+
+std::optional<std::vector<ScanFile>> files_from(const json& files) {
+  try {
+    std::vector<ScanFile> out;
+    out.reserve(files.size());
+    for (const json& one : files) {
+      const json& digest = one.at("sha256");
+      out.push_back({one.at("of").get<std::string>(), one.at("path").get<std::string>(),
+                     one.at("size").get<std::uint64_t>(), one.at("mtime_ns").get<std::int64_t>(),
+                     one.at("inode").get<std::uint64_t>(),
+                     digest.is_null() ? std::string() : digest.get<std::string>()});
+    }
+    return out;
+  } catch (const json::exception&) {
+    return std::nullopt;
+  }
+}
+
+}  // namespace trocar::farm

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/sha256.h"
+
+#include <sodium.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "formats/base/file_io.h"
+
+namespace trocar::farm {
+namespace {
+
+std::string hex_of(const unsigned char* hash) {
+  char hex[2 * crypto_hash_sha256_BYTES + 1];
+  sodium_bin2hex(hex, sizeof hex, hash, crypto_hash_sha256_BYTES);
+  return hex;
+}
+
+}  // namespace
+
+std::string sha256_of(std::span<const std::uint8_t> bytes) {
+  unsigned char hash[crypto_hash_sha256_BYTES];
+  crypto_hash_sha256(hash, bytes.data(), bytes.size());
+  return hex_of(hash);
+}
+
+std::string sha256_of(std::string_view text) {
+  return sha256_of(std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+}
+
+Result<std::string> sha256_of_file(const std::filesystem::path& file) {
+  const auto source = open_file(file);
+  if (!source) return source.error();
+  crypto_hash_sha256_state state;
+  crypto_hash_sha256_init(&state);
+  std::vector<std::uint8_t> block(1 << 18);
+  for (std::uint64_t at = 0; at < (*source)->size(); at += block.size()) {
+    const auto n = std::min<std::uint64_t>(block.size(), (*source)->size() - at);
+    const std::span piece(block.data(), static_cast<std::size_t>(n));
+    if (auto ok = (*source)->read(at, piece); !ok)
+      return refused(file.string() + ": " + ok.error().message);
+    crypto_hash_sha256_update(&state, piece.data(), piece.size());
+  }
+  unsigned char hash[crypto_hash_sha256_BYTES];
+  crypto_hash_sha256_final(&state, hash);
+  return hex_of(hash);
+}
+
+bool is_sha256(std::string_view text) {
+  return text.size() == 2 * crypto_hash_sha256_BYTES &&
+         text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
+
+}  // namespace trocar::farm

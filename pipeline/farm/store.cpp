@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm/store.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/base/strict_json.h"
+#include "pipeline/farm/collection.h"
+#include "pipeline/farm/owner.h"
+#include "pipeline/farm/sha256.h"
+#include "pipeline/farm/whole_file.h"
+
+namespace trocar::farm {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using std::chrono::nanoseconds;
+
+constexpr const char* kMark = "trocar-store.json";
+constexpr const char* kSchema = "trocar.store/1";
+constexpr std::array<const char*, 8> kFolders = {"actions", "content", "scans",  "assets",
+                                                 "reports", "journal", "claims", "tmp"};
+constexpr std::uint64_t kMostJsonBytes = std::uint64_t{1} << 28;
+constexpr mode_t kPrivate = 0600;
+
+json object_json(const Object& object) {
+  return {{"sha256", object.sha256}, {"bytes", object.bytes}};
+}
+
+Object object_from(const json& value) {
+  Object out{value.at("sha256").get<std::string>(), value.at("bytes").get<std::uint64_t>()};
+  if (!is_sha256(out.sha256)) throw json::other_error::create(501, "no digest", &value);
+  return out;
+}
+
+// Reads a JSON file of the store; nothing if it is missing or damaged. What is read is checked by
+// its users: the store is no more to be trusted than other files.
+std::optional<std::string> text_of(const fs::path& file) {
+  const auto bytes = read_file(file, kMostJsonBytes);
+  if (!bytes) return std::nullopt;
+  return std::string(bytes->begin(), bytes->end());
+}
+
+std::string fanned_out(const std::string& digest) {
+  return digest.substr(0, 2) + "/" + digest;
+}
+
+fs::path link_target(const Object& object) {
+  return fs::path("..") / "content" / fanned_out(object.sha256);
+}
+
+bool is_there(const fs::path& file, std::uint64_t bytes) {
+  struct stat status {};
+  return ::stat(file.c_str(), &status) == 0 && S_ISREG(status.st_mode) &&
+         static_cast<std::uint64_t>(status.st_size) == bytes;
+}
+
+bool renew_time(const fs::path& file) {
+  return ::utimensat(AT_FDCWD, file.c_str(), nullptr, 0) == 0;
+}
+
+Result<bool> has_mark(const fs::path& folder) {
+  const auto text = text_of(folder / kMark);
+  if (!text) return false;
+  const json mark = json::parse(*text, nullptr, false);
+  if (!mark.is_object() || !mark.contains("schema"))
+    return usage(folder.string() + ": its " + kMark + " is damaged");
+  if (mark["schema"] != kSchema)
+    return usage(folder.string() + ": a store of another version, " + json_text(mark["schema"]) +
+                 "; this program writes " + kSchema);
+  return true;
+}
+
+// A folder that holds other things is no store, and does not become one.
+Result<void> check_empty(const fs::path& folder) {
+  std::error_code error;
+  for (const auto& one : fs::directory_iterator(folder, error)) {
+    const std::string name = one.path().filename().string();
+    if (std::find(kFolders.begin(), kFolders.end(), name) == kFolders.end() && name != kMark)
+      return usage(folder.string() + ": is no store, and holds " + name + "; give an empty folder");
+  }
+  if (error) return unwritable(folder.string() + ": " + error.message());
+  return {};
+}
+
+}  // namespace
+
+std::optional<nanoseconds> time_of(const fs::path& file) {
+  struct stat status {};
+  if (::lstat(file.c_str(), &status) != 0) return std::nullopt;
+  return std::chrono::seconds(status.st_mtim.tv_sec) + nanoseconds(status.st_mtim.tv_nsec);
+}
+
+json entry_json(const ScanEntry& entry) {
+  json out = {{"schema", "trocar.scan/1"},
+              {"name", entry.name},
+              {"status", entry.is_done() ? "done" : "failed"},
+              {"key", entry.key.empty() ? json() : json(entry.key)},
+              {"program", entry.program},
+              {"parameters", entry.parameters},
+              {"files", files_json(entry.files)}};
+  if (!entry.series.empty()) out["series"] = entry.series;
+  if (entry.is_done()) {
+    out["asset"] = object_json(entry.outputs->asset);
+    out["report"] = object_json(entry.outputs->report);
+  } else {
+    out["reason"] = entry.reason;
+    out["exit_code"] = entry.exit_code;
+    if (entry.signal != 0) out["signal"] = entry.signal;
+  }
+  return out;
+}
+
+std::optional<ScanEntry> entry_from(std::string_view text) {
+  const json value = json::parse(text, nullptr, false);
+  try {
+    if (value.at("schema") != "trocar.scan/1") return std::nullopt;
+    ScanEntry out;
+    out.name = value.at("name").get<std::string>();
+    if (!value.at("key").is_null()) {
+      out.key = value.at("key").get<std::string>();
+      if (!is_sha256(out.key)) return std::nullopt;
+    }
+    out.program = value.at("program").get<std::string>();
+    out.parameters = value.at("parameters");
+    out.series = value.value("series", "");
+    auto files = files_from(value.at("files"));
+    if (!files || !out.parameters.is_object()) return std::nullopt;
+    out.files = std::move(*files);
+    if (value.at("status") == "done") {
+      if (out.key.empty()) return std::nullopt;
+      out.outputs = Outputs{object_from(value.at("asset")), object_from(value.at("report"))};
+    } else {
+      out.reason = value.at("reason").get<std::string>();
+      out.exit_code = value.at("exit_code").get<int>();
+      out.signal = value.value("signal", 0);
+    }
+    return out;
+  } catch (const json::exception&) {
+    return std::nullopt;
+  }
+}
+
+Result<Store> Store::open_for_reading(const fs::path& folder) {
+  std::error_code ignored;
+  const auto marked = has_mark(folder);
+  if (!marked) return marked.error();
+  if (!*marked && fs::is_directory(folder, ignored)) {
+    if (auto ok = check_empty(folder); !ok) return ok.error();
+  }
+  return Store(folder);
+}
+
+Result<Store> Store::open_for_writing(const fs::path& folder) {
+  const Store store(folder);
+  if (::mkdir(folder.c_str(), 0777) != 0 && errno != EEXIST) return cannot_write(folder, errno);
+  const auto marked = has_mark(folder);
+  if (!marked) return marked.error();
+  if (!*marked) {
+    if (auto ok = check_empty(folder); !ok) return ok.error();
+  }
+  for (const char* name : kFolders) {
+    if (::mkdir((folder / name).c_str(), 0777) != 0 && errno != EEXIST)
+      return cannot_write(folder / name, errno);
+  }
+  if (::access(store.tmp().c_str(), W_OK | X_OK) != 0) return cannot_write(store.tmp(), errno);
+  if (!*marked) {
+    const std::string text = json_text({{"schema", kSchema}}) + "\n";
+    if (auto ok = write_whole({folder / kMark, store.tmp()}, text); !ok) return ok.error();
+  }
+  store.remove_strays();
+  return store;
+}
+
+fs::path Store::action_file(const std::string& key) const {
+  return folder_ / "actions" / (fanned_out(key) + ".json");
+}
+fs::path Store::content_file(const std::string& sha256) const {
+  return folder_ / "content" / fanned_out(sha256);
+}
+fs::path Store::entry_file(const std::string& name) const {
+  return folder_ / "scans" / (name + ".json");
+}
+fs::path Store::claim_file(const std::string& key) const {
+  return folder_ / "claims" / key;
+}
+
+bool Store::has(const Outputs& outputs) const {
+  return is_there(content_file(outputs.asset.sha256), outputs.asset.bytes) &&
+         is_there(content_file(outputs.report.sha256), outputs.report.bytes);
+}
+
+std::optional<Outputs> Store::find(const std::string& key) const {
+  const auto text = text_of(action_file(key));
+  if (!text) return std::nullopt;
+  const json value = json::parse(*text, nullptr, false);
+  try {
+    if (sha256_of(json_text(value.at("action"))) != key) return std::nullopt;
+    const json& outputs = value.at("outputs");
+    Outputs out{object_from(outputs.at("asset")), object_from(outputs.at("report"))};
+    if (!has(out)) return std::nullopt;
+    return out;
+  } catch (const json::exception&) {
+    return std::nullopt;
+  }
+}
+
+bool Store::renew(const std::string& key, const Outputs& outputs) const {
+  return renew_time(action_file(key)) && renew_time(content_file(outputs.asset.sha256)) &&
+         renew_time(content_file(outputs.report.sha256));
+}
+
+Result<Object> Store::put_content(
+    std::span<const std::uint8_t> bytes,
+    const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const {
+  Object out{sha256_of(bytes), bytes.size()};
+  const fs::path file = content_file(out.sha256);
+  if (is_there(file, out.bytes) && renew_time(file)) return out;
+  // The digest of what was read back is that of its name: write_whole() compares the bytes.
+  if (auto ok = write_whole({file, tmp(), 0666, true, prove}, bytes); !ok) return ok.error();
+  return out;
+}
+
+Result<void> Store::put_action(const std::string& key, const json& action,
+                               const Outputs& outputs) const {
+  const json value = {
+      {"action", action},
+      {"outputs",
+       {{"asset", object_json(outputs.asset)}, {"report", object_json(outputs.report)}}}};
+  return write_whole({action_file(key), tmp(), kPrivate}, json_text(value, 1) + "\n");
+}
+
+std::optional<ScanEntry> Store::entry(const std::string& name) const {
+  const auto text = text_of(entry_file(name));
+  if (!text) return std::nullopt;
+  auto out = entry_from(*text);
+  if (!out || out->name != name) return std::nullopt;
+  return out;
+}
+
+namespace {
+
+fs::path asset_link(const fs::path& store, const std::string& name) {
+  return store / "assets" / (name + ".glb");
+}
+fs::path report_link(const fs::path& store, const std::string& name) {
+  return store / "reports" / (name + ".json");
+}
+
+bool leads_to(const fs::path& link, const fs::path& target) {
+  std::array<char, 256> text{};
+  const ssize_t n = ::readlink(link.c_str(), text.data(), text.size());
+  return n >= 0 && std::string_view(text.data(), static_cast<std::size_t>(n)) == target.native();
+}
+
+bool is_absent(const fs::path& link) {
+  struct stat status {};
+  return ::lstat(link.c_str(), &status) != 0 && errno == ENOENT;
+}
+
+}  // namespace
+
+bool Store::links_fit(const ScanEntry& entry) const {
+  const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
+  if (!entry.is_done()) return is_absent(asset) && is_absent(report);
+  return leads_to(asset, link_target(entry.outputs->asset)) &&
+         leads_to(report, link_target(entry.outputs->report));
+}
+
+Result<void> Store::put_entry(const ScanEntry& entry) const {
+  // In a line: a second run reads all entries. A lost one is made again from the actions.
+  if (auto ok = write_whole({entry_file(entry.name), tmp(), kPrivate, false},
+                            json_text(entry_json(entry)) + "\n");
+      !ok)
+    return ok;
+  const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
+  if (!entry.is_done()) {
+    for (const fs::path& link : {asset, report})
+      if (::unlink(link.c_str()) != 0 && errno != ENOENT) return cannot_write(link, errno);
+    return {};
+  }
+  if (auto ok = link_whole(link_target(entry.outputs->asset), asset, tmp()); !ok) return ok;
+  return link_whole(link_target(entry.outputs->report), report, tmp());
+}
+
+void Store::drop_entry(const std::string& name) const {
+  // The entry last: links that are left alone would not be found again.
+  ::unlink(asset_link(folder_, name).c_str());
+  ::unlink(report_link(folder_, name).c_str());
+  ::unlink(entry_file(name).c_str());
+}
+
+std::vector<std::string> Store::names() const {
+  std::vector<std::string> out;
+  std::error_code ignored;
+  for (const auto& one : fs::directory_iterator(folder_ / "scans", ignored)) {
+    std::string name = one.path().filename().string();
+    if (!name.ends_with(".json")) continue;
+    name.resize(name.size() - 5);
+    if (is_scan_name(name)) out.push_back(std::move(name));
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+Result<nanoseconds> Store::now() const {
+  const fs::path probe = temporary_name(tmp());
+  const int fd = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (fd < 0) return cannot_write(probe, errno);
+  ::close(fd);
+  const auto time = time_of(probe);
+  ::unlink(probe.c_str());
+  if (!time) return cannot_write(probe, ENOENT);
+  return *time;
+}
+
+std::size_t Store::remove_strays() const {
+  std::size_t removed = 0;
+  std::optional<nanoseconds> now_here;  // asked for only if it decides
+  const auto sweep = [&](const fs::path& folder, nanoseconds most,
+                         const std::function<std::optional<Owner>(const fs::path&)>& owner_in) {
+    std::error_code ignored;
+    std::vector<fs::path> files;
+    for (const auto& one : fs::directory_iterator(folder, ignored))
+      files.push_back(one.path());
+    for (const fs::path& file : files) {
+      const auto owner = owner_in(file);
+      const Life life = owner ? life_of(*owner) : Life::kUnknown;
+      if (life == Life::kAlive) continue;
+      if (life == Life::kUnknown) {
+        if (!now_here) {
+          const auto asked = now();
+          if (!asked) continue;
+          now_here = *asked;
+        }
+        const auto time = time_of(file);
+        if (!time || *now_here - *time < most) continue;
+      }
+      if (::unlink(file.c_str()) == 0) ++removed;
+    }
+  };
+  sweep(tmp(), kStrayAge, [](const fs::path& file) { return owner_of(file.filename().string()); });
+  sweep(folder_ / "claims", kLease, [](const fs::path& file) {
+    const auto text = text_of(file);
+    return text ? owner_of(text->substr(0, text->find('\n'))) : std::nullopt;
+  });
+  return removed;
+}
+
+}  // namespace trocar::farm

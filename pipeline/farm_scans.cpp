@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/farm_scans.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <system_error>
+#include <utility>
+#include <variant>
+
+#include "formats/base/command_line.h"
+#include "formats/base/json_text.h"
+#include "formats/base/nearest_name.h"
+#include "pipeline/arguments.h"
+#include "pipeline/mesh_scan.h"
+#include "pipeline/no_material.h"
+#include "pipeline/presets.h"
+#include "pipeline/read/scan_folder.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Outputs and places are the store's, threads the batch's, and the series is the input's.
+const std::set<std::string>& not_of_a_scan() {
+  static const std::set<std::string> names = {"output", "report", "dump-stages", "dump-slice",
+                                              "series", "jobs",   "quiet",       "explain"};
+  return names;
+}
+
+// The options and what they refer to; not to be moved.
+struct Parsed {
+  CLI::App app;
+  Arguments a;
+  Parsed() { add_mesh_options(app, a); }
+};
+
+std::vector<std::string> option_names(const CLI::App& app) {
+  std::vector<std::string> out;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames())
+      if (!not_of_a_scan().contains(name) && name != "help") out.push_back(name);
+  }
+  return out;
+}
+
+std::string value_text(const json& value) {
+  return value.is_string() ? value.get<std::string>() : json_text(value);
+}
+
+Result<void> add_words(const CLI::App& app, const std::string& name, const json& value,
+                       std::vector<std::string>& words) {
+  const std::string given = "parameter " + name + ": ";
+  const std::vector<std::string> names = option_names(app);
+  if (std::find(names.begin(), names.end(), name) == names.end()) {
+    return usage(given + (not_of_a_scan().contains(name)
+                              ? "is not for the scans of a collection"
+                              : "no such option" + did_you_mean(name, names)));
+  }
+  const std::string option = "--" + name;
+  const bool is_flag = app.get_option_no_throw(option)->get_items_expected_max() == 0;
+  if (value.is_boolean() != is_flag)
+    return usage(given + (is_flag ? "must be true or false" : "must be a number or a text"));
+  if (is_flag) {
+    words.push_back(option);
+    return {};
+  }
+  for (const json& one : value.is_array() ? value : json::array({value}))
+    words.push_back(option + "=" + value_text(one));
+  return {};
+}
+
+Result<std::unique_ptr<Parsed>> parse(const json& given) {
+  auto out = std::make_unique<Parsed>();
+  std::vector<std::string> words = {"trocar-mesh"};
+  for (const auto& [name, value] : given.items()) {
+    if (auto ok = add_words(out->app, name, value, words); !ok) return ok.error();
+  }
+  words = with_preset_options(words);
+  std::vector<const char*> pointers;
+  pointers.reserve(words.size());
+  for (const std::string& word : words)
+    pointers.push_back(word.c_str());
+  if (auto ok = parse_words(out->app, static_cast<int>(pointers.size()), pointers.data()); !ok)
+    return usage("parameters: " + ok.error().message);
+  return out;
+}
+
+std::vector<farm::NamedFile> files_of(const Arguments& a, const BatchOptions& options) {
+  std::vector<farm::NamedFile> out;
+  if (!a.hu.empty()) out.push_back({"hu", a.hu});
+  if (!a.input_key.empty()) out.push_back({"input-key", a.input_key});
+  if (!options.solid.mask_file.empty()) out.push_back({"mask", options.solid.mask_file});
+  if (!a.names.empty() && !LabelNames::is_table(a.names)) out.push_back({"names", a.names});
+  return out;
+}
+
+json segmentation_json(const Segmentation& how) {
+  if (const auto* threshold = std::get_if<Threshold>(&how))
+    return {{"threshold", threshold->value}};
+  if (const auto* equalize = std::get_if<Equalize>(&how)) return {{"equalize", equalize->level}};
+  const auto& labels = std::get<Labels>(how);
+  json out = {{"labels", labels.all ? json("all") : json(labels.labels)}};
+  if (!labels.joined.empty()) out["labels-joined"] = labels.joined;
+  return out;
+}
+
+json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
+  json out = json::array();
+  for (const Eigen::Vector3d& seed : seeds)
+    out.push_back({seed.x(), seed.y(), seed.z()});
+  return out;
+}
+
+// Every option with an effect on a byte, under its name; also those at their defaults, so that
+// giving a default changes nothing.
+json canonical(const Arguments& a, const BatchOptions& o, const OpenOptions& open) {
+  json out = segmentation_json(o.mesh.segmentation);
+  out.update({{"contour", a.contour},
+              {"simplify", a.simplify},
+              {"tolerance", a.tolerance_mm},
+              {"min-angle", a.min_angle_deg},
+              {"grade", a.grade_hu},
+              {"min-region", a.min_region_mm2},
+              {"close", a.close_mm},
+              {"min-volume", a.min_volume_mm3},
+              {"largest", a.largest},
+              {"seed", seeds_json(o.solid.seeds_lps_mm)},
+              {"mask", o.solid.mask_labels},
+              {"surface", a.surface},
+              {"any-modality", a.any_modality},
+              {"no-hu", a.no_hu},
+              {"lattice-bits", a.lattice_bits},
+              {"lines", a.lines},
+              {"colour", a.colour}});
+  if (o.mesh.max_area_px2) {
+    out["max-area-px"] = *o.mesh.max_area_px2;
+  } else {
+    out["max-area"] = a.max_area_mm2;
+  }
+  out["fill"] = o.solid.fill_mm2
+                    ? (std::isfinite(*o.solid.fill_mm2) ? json(*o.solid.fill_mm2) : json("all"))
+                    : json();
+  // The default of the surface's triangles may be exceeded, the same number when given may not.
+  out["surface-triangles"] = o.surface && o.surface->at_most ? json(o.surface->triangles) : json();
+  out["names"] = LabelNames::is_table(a.names) ? json(a.names) : json();
+  out["spacing"] = open.spacing_mm ? json(*open.spacing_mm) : json();
+  out["slices"] = o.slices ? json({o.slices->first, o.slices->second}) : json();
+  out["crop"] = o.mesh.crop
+                    ? json({o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1})
+                    : json();
+  out["axis"] = open.axis ? json(a.axis) : json();
+  // Decides a warning of the report (check_threshold()).
+  if (a.any_modality) out["threshold-given"] = a.threshold_given->count() > 0 && a.preset.empty();
+  return out;
+}
+
+// Without what differs from run to run, and without what other things in the input's folder decide.
+std::string stored_report(json report, const SliceStack& stack) {
+  for (const char* key : {"total_ms", "assemble_ms", "threads", "peak_rss_bytes"})
+    report.erase(key);
+  for (json& slice : report["slices"])
+    slice.erase("ms");
+  if (report.contains("surface"))
+    for (json& surface : report["surface"])
+      surface.erase("ms");
+  const std::string name = input_name(stack);
+  for (json& warning : report["warnings"]) {
+    if (const auto shared = warning.find("shared"); shared != warning.end()) {
+      warning["sentence"] = *shared;
+      warning.erase("shared");
+    }
+    if (warning["where"] == name) warning["where"] = "input";
+    if (const auto places = warning.find("places"); places != warning.end())
+      std::replace(places->begin(), places->end(), json(name), json("input"));
+  }
+  report["input"] = {
+      {"slices", stack.size()}, {"width_px", stack.width()}, {"height_px", stack.height()}};
+  if (stack.series) {
+    report["input"]["series"] = {
+        {"number", stack.series->number ? json(*stack.series->number) : json()},
+        {"kernel", stack.series->kernel},
+        {"modality", stack.series->modality}};
+  }
+  return json_text(report, 1) + "\n";
+}
+
+class Opened : public farm::OpenedScan {
+ public:
+  // `noticed`: warnings of opening.
+  Opened(std::unique_ptr<Parsed> parsed, BatchOptions options, OpenOptions open, LabelsWithCt scan,
+         json noticed)
+      : parsed_(std::move(parsed)),
+        options_(std::move(options)),
+        open_(std::move(open)),
+        scan_(std::move(scan)),
+        noticed_(std::move(noticed)) {}
+
+  std::vector<farm::NamedFile> files() const override {
+    std::vector<farm::NamedFile> out;
+    for (const fs::path& file : scan_.labels->files)
+      out.push_back({"input", file});
+    if (scan_.ct != nullptr)
+      for (const fs::path& file : scan_.ct->files)
+        out.push_back({"hu", file});
+    for (farm::NamedFile& file : files_of(parsed_->a, options_))
+      if (file.of != "hu") out.push_back(std::move(file));
+    return out;
+  }
+
+  Result<farm::Product> mesh() override {
+    SliceStack& stack = *scan_.labels;
+    options_.mesh.hu = scan_.ct.get();
+    options_.stop = &stop_requested;
+    if (!stack.series && open_.axis == SliceAxis::kTransverse) open_.axis.reset();
+    options_.axis = open_.axis;
+    auto result = mesh_stack(stack, options_, parameters_json(options_, open_));
+    if (!result) return result.error();
+    farm::Product out;
+    for (json& warning : result->report["warnings"])
+      noticed_.push_back({{"code", warning["code"]},
+                          {"where", warning["where"]},
+                          {"sentence", warning["sentence"]}});
+    out.asset = std::move(result->glb);
+    out.report = stored_report(std::move(result->report), stack);
+    out.warnings = std::move(noticed_);
+    return out;
+  }
+
+ private:
+  std::unique_ptr<Parsed> parsed_;
+  BatchOptions options_;
+  OpenOptions open_;
+  LabelsWithCt scan_;
+  json noticed_;
+};
+
+bool is_nifti_file(const fs::path& path) {
+  std::error_code ignored;
+  return is_nifti(path) && fs::is_regular_file(path, ignored);
+}
+
+}  // namespace
+
+std::vector<std::string> collection_options() {
+  return option_names(Parsed().app);
+}
+
+Result<farm::Parameters> FarmScans::parameters(const json& given) const {
+  const auto parsed = parse(given);
+  if (!parsed) return parsed.error();
+  const auto options = batch_options((*parsed)->a);
+  if (!options) return options.error();
+  const auto open = open_options((*parsed)->a);
+  if (!open) return open.error();
+  return farm::Parameters{canonical((*parsed)->a, *options, *open),
+                          files_of((*parsed)->a, *options)};
+}
+
+Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
+                                                          const std::vector<fs::path>& inputs,
+                                                          const std::string& series,
+                                                          int threads) const {
+  auto parsed = parse(given);
+  if (!parsed) return parsed.error();
+  Arguments& a = (*parsed)->a;
+  a.inputs = inputs;
+  a.series = series;
+  a.jobs = threads;
+  auto options = batch_options(a);
+  if (!options) return options.error();
+  auto open = open_options(a);
+  if (!open) return open.error();
+  auto scan = open_scan(a, *open);
+  if (!scan) return scan.error();
+  // What is noticed on opening can name files that are not the scan's.
+  SliceStack& stack = *scan->labels;
+  json noticed = json::array();
+  for (const Warning& w : stack.warnings)
+    noticed.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
+  stack.warnings.clear();
+  if (auto ok = check_threshold(a, stack); !ok) return ok.error();
+  return std::unique_ptr<farm::OpenedScan>(
+      std::make_unique<Opened>(std::move(*parsed), std::move(*options), std::move(*open),
+                               std::move(*scan), std::move(noticed)));
+}
+
+bool FarmScans::opens_first(const std::vector<fs::path>& inputs,
+                            const farm::Parameters& parameters) const {
+  return !std::all_of(inputs.begin(), inputs.end(), is_nifti_file) ||
+         std::any_of(parameters.files.begin(), parameters.files.end(),
+                     [](const farm::NamedFile& file) {
+                       return file.of == "hu" && !is_nifti_file(file.path);
+                     });
+}
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The scans of a collection, as the farm sees meshing (farm/scan_program.h): their parameters are
+// the options of trocar-mesh, read by the same parser.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "pipeline/farm/scan_program.h"
+
+namespace trocar::pipeline {
+
+class FarmScans : public farm::ScanProgram {
+ public:
+  /// Errors (usage): an option that trocar-mesh does not have, or that scans of a collection do not
+  /// have; what is wrong on the command line, in the same words.
+  Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
+  /// All but NIfTI files.
+  bool opens_first(const std::vector<std::filesystem::path>& inputs,
+                   const farm::Parameters& parameters) const override;
+  Result<std::unique_ptr<farm::OpenedScan>> open(const nlohmann::json& given,
+                                                 const std::vector<std::filesystem::path>& inputs,
+                                                 const std::string& series,
+                                                 int threads) const override;
+};
+
+/// The options that parameters of a collection may give, without the leading --.
+std::vector<std::string> collection_options();
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A gzip file (RFC 1952) unpacked as a stream, by ISA-L: about twice as fast as zlib.
+#pragma once
+
+#include <isa-l/igzip_lib.h>
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+
+namespace trocar::pipeline {
+
+class GzipReader {
+ public:
+  /// `descriptor` is of a file that is_gzip(), stays the caller's and open, and is read from its
+  /// start by pread(). `name` is for messages.
+  GzipReader(int descriptor, std::string name);
+
+  static bool is_gzip(int descriptor);
+
+  /// Fills `to` with the next bytes, over as many members as there are; less than its size: the end
+  /// of the data. What follows the last member is ignored, as by gzip. The checksum of a member is
+  /// verified with its last bytes. Errors (refused): damaged gzip. A file that ends early is not an
+  /// error: its data end there.
+  Result<std::size_t> read(std::span<char> to);
+
+ private:
+  bool fill();
+
+  int descriptor_;
+  std::string name_;
+  std::int64_t at_ = 0;  ///< of the file, behind what `packed_` holds
+  std::vector<char> packed_;
+  std::unique_ptr<inflate_state> state_;  ///< 88 kB
+  bool ended_ = false;
+};
+
+}  // namespace trocar::pipeline

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdint>
+#include <span>
+
+namespace trocar::pipeline {
+
+/// Reads from offset `at` of a file: as many bytes as there are, at most to.size(); after an error
+/// those before it.
+inline std::size_t read_at(int descriptor, std::int64_t at, std::span<char> to) {
+  std::size_t done = 0;
+  while (done < to.size()) {
+    const ssize_t n = ::pread(descriptor, to.data() + done, to.size() - done,
+                              at + static_cast<std::int64_t>(done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  return done;
+}
+
+}  // namespace trocar::pipeline

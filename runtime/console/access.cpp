@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/access.h"
+
+#include <sodium.h>
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::size_t kTokenBytes = 16, kTokenDigits = 2 * kTokenBytes;
+
+std::string random_token() {
+  std::array<unsigned char, kTokenBytes> bytes{};
+  ::randombytes_buf(bytes.data(), bytes.size());  // getrandom()
+  std::array<char, kTokenDigits + 1> hex{};
+  return ::sodium_bin2hex(hex.data(), hex.size(), bytes.data(), bytes.size());
+}
+
+bool is_equal(std::string_view token, const std::string& right) noexcept {
+  return token.size() == right.size() &&
+         ::sodium_memcmp(token.data(), right.data(), right.size()) == 0;
+}
+
+/// Digits, dots, and colons in brackets: an address, not a name.
+bool is_numerical(std::string_view host) noexcept {
+  const bool v6 = host.size() > 2 && host.front() == '[' && host.back() == ']';
+  return !host.empty() &&
+         std::all_of(host.begin() + (v6 ? 1 : 0), host.end() - (v6 ? 1 : 0), [v6](char c) {
+           return (c >= '0' && c <= '9') || (!v6 && c == '.') ||
+                  (v6 && (c == ':' || (c >= 'a' && c <= 'f')));
+         });
+}
+
+}  // namespace
+
+const char* to_string(Role role) noexcept {
+  switch (role) {
+    case Role::kNone:
+      return "none";
+    case Role::kView:
+      return "view";
+    case Role::kOperator:
+      return "operator";
+  }
+  return "";
+}
+
+Tokens::Tokens() {
+  if (::sodium_init() < 0) throw std::runtime_error("libsodium cannot be initialised");
+  operator_ = random_token();
+  view_ = random_token();
+}
+
+Role Tokens::role_of(std::string_view token) const noexcept {
+  const bool is_operator = is_equal(token, operator_), is_view = is_equal(token, view_);
+  if (is_operator) return Role::kOperator;
+  return is_view ? Role::kView : Role::kNone;
+}
+
+Role Tokens::role_of_header(std::string_view authorization) const noexcept {
+  constexpr std::string_view kScheme = "Bearer ";
+  return authorization.starts_with(kScheme) ? role_of(authorization.substr(kScheme.size()))
+                                            : Role::kNone;
+}
+
+HostNames::HostNames(const std::string& listen_address, std::uint16_t port)
+    : port_(std::string(":").append(std::to_string(port))),
+      any_address_(listen_address == "0.0.0.0" || listen_address == "::") {
+  names_ = {"127.0.0.1", "localhost", "[::1]"};
+  const bool is_v6 = listen_address.find(':') != std::string::npos;
+  names_.push_back(is_v6 ? std::string("[").append(listen_address).append("]") : listen_address);
+}
+
+bool HostNames::is_host(std::string_view host) const {
+  if (host.ends_with(port_)) {
+    host.remove_suffix(port_.size());
+  } else if (port_ != ":80") {
+    return false;
+  }
+  return std::find(names_.begin(), names_.end(), host) != names_.end() ||
+         (any_address_ && is_numerical(host));
+}
+
+bool HostNames::is_origin(std::string_view origin, std::string_view host) {
+  constexpr std::string_view kScheme = "http://";
+  return origin.starts_with(kScheme) && origin.substr(kScheme.size()) == host;
+}
+
+bool is_file_name(std::string_view name) noexcept {
+  constexpr std::size_t kLongest = 512, kParts = 8;
+  if (name.empty() || name.size() > kLongest) return false;
+  std::size_t parts = 1;
+  bool at_start = true;
+  for (const char c : name) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f || c == '\\') return false;
+    if (at_start && (c == '.' || c == '/')) return false;
+    at_start = c == '/';
+    parts += at_start ? 1 : 0;
+  }
+  return !at_start && parts <= kParts;
+}
+
+}  // namespace trocar::runtime

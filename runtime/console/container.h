@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The binary answers for pages: JSON, then arrays (protocol.md).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace trocar::runtime {
+
+/// Arrays of numbers, one after the other.
+class Arrays {
+ public:
+  /// Appends an array, aligned to its numbers. [bytes from the arrays' start, count].
+  template <typename Number>
+  std::array<std::size_t, 2> add(std::span<const Number> numbers) {
+    bytes_.resize((bytes_.size() + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number));
+    const std::size_t at = bytes_.size();
+    bytes_.append(reinterpret_cast<const char*>(numbers.data()), numbers.size_bytes());
+    return {at, numbers.size()};
+  }
+  void reserve(std::size_t bytes) { bytes_.reserve(bytes); }
+  /// With the JSON's length and the JSON before them, padded so that the arrays begin at a multiple
+  /// of 8.
+  std::string with_json(std::string_view json) const {
+    std::string out(4, '\0');
+    out += json;
+    out.resize((out.size() + 7) / 8 * 8, ' ');
+    const auto size = static_cast<std::uint32_t>(out.size() - 4);
+    std::memcpy(out.data(), &size, sizeof size);
+    return out += bytes_;
+  }
+
+ private:
+  std::string bytes_;
+};
+
+}  // namespace trocar::runtime

@@ -1,0 +1,385 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/files.h"
+
+#include <sodium.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <system_error>
+#include <vector>
+
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/base/strict_json.h"
+#include "formats/session/recording_origin.h"
+#include "formats/session/scene.h"
+#include "runtime/console/access.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kDeepest = 2;
+constexpr std::size_t kMostLooked = 20'000, kMostShown = 2000;
+constexpr std::uint64_t kMostSceneBytes = std::uint64_t{4} << 20,
+                        kMostGlbJson = std::uint64_t{64} << 20;
+constexpr std::size_t kHeadBytes = std::size_t{64} << 10, kTailBytes = std::size_t{16} << 10;
+
+json failed(const std::string& name, const Error& error) {
+  return {{"file", name}, {"error", error.message}};
+}
+
+std::string digest_of(const std::vector<std::uint8_t>& bytes) {
+  std::array<unsigned char, crypto_generichash_BYTES> hash{};
+  ::crypto_generichash(hash.data(), hash.size(), bytes.data(), bytes.size(), nullptr, 0);
+  std::array<char, 2 * hash.size() + 1> hex{};
+  return ::sodium_bin2hex(hex.data(), hex.size(), hash.data(), hash.size());
+}
+
+json describe(const Scene& scene, const std::string& name) {
+  json slices = json::array();
+  for (const SceneSlice& slice : scene.slices)
+    slices.push_back(slice.index);
+  json entry = {{"file", name},
+                {"name", scene.name},
+                {"asset", scene.asset.filename().string()},
+                {"force_law", to_string(scene.force_law.kind)},
+                {"duration_s", scene.duration_s},
+                {"slices", slices}};
+  if (scene.body) entry["body"] = {{"from", scene.body->from}, {"to", scene.body->to}};
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(scene.asset, ignored)) entry["asset_missing"] = true;
+  return entry;
+}
+
+/// The bounds of all positions of slices, in their planes and along their normal.
+struct Extent {
+  std::array<double, 3> low{}, high{};
+  bool is_set = false;
+  void add(std::size_t axis, double value) {
+    low[axis] = is_set_[axis] ? std::min(low[axis], value) : value;
+    high[axis] = is_set_[axis] ? std::max(high[axis], value) : value;
+    is_set_[axis] = is_set = true;
+  }
+
+ private:
+  std::array<bool, 3> is_set_{};
+};
+
+std::optional<double> number_at(const json& list, std::size_t place) {
+  if (!list.is_array() || place >= list.size() || !list[place].is_number()) return std::nullopt;
+  return list[place].get<double>();
+}
+
+/// The accessor of a primitive's positions, if the primitive is of a slice's triangles.
+const json* positions_of(const json& primitive, const json& accessors) {
+  static const json::json_pointer kPosition("/attributes/POSITION");
+  if (!primitive.is_object() || primitive.value("mode", json(4)) != json(4) ||
+      !primitive.contains(kPosition))
+    return nullptr;
+  const json& at = primitive[kPosition];
+  if (!at.is_number_unsigned() || at.get<std::uint64_t>() >= accessors.size()) return nullptr;
+  return &accessors[at.get<std::size_t>()];
+}
+
+json member(const json& object, const char* key) {
+  const auto found = object.is_object() ? object.find(key) : object.end();
+  return object.is_object() && found != object.end() ? *found : json();
+}
+
+json describe_asset(const json& document, const std::string& name) {
+  static const json::json_pointer kOurs("/extras/trocar"), kSurface("/extras/trocar/surface");
+  json entry = {{"file", name}};
+  const json ours = document.contains(kOurs) ? document[kOurs] : json();
+  const json stated = member(ours, "slices");
+  const json nodes = member(document, "nodes"), meshes = member(document, "meshes"),
+             accessors = member(document, "accessors");
+  if (!ours.is_object() || !nodes.is_array() || !meshes.is_array() || !accessors.is_array()) {
+    entry["error"] = name + ": is no asset of trocar-mesh";
+    return entry;
+  }
+  // Node 0: a slice's units to metres.
+  const double unit_mm =
+      nodes.empty() ? 0 : std::abs(number_at(member(nodes[0], "matrix"), 0).value_or(0)) * 1e3;
+  Extent extent;
+  std::uint64_t surface_triangles = 0, slice_nodes = 0;
+  for (const json& node : nodes) {
+    const json mesh = member(node, "mesh");
+    if (!mesh.is_number_unsigned() || mesh.get<std::uint64_t>() >= meshes.size()) continue;
+    const bool is_surface = node.contains(kSurface);
+    const json primitives = member(meshes[mesh.get<std::size_t>()], "primitives");
+    if (!primitives.is_array()) continue;
+    slice_nodes += is_surface ? 0 : 1;
+    for (const json& primitive : primitives) {
+      const json* const positions = positions_of(primitive, accessors);
+      if (positions == nullptr) continue;
+      if (is_surface) {
+        const json indices = member(primitive, "indices");
+        if (indices.is_number_unsigned() && indices.get<std::uint64_t>() < accessors.size()) {
+          const json count = member(accessors[indices.get<std::size_t>()], "count");
+          if (count.is_number_unsigned()) surface_triangles += count.get<std::uint64_t>() / 3;
+        }
+        continue;
+      }
+      const json shift = member(node, "translation"), matrix = member(node, "matrix");
+      constexpr std::size_t kShiftOfMatrix = 12;
+      for (const char* end : {"min", "max"}) {
+        const json bound = member(*positions, end);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          if (const auto x = number_at(bound, axis))
+            extent.add(axis, *x + number_at(shift, axis).value_or(0) +
+                                 number_at(matrix, kShiftOfMatrix + axis).value_or(0));
+        }
+      }
+    }
+  }
+  // Schema 1 has a node for each slice instead.
+  entry["slices"] = stated.is_number_unsigned() ? stated : json(slice_nodes);
+  if (extent.is_set && std::isfinite(unit_mm)) {
+    json sides = json::array();
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      sides.push_back((extent.high[axis] - extent.low[axis]) * unit_mm);
+    entry["extent_mm"] = sides;
+  }
+  entry["surface_triangles"] = surface_triangles;
+  return entry;
+}
+
+std::string_view field(std::string_view line, std::size_t place) {
+  for (; place > 0; --place) {
+    const std::size_t comma = line.find(',');
+    if (comma == std::string_view::npos) return {};
+    line.remove_prefix(comma + 1);
+  }
+  return line.substr(0, line.find(','));
+}
+
+std::optional<double> time_of(std::string_view line) {
+  const std::string_view text = field(line, 0);
+  double t_s = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), t_s);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(t_s))
+    return std::nullopt;
+  return t_s;
+}
+
+/// From its first and last rows alone: a list must not read gigabytes.
+json describe_recording(ByteSource& source, const std::string& name, std::string& scene_digest) {
+  json entry = {{"file", name}};
+  std::vector<std::uint8_t> head(std::min<std::uint64_t>(source.size(), kHeadBytes)),
+      tail(std::min<std::uint64_t>(source.size(), kTailBytes));
+  if (!source.read(0, head) || !source.read(source.size() - tail.size(), tail)) {
+    entry["error"] = name + ": cannot be read";
+    return entry;
+  }
+  const std::string_view first(reinterpret_cast<const char*>(head.data()), head.size());
+  std::string_view last(reinterpret_cast<const char*>(tail.data()), tail.size());
+  std::vector<std::string_view> lines;
+  for (std::size_t at = 0; lines.size() < 3;) {
+    const std::size_t end = first.find('\n', at);
+    if (end == std::string_view::npos) break;
+    lines.push_back(first.substr(at, end - at));
+    at = end + 1;
+  }
+  const auto fail = [&](const char* why) {
+    entry["error"] = name + why;
+    return entry;
+  };
+  if (lines.size() < 2) return fail(": has no row");
+  if (last.empty() || last.back() != '\n') return fail(": its last line is cut");
+  last.remove_suffix(1);
+  const std::size_t before = last.rfind('\n');
+  if (before == std::string_view::npos) return fail(": its last line is longer than 16 kB");
+  const auto begin = time_of(lines[1]), end = time_of(last.substr(before + 1)),
+             second = lines.size() > 2 ? time_of(lines[2]) : begin;
+  if (!begin || !end || !second || *end < *begin || (lines.size() > 2 && *second <= *begin))
+    return fail(": its times are not ascending numbers");
+  const double period_s = lines.size() > 2 ? *second - *begin : 0;
+  const double ticks = period_s > 0 ? std::round((*end - *begin) / period_s) + 1 : 1;
+  if (!(ticks < 1e12)) return fail(": its times are not those of a session");
+  entry["duration_s"] = *end - *begin + period_s;
+  entry["ticks"] = static_cast<std::uint64_t>(ticks);
+  const std::size_t text = lines[1].rfind(',');
+  if (const auto origin = parse_origin(lines[1].substr(text + 1)); origin) {
+    if (const std::string* const digest = origin->find(kOriginScene)) scene_digest = *digest;
+  }
+  return entry;
+}
+
+}  // namespace
+
+Result<std::string> glb_json(const std::filesystem::path& file) {
+  Result<std::unique_ptr<ByteSource>> source = open_file(file);
+  if (!source) return source.error();
+  const Result<std::uint32_t> size = json_bytes_of(**source);
+  if (!size) return refused(file.string() + ": " + size.error().message);
+  if (*size > kMostGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
+  std::string text(*size, '\0');
+  const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
+  if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
+  return text;
+}
+
+bool has_surface(std::string_view glb_json) {
+  // A scan's own texts cannot have this key unquoted; a false positive costs time only.
+  return glb_json.find("\"surface\":") != std::string_view::npos;
+}
+
+Result<Files> Files::of_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  Files files;
+  files.folder_ = std::filesystem::canonical(folder, error);
+  if (error || !std::filesystem::is_directory(files.folder_, error))
+    return refused(folder.string() + ": is no folder");
+  return files;
+}
+
+Files Files::of_recording(const std::filesystem::path& recording,
+                          const std::filesystem::path& against,
+                          const std::filesystem::path& scene) {
+  Files files;
+  files.fixed_[recording.filename().string()] = recording;
+  files.fixed_[scene.filename().string()] = scene;
+  if (!against.empty()) {
+    const std::string name = against.filename().string();
+    files.fixed_[files.fixed_.contains(name) ? "against-" + name : name] = against;
+  }
+  return files;
+}
+
+Result<std::filesystem::path> Files::find(std::string_view name) const {
+  const std::string shown = json_text(std::string(name.substr(0, 80)));
+  if (folder_.empty()) {
+    const auto found = fixed_.find(name);
+    if (found == fixed_.end()) return refused(shown + ": is not one of the files shown");
+    return found->second;
+  }
+  if (!is_file_name(name)) return refused(shown + ": is no name of a file in the folder");
+  const std::filesystem::path file = folder_ / name;
+  std::error_code error;
+  const std::filesystem::path there = std::filesystem::canonical(file, error);
+  if (error) return refused(shown + ": there is no such file in the folder");
+  if (there != file) return refused(shown + ": is a link");
+  if (!std::filesystem::is_regular_file(there, error)) return refused(shown + ": is no file");
+  return there;
+}
+
+Files::Known Files::read(const std::filesystem::path& file, const std::string& name) const {
+  Known known;
+  const std::string end = file.extension().string();
+  const auto shown = [&](const char* kind, const json& entry) {
+    known.kind = kind;
+    known.json = json_text(entry);
+  };
+  if (end == ".json") {
+    const auto bytes = read_file(file, kMostSceneBytes);
+    if (!bytes) return known;
+    const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+    if (text.find(kSceneSchema) == std::string_view::npos) return known;
+    known.digest = digest_of(*bytes);
+    const Result<Scene> scene = parse_scene(text, name, file.parent_path());
+    shown("scenes", scene ? describe(*scene, name) : failed(name, scene.error()));
+  } else if (end == ".glb") {
+    const Result<std::string> text = glb_json(file);
+    if (!text) {
+      shown("assets", failed(name, refused(name + ": is no asset that can be read")));
+      return known;
+    }
+    const json document = json::parse(*text, nullptr, false);
+    shown("assets", document.is_discarded() ? failed(name, refused(name + ": its JSON is damaged"))
+                                            : describe_asset(document, name));
+  } else if (end == ".csv") {
+    constexpr std::string_view kBegin = "t_s,x_m,";
+    const auto source = open_file(file);
+    std::array<char, kBegin.size()> begin{};
+    const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(begin.data()), begin.size());
+    if (!source || !(*source)->read(0, into) ||
+        std::string_view(begin.data(), begin.size()) != kBegin)
+      return known;
+    shown("recordings", describe_recording(**source, name, known.digest));
+  }
+  return known;
+}
+
+std::string Files::list() {
+  std::map<std::string, Known> now;
+  bool is_truncated = false;
+  const auto look = [&](const std::filesystem::path& file, const std::string& name) {
+    std::error_code error;
+    const std::uint64_t size = std::filesystem::file_size(file, error);
+    const auto time =
+        error ? std::filesystem::file_time_type{} : std::filesystem::last_write_time(file, error);
+    if (error) return;
+    const auto before = known_.find(name);
+    if (before != known_.end() && before->second.size == size && before->second.time == time) {
+      now[name] = std::move(before->second);
+      return;
+    }
+    Known known = read(file, name);
+    known.size = size;
+    known.time = time;
+    now[name] = std::move(known);
+  };
+  if (folder_.empty()) {
+    for (const auto& [name, file] : fixed_)
+      look(file, name);
+  } else {
+    std::error_code error;
+    std::size_t looked = 0;
+    for (std::filesystem::recursive_directory_iterator
+             entry(folder_, std::filesystem::directory_options::skip_permission_denied, error),
+         end;
+         !error && entry != end; entry.increment(error)) {
+      if (++looked > kMostLooked) {
+        is_truncated = true;
+        break;
+      }
+      std::error_code ignored;
+      const bool is_link = entry->is_symlink(ignored);
+      const bool is_hidden = entry->path().filename().string().starts_with('.');
+      if (entry.depth() >= kDeepest || is_link || is_hidden) entry.disable_recursion_pending();
+      const std::string end_of_name = entry->path().extension().string();
+      if (is_link || is_hidden || !entry->is_regular_file(ignored) ||
+          (end_of_name != ".json" && end_of_name != ".glb" && end_of_name != ".csv"))
+        continue;
+      const std::string name = entry->path().lexically_relative(folder_).generic_string();
+      if (is_file_name(name)) look(entry->path(), name);
+    }
+  }
+  known_ = std::move(now);
+
+  std::map<std::string, std::string> scene_by_digest;
+  for (const auto& [name, known] : known_) {
+    if (known.kind == "scenes") scene_by_digest.emplace(known.digest, name);
+  }
+  json out = {{"scenes", json::array()}, {"assets", json::array()}, {"recordings", json::array()}};
+  for (const auto& [name, known] : known_) {
+    if (known.kind.empty()) continue;
+    if (out[known.kind].size() == kMostShown) {
+      is_truncated = true;
+      continue;
+    }
+    json entry = json::parse(known.json);
+    if (known.kind == "recordings") {
+      const auto scene = scene_by_digest.find(known.digest);
+      if (scene != scene_by_digest.end()) entry["scene"] = scene->second;
+      // The session's report stands beside its recording.
+      std::string report = name.substr(0, name.size() - 4) + ".html";
+      if (find(report)) entry["report"] = std::move(report);
+    }
+    out[known.kind].push_back(std::move(entry));
+  }
+  if (is_truncated) out["truncated"] = true;
+  return json_text(out);
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Requests to the console by HTTP, and its binary container (protocol.md).
+
+const KEY = "trocar-token";
+
+// The token is in the link's fragment. It is taken out of the address, which may be on a wall, and kept until the window is closed.
+function take_token() {
+  const given = location.hash.slice(1);
+  if (given) {
+    sessionStorage.setItem(KEY, given);
+    history.replaceState(null, "", location.pathname);
+  }
+  return sessionStorage.getItem(KEY) ?? "";
+}
+export const token = take_token();
+
+async function answer(path, options = {}) {
+  const headers = { Authorization: `Bearer ${token}`, ...options.headers };
+  const response = await fetch(path, { cache: "no-store", ...options, headers });
+  if (response.ok) return response;
+  if (response.status === 401) throw new Error("The token is wrong. Open the link that trocar-console printed.");
+  let words = `${path}: the console answered ${response.status}`;
+  try {
+    words = (await response.json()).error ?? words;
+  } catch { /* no JSON: the status has to do */ }
+  throw new Error(words);
+}
+
+export const get_json = async (path) => (await answer(path)).json();
+export const get_blob = async (path) => (await answer(path)).blob();
+export const get_container = async (path) => parse_container(await (await answer(path)).arrayBuffer());
+export const post = (path, body) =>
+  answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+
+/// Needs no token, and goes out although the page may be closing.
+export const emergency_stop = () => answer("/api/emergency_stop", { method: "POST", keepalive: true });
+
+export const file_query = (path, values) => {
+  const query = new URLSearchParams();
+  for (const [name, value] of Object.entries(values)) if (value) query.set(name, value);
+  return `${path}?${query}`;
+};
+
+/// {json, floats([offset, count]), uints(..), doubles(..)}; throws where a length does not fit.
+export function parse_container(buffer) {
+  const size = new DataView(buffer).getUint32(0, true);
+  const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  const of = (Type) => (place) => new Type(buffer, 4 + size + place[0], place[1]);
+  return { json, floats: of(Float32Array), uints: of(Uint32Array), doubles: of(Float64Array) };
+}

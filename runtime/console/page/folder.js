@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// The folder's scenes, recordings and assets. Names come from files: textContent only.
+
+const by_id = (id) => document.getElementById(id);
+
+function item({ file, error }, lines, buttons = []) {
+  const entry = document.createElement("li");
+  const add = (name, text) => {
+    const line = document.createElement("div");
+    line.className = name;
+    line.textContent = text;
+    entry.append(line);
+  };
+  add("file", file);
+  if (error) add("error", error);
+  for (const line of lines.filter(Boolean)) add("about", line);
+  if (buttons.length) {
+    const box = document.createElement("div");
+    box.className = "buttons";
+    for (const [text, act] of buttons) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = text;
+      button.addEventListener("click", act);
+      box.append(button);
+    }
+    entry.append(box);
+  }
+  return entry;
+}
+
+const seconds = (value) => (Number.isFinite(value) ? `${Number(value.toFixed(2))} s` : "");
+const count_of = (slices) => (Array.isArray(slices) ? slices.length : slices);
+const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : body.to - body.from + 1);
+const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
+
+export class Folder {
+  /// `act`: {choose(scene), play(recording), compare(recording), report(recording)}
+  constructor(act) {
+    this.act = act;
+    this.data = { scenes: [], assets: [], recordings: [] };
+    this.chosen = null;
+    by_id("start-scene").addEventListener("change", (event) => this.choose(event.target.value));
+    by_id("start-asset").addEventListener("change", () => this.act.choose(this.scene(this.chosen), this.asset()));
+  }
+  scene(file) { return this.data.scenes.find((scene) => scene.file === file); }
+  asset() { return by_id("start-asset").value || undefined; }
+
+  show(data) {
+    this.data = data;
+    const good = data.scenes.filter(({ error }) => !error);
+    const scene_options = good.map(({ file, name }) => new Option(name ? `${name} (${file})` : file, file));
+    by_id("start-scene").replaceChildren(...scene_options);
+    const assets = [new Option("the scene's", ""), ...data.assets.filter(({ error }) => !error).map(({ file }) => new Option(file, file))];
+    const asset = by_id("start-asset").value;
+    by_id("start-asset").replaceChildren(...assets);
+    by_id("start-asset").value = assets.some(({ value }) => value === asset) ? asset : "";
+    if (!good.some(({ file }) => file === this.chosen)) this.chosen = (good.find(({ asset_missing }) => !asset_missing) ?? good[0])?.file ?? null;
+    by_id("start-scene").value = this.chosen ?? "";
+    by_id("start").disabled = !this.chosen;
+    this.list();
+  }
+
+  choose(file) {
+    this.chosen = file;
+    by_id("start-scene").value = file;
+    this.list();
+    this.act.choose(this.scene(file), this.asset());
+  }
+
+  list() {
+    const { scenes, assets, recordings, truncated } = this.data;
+    by_id("scenes").replaceChildren(...scenes.map((scene) => {
+      if (scene.error) return item(scene, []);
+      const entry = item(scene, [scene.name, `${slices_of(slices_in(scene))}, ${scene.force_law}, ${seconds(scene.duration_s)}`,
+        scene.asset_missing ? `its asset ${scene.asset} is missing: choose another above` : `asset ${scene.asset}`], [["Show", () => this.choose(scene.file)]]);
+      if (scene.file === this.chosen) entry.setAttribute("aria-current", "true");
+      return entry;
+    }));
+    // Sessions are named by their time: the newest first.
+    const is_session = ({ file }) => file.startsWith("sessions/");
+    const newest_first = [...recordings.filter(is_session).reverse(), ...recordings.filter((recording) => !is_session(recording))];
+    by_id("recordings").replaceChildren(...newest_first.map((recording) => {
+      if (recording.error) return item(recording, []);
+      const buttons = [["Play", () => this.act.play(recording)], ["Compare", () => this.act.compare(recording)]];
+      if (recording.report !== undefined) buttons.push(["Report", () => this.act.report(recording)]);
+      return item(recording, [`${seconds(recording.duration_s)}, ${recording.ticks} ticks`, recording.scene ? `scene ${recording.scene}` : "its scene is not in this folder"], buttons);
+    }));
+    by_id("assets").replaceChildren(...assets.map((asset) => (asset.error ? item(asset, []) :
+      item(asset, [`${slices_of(asset.slices)}, ${(asset.extent_mm ?? []).map((mm) => mm.toFixed(0)).join(" x ")} mm`, asset.surface_triangles ? `surface of ${asset.surface_triangles} triangles` : "no surface"]))));
+    if (truncated) by_id("recordings").append(item({ file: "More files are in the folder than are shown here." }, []));
+  }
+}

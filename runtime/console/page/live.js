@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// The WebSocket to the console: hello, events, states, snapshots and meshes. It is closed while the page is hidden and opened
+// again afterwards, so that the page goes on with the present state; events that were missed meanwhile are asked for by number.
+import { token } from "./api.js";
+
+const kSnapshot = 1, kSheet = 2, kShape = 3;
+
+export class Live {
+  /// `on`: {hello, snapshot, sheet, shape, events, missed, state, down}
+  constructor(on) {
+    this.on = on;
+    this.session = null;
+    this.last_event = 0;
+    this.wait_ms = 250;
+    this.to_ack = 0;
+    this.socket = null;
+    document.addEventListener("visibilitychange", () => (document.hidden ? this.close() : this.open()));
+    if (!document.hidden) this.open();
+  }
+
+  open() {
+    clearTimeout(this.timer);
+    if (this.socket) return;
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    this.to_ack = 0;
+    socket.onopen = () => {
+      const first = { token };
+      if (this.session !== null) Object.assign(first, { session: this.session, last_event: this.last_event });
+      socket.send(JSON.stringify(first));
+    };
+    socket.onmessage = ({ data }) => {
+      if (this.socket !== socket) return;
+      if (typeof data === "string") this.text(JSON.parse(data));
+      else this.binary(data);
+    };
+    socket.onclose = (event) => {
+      if (this.socket !== socket) return;
+      this.socket = null;
+      const is_refused = event.code === 1008;
+      this.on.down(is_refused);
+      if (document.hidden || is_refused) return;
+      this.timer = setTimeout(() => this.open(), this.wait_ms);
+      this.wait_ms = Math.min(2 * this.wait_ms, 2000);
+    };
+  }
+
+  close() {
+    clearTimeout(this.timer);
+    const socket = this.socket;
+    this.socket = null;
+    socket?.close();
+  }
+
+  /// Called once a frame: what has been shown is acknowledged, so that a slow page is sent less.
+  ack() {
+    if (!this.to_ack || this.socket?.readyState !== WebSocket.OPEN) return;
+    this.socket.send(JSON.stringify({ ack: this.to_ack }));
+    this.to_ack = 0;
+  }
+
+  text(message) {
+    this.wait_ms = 250;
+    if ("hello" in message) {
+      const id = message.session ?? null;
+      const is_new = id !== this.session;
+      if (is_new) this.last_event = 0;
+      this.session = id;
+      this.on.hello(message, is_new);
+    }
+    if (message.missed) this.on.missed(message.missed);
+    if (message.events) {
+      const fresh = message.events.filter((event) => event.seq > this.last_event);
+      if (fresh.length) this.last_event = fresh[fresh.length - 1].seq;
+      this.on.events(fresh);
+    }
+    if (message.state) this.on.state(message);
+  }
+
+  binary(data) {
+    const view = new DataView(data);
+    const kind = view.getUint32(0, true);
+    this.to_ack = view.getUint32(4, true);
+    if (kind === kSnapshot) this.on.snapshot(new Float64Array(data, 8));
+    if (kind !== kSheet && kind !== kShape) return;
+    const vertices = view.getUint32(20, true), triangles = view.getUint32(24, true), has_hu = view.getUint32(28, true);
+    const width = kind === kShape ? 3 : 2;
+    const hu_at = 32 + 4 * width * vertices;
+    const mesh = {
+      sheet: view.getUint32(8, true),
+      cuts: view.getUint32(12, true),
+      slice: view.getInt32(16, true),
+      places: new Float32Array(data, 32, width * vertices),
+      hu: has_hu ? new Float32Array(data, hu_at, vertices) : null,
+      triangles: new Uint32Array(data, hu_at + (has_hu ? 4 * vertices : 0), 3 * triangles),
+    };
+    if (kind === kSheet) this.on.sheet(mesh);
+    else this.on.shape(mesh);
+  }
+}

@@ -1,0 +1,432 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ties the page together: which source is shown (a session or a recording), buttons, keys, and the loop that draws.
+import { emergency_stop, file_query, get_blob, get_container, get_json, post } from "./api.js";
+import { Charts } from "./charts.js";
+import { Shown, read_bone } from "./data.js";
+import { Folder } from "./folder.js";
+import { Gauges } from "./gauges.js";
+import { Live } from "./live.js";
+import { Playback } from "./playback.js";
+import { View3d } from "./view3d.js";
+import { describe, kFault, kRecovering } from "./words.js";
+
+const by_id = (id) => document.getElementById(id);
+const kPanels_ms = 100, kRefresh_ms = 5000;
+
+const app = {
+  role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
+  live: null,          // Shown of the session
+  preview: null,       // Shown with the bone of the chosen scene only
+  playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "", waiting: null,
+};
+
+/// The view is drawn in the next frame, the panels at the latest after kPanels_ms.
+function changed() {
+  app.has_moved = app.panels_are_old = true;
+}
+
+// ---- theme ----
+function set_theme(name) {
+  document.documentElement.dataset.theme = name;
+  by_id("theme").textContent = name === "dark" ? "Light" : "Dark";
+  localStorage.setItem("trocar-theme", name);
+  app.view?.set_theme();
+  app.charts?.set_theme();
+}
+document.documentElement.dataset.theme = localStorage.getItem("trocar-theme") ?? "dark";
+by_id("theme").textContent = document.documentElement.dataset.theme === "dark" ? "Light" : "Dark";
+by_id("theme").addEventListener("click", () => set_theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+
+try {
+  app.view = new View3d(by_id("canvas-box"), by_id("canvas"));
+} catch (error) {
+  by_id("legend").hidden = true;
+  console.warn(error);
+}
+app.charts = new Charts();
+app.gauges = new Gauges();
+
+/// Of a session's recording, the session's name.
+const short = (file) => file.replace(/^sessions\//, "").replace(/\/session\.csv$/, "");
+
+// ---- what is shown ----
+const shown = () => (app.tab === "playback" ? app.playback.first : app.live ?? app.preview);
+
+/// The bone of the source that is shown goes to the view; sheets and shapes that came before are applied again.
+function show_bone() {
+  const source = shown();
+  app.view?.set_bone(source?.bone ?? null);
+  if (source && source === app.live && source.bone) {
+    for (const sheet of source.sheets.values()) app.view?.set_sheet(sheet);
+    if (source.shape) app.view?.set_shape(source.shape);
+  }
+  if (app.tab === "playback" && app.playback.first?.bone) app.view?.set_marks(app.playback.marks);
+  changed();
+}
+
+function set_tab(name) {
+  app.tab = name;
+  document.body.dataset.tab = name;
+  for (const button of document.querySelectorAll("nav button")) button.setAttribute("aria-pressed", String(button.dataset.to === name));
+  by_id("player").hidden = name !== "playback";
+  show_bone();
+  if (name !== "session") refresh();
+}
+for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", () => set_tab(button.dataset.to));
+
+function set_view(name) {
+  app.view?.set_view(name);
+  for (const button of document.querySelectorAll("[data-view]")) button.setAttribute("aria-pressed", String(button.dataset.view === name));
+  changed();
+}
+for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => set_view(button.dataset.view));
+by_id("shown").addEventListener("change", (event) => {
+  app.view?.set_mode(event.target.value);
+  changed();
+});
+
+function notice(error) {
+  app.notice = error instanceof Error ? error.message : String(error ?? "");
+  clearTimeout(app.notice_timer);
+  if (app.notice) app.notice_timer = setTimeout(() => (app.notice = ""), 12000);
+  draw_status();
+}
+const guarded = (act) => async (...values) => {
+  try {
+    await act(...values);
+  } catch (error) {
+    notice(error);
+  }
+};
+
+// ---- folder ----
+const preview = guarded(async (scene, asset) => {
+  if (!scene || app.live && app.state.state !== "ended" && app.state.state !== "idle") return;
+  const key = `${scene.file} ${asset ?? ""}`;
+  if (app.bone_key === key && app.preview && !app.live) return;
+  app.bone_key = key;
+  if (scene.asset_missing && !asset) return;
+  const made = new Shown([], { force_law: scene.force_law });
+  made.bone = read_bone(await get_container(file_query("/api/bone", { scene: scene.file, asset })));
+  if (app.bone_key !== key) return;
+  app.preview = made;
+  app.live = null;
+  if (app.tab !== "playback") show_bone();
+});
+const folder = new Folder({
+  choose: (scene, asset) => preview(scene, asset),
+  play: (recording) => play(recording),
+  compare: (recording) => compare(recording),
+  report: (recording) => open_report(recording.report ?? recording.file),
+});
+const refresh = guarded(async () => {
+  const data = await get_json("/api/folder");
+  set_role(data.role);
+  app.folder = data;
+  folder.show(data);
+  const options = [new Option("none", ""), ...data.recordings.filter(({ error }) => !error).map(({ file }) => new Option(short(file), file))];
+  const against = by_id("against").value;
+  by_id("against").replaceChildren(...options);
+  by_id("against").value = options.some(({ value }) => value === against) ? against : "";
+  if (!app.live && !data.session) await preview(folder.scene(folder.chosen), folder.asset());
+  if (data.playback && !app.playback.first) {
+    await play({ file: data.playback.recording, scene: data.playback.scene });
+    if (data.playback.against) await compare({ file: data.playback.against, scene: data.playback.scene });
+  }
+});
+setInterval(() => { if (!document.hidden && app.tab === "folder") refresh(); }, kRefresh_ms);
+
+function set_role(role) {
+  app.role = role;
+  document.body.dataset.role = role;
+  by_id("role").textContent = role === "view" ? "view only" : "";
+}
+
+// ---- session ----
+const live_bone = guarded(async (source) => {
+  source.bone = read_bone(await get_container("/api/bone?session=1"));
+  Object.assign(source.bone.tool, { kind: source.about.tool?.kind, half_angle_deg: source.about.tool?.half_angle_deg });
+  if (app.live !== source) return;
+  if (app.tab !== "playback") show_bone();
+});
+app.link = new Live({
+  hello: ({ hello, role, columns }, is_new) => {
+    app.connected = true;
+    set_role(role);
+    if (!hello) {
+      app.live = null;
+      return;
+    }
+    if (!is_new && app.live) return app.live.history.gap();
+    app.live = new Shown(columns, hello);
+    app.live.sheets = new Map();
+    app.preview = null;
+    app.bone_key = "";
+    app.gauges.events_key = "";
+    document.body.dataset.session = "live";
+    if (app.tab === "folder") set_tab("session");
+    live_bone(app.live);
+  },
+  snapshot: (row) => {
+    if (!app.live || row.length !== app.live.columns.width) return;
+    const has_moved = row[0] !== app.live.row?.[0];  // the time stands still in a pause, and at the end
+    app.live.take(row);
+    app.has_moved ||= has_moved;
+    app.panels_are_old = true;
+  },
+  sheet: (sheet) => {
+    app.live?.sheets.set(sheet.sheet, sheet);
+    if (shown() === app.live && app.live?.bone) app.view?.set_sheet(sheet);
+    changed();
+  },
+  shape: (shape) => {
+    if (app.live) app.live.shape = shape;
+    if (shown() === app.live && app.live?.bone) app.view?.set_shape(shape);
+  },
+  events: (events) => {
+    app.live?.events.push(...events);
+    changed();
+  },
+  missed: (count) => { if (app.live) app.live.missed += count; },
+  state: (state) => {
+    app.state = state;
+    document.body.dataset.session = state.state;
+    if (state.state === "ended" || state.state === "idle") {
+      refresh();
+      const waiting = app.waiting;
+      app.waiting = null;
+      if (waiting) start(waiting);
+    }
+    changed();
+    draw_status();
+  },
+  down: (is_refused) => {
+    app.connected = false;
+    app.refused = is_refused;
+    draw_status();
+  },
+});
+
+const is_running = () => ["starting", "running", "paused"].includes(app.state.state);
+const command = guarded(async (name) => { await post("/api/command", { command: name }); });
+const start = guarded(async (what) => {
+  app.last_start = what;
+  await post("/api/start", what);
+  notice("");
+  if (app.tab !== "session") set_tab("session");
+});
+by_id("start-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const what = { scene: by_id("start-scene").value };
+  for (const [name, id] of [["asset", "start-asset"], ["device", "start-device"], ["clock", "start-clock"]]) if (by_id(id).value) what[name] = by_id(id).value;
+  if (by_id("start-duration").value) what.duration_s = Number(by_id("start-duration").value);
+  start(what);
+});
+by_id("restart").addEventListener("click", () => {
+  const what = app.last_start ?? (app.live?.about.scene?.file ? { scene: app.live.about.scene.file } : null);
+  if (!what) return notice("Nothing was started here yet: choose a scene in Folder.");
+  if (!is_running()) return start(what);
+  app.waiting = what;
+  command("stop");
+});
+by_id("pause").addEventListener("click", () => command(app.state.state === "paused" || app.live?.value("paused", 0) ? "resume" : "pause"));
+for (const name of ["zero", "recover", "stop"]) by_id(name).addEventListener("click", () => command(name));
+
+async function stop_now() {
+  try {
+    await emergency_stop();
+  } catch (error) {
+    notice(is_running() || !app.connected ? `The emergency stop was not delivered (${error.message}). Press the device's own.` : `Emergency stop: ${error.message}.`);
+  }
+}
+by_id("emergency").addEventListener("click", stop_now);
+
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape") {
+    event.preventDefault();
+    if (!event.repeat) stop_now();
+    return;
+  }
+  const is_typing = event.target instanceof HTMLInputElement && event.target.type !== "range";
+  if (event.code !== "Space" || is_typing || event.repeat || (by_id("report-box").open && !is_running())) return;
+  event.preventDefault();
+  if (is_running()) {
+    if (app.role === "operator") command("stop");
+  } else if (app.tab === "playback") toggle_play();
+}, true);
+// A button that has the focus would also be pressed when the space key comes up.
+addEventListener("keyup", (event) => {
+  if (event.code === "Space" && event.target instanceof HTMLButtonElement) event.preventDefault();
+}, true);
+
+// ---- playback ----
+const play = guarded(async (recording) => {
+  await app.playback.open(recording.file, recording.scene);
+  // A recording does not tell the device's limits: those of the last session here.
+  const { motor_peak_torque_Nm, joint_limits_rad, workspace } = app.live?.about ?? {};
+  Object.assign(app.playback.first.about, { motor_peak_torque_Nm, joint_limits_rad, workspace });
+  app.gauges.events_key = "";
+  by_id("against").value = "";
+  set_tab("playback");
+});
+const compare = guarded(async (recording) => {
+  if (!app.playback.first) {
+    if (recording.file) await app.playback.open(recording.file, recording.scene);
+  } else await app.playback.compare(recording.file, recording.scene);
+  by_id("against").value = app.playback.first?.second ? recording.file : "";
+  set_tab("playback");
+});
+function toggle_play() {
+  if (!app.playback.first) return;
+  if (app.playback.time_s >= app.playback.end_s) app.playback.go_to(0);
+  app.playback.is_playing = !app.playback.is_playing;
+  changed();
+}
+function seek(t) {
+  const before = app.playback.first?.events.length;
+  app.playback.go_to(t);
+  if (app.playback.first?.events.length !== before) app.view?.set_marks(app.playback.marks);
+  changed();
+}
+by_id("play").addEventListener("click", toggle_play);
+by_id("seek").addEventListener("input", (event) => seek(Number(event.target.value) / 1000 * app.playback.end_s));
+by_id("speed").addEventListener("change", (event) => (app.playback.speed = Number(event.target.value)));
+by_id("against").addEventListener("change", (event) => {
+  const file = event.target.value;
+  compare(app.folder?.recordings.find((recording) => recording.file === file) ?? { file: "" });
+});
+
+const open_report = guarded(async (file) => {
+  const blob = new Blob([await get_blob(file_query("/api/report", { file }))], { type: "text/html" });
+  if (app.report_url) URL.revokeObjectURL(app.report_url);
+  app.report_url = URL.createObjectURL(blob);
+  by_id("report-frame").src = app.report_url;
+  by_id("report-save").href = app.report_url;
+  by_id("report-box").show();  // not modal: the emergency stop stays within reach
+});
+by_id("report-close").addEventListener("click", () => by_id("report-box").close());
+by_id("player-report").addEventListener("click", () => {
+  const recording = app.folder?.recordings.find(({ file }) => file === app.playback.file);
+  open_report(recording?.report ?? app.playback.file);
+});
+by_id("ended-report").addEventListener("click", () => open_report(app.state.report));
+by_id("ended-play").addEventListener("click", () => {
+  const found = app.folder?.recordings.find(({ file }) => file === app.state.recording);
+  play(found ?? { file: app.state.recording, scene: app.live?.about.scene?.file });
+});
+
+// ---- drawing ----
+function draw_status() {
+  const is_playback = app.tab === "playback" && !is_running() && app.connected;
+  const first = app.playback.first;
+  const said = is_playback
+    ? { level: "good", state: "Playback", words: first ? `${short(app.playback.file)}${first.second ? `, against ${short(app.playback.second_file)}` : ""}` : "No recording is open. Choose one in Folder." }
+    : describe({ shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused });
+  by_id("status").dataset.level = app.notice ? "bad" : said.level;
+  by_id("state").textContent = said.state;
+  by_id("words").textContent = app.notice || said.words;
+  const source = shown();
+  const end = app.tab === "playback" ? app.playback.end_s : source?.about.duration_s;
+  const t = app.tab === "playback" ? app.playback.time_s : source?.value("t_s");
+  by_id("clock").textContent = Number.isFinite(t) ? `${t.toFixed(2)} s${Number.isFinite(end) ? ` of ${Number(end.toFixed(2))} s` : ""}` : "";
+  by_id("ended-report").hidden = app.state.state !== "ended" || !app.state.report || is_playback;
+  by_id("ended-play").hidden = app.state.state !== "ended" || !app.state.recording || is_playback;
+  const running = is_running(), safety = app.live?.value("safety", 0), paused = app.state.state === "paused" || Boolean(app.live?.value("paused", 0));
+  by_id("pause").textContent = running && paused ? "Resume" : "Pause";
+  for (const name of ["pause", "zero", "stop"]) by_id(name).disabled = !running;
+  by_id("recover").disabled = !running || paused || !(safety === kFault || safety === kRecovering || app.live?.value("fault", 0));
+  by_id("restart").disabled = !app.last_start && !app.live;
+  by_id("start").disabled = running || !folder.chosen;
+  return said;
+}
+
+function draw_overlay(source) {
+  const caption = by_id("caption"), view = app.view;
+  const lines = caption.children.length ? caption.children : (caption.append(...[0, 1, 2].map(() => document.createElement("div"))), caption.children);
+  const about = source?.about ?? {};
+  const scene = app.tab === "playback" ? (app.playback.scene ?? "") : about.scene?.name ?? folder.scene(folder.chosen)?.name ?? "";
+  lines[0].textContent = source ? scene : "";
+  const slice = view?.slices[view.section_slice(source)];
+  lines[1].textContent = app.tab === "playback" && source && !source.bone ? "The scene of this recording is not in the folder: there is no bone to show."
+    : !source || !slice ? "" : view.view === "section" ? `Slice ${slice.slice} at z = ${(1000 * slice.z_m).toFixed(1)} mm, seen from above; line: contour of the CT${slice.is_lost ? " (its holes cannot be shown)" : ""}`
+    : view.view === "tool" ? "From the tool's axis, 100 mm above the tip"
+    : !source.bone?.surface ? "Slices; the asset has no surface here" : "Surface and slices";
+  if (source?.bone?.goals && view?.view !== "section") lines[1].textContent += "; green: target and planned line, orange: zones to keep out of";
+  lines[2].textContent = view ? view.renderer_words() : "This browser has no WebGL: the bone cannot be drawn.";
+  const readout = by_id("readout");
+  if (!readout.children.length) readout.append(document.createElement("div"), document.createElement("div"));
+  const force = source?.row && source.is_placed() ? source.force() : NaN, depth = source?.depth_mm();
+  const number = readout.firstChild;
+  if (!number.children.length) number.append("On the hand ", document.createElement("b"), " N");
+  by_id("force-label").textContent = Number.isFinite(force) ? `${force.toFixed(1)} N` : "";
+  readout.hidden = !Number.isFinite(force);
+  if (Number.isFinite(force)) {
+    number.children[0].textContent = force.toFixed(1);
+    const contact = Math.abs(source.value("force_N")), along = contact > 1.05 * force + 0.5 ? `contact ${contact.toFixed(1)} N, ` : "";
+    readout.lastChild.textContent = along + (Number.isFinite(depth) ? (depth >= 0 ? `tip ${depth.toFixed(1)} mm below the first slice` : `tip ${(-depth).toFixed(1)} mm above the first slice`) : "");
+  }
+}
+
+function draw_player() {
+  const { playback } = app;
+  by_id("play").textContent = playback.is_playing ? "Pause" : "Play";
+  by_id("play").disabled = !playback.first;
+  by_id("player-report").disabled = !app.folder?.recordings.some(({ file, report }) => file === playback.file && report !== undefined);
+  by_id("seek").value = playback.end_s ? Math.round(1000 * playback.time_s / playback.end_s) : 0;
+  by_id("seek-time").textContent = playback.first ? `${playback.time_s.toFixed(2)} / ${playback.end_s.toFixed(2)} s` : "";
+}
+
+let last = performance.now(), panels_at = 0;
+function frame(now) {
+  requestAnimationFrame(frame);
+  const passed_s = (now - last) / 1000;
+  last = now;
+  app.link.ack();
+  const before = app.playback.first?.events.length;
+  if (app.tab === "playback" && app.playback.advance(passed_s)) {
+    changed();
+    if (app.playback.first.events.length !== before) app.view?.set_marks(app.playback.marks);
+  }
+  const source = shown();
+  if (source && app.has_moved) app.view?.update(source);
+  app.has_moved = false;
+  if (app.view?.frame(now)) app.panels_are_old = true;
+  if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(250, 4 * (app.view?.frame_ms ?? 0)))) return;
+  app.panels_are_old = false;
+  panels_at = now;
+  draw_status();
+  draw_overlay(source);
+  if (app.tab === "playback") draw_player();
+  if (!source || app.tab === "folder") return;
+  app.gauges.update(source);
+  app.charts.update(source);
+}
+set_tab("folder");
+set_view("perspective");
+requestAnimationFrame(frame);
+refresh();
+
+// For tests and for whoever looks for a fault by the browser's console: what the page shows, as data.
+const row_of = (source) => (source?.row ? Object.fromEntries([...source.columns.at.keys()].map((name) => [name, Array.from(source.values(name))])) : null);
+window.trocar = {
+  get role() { return app.role; },
+  get tab() { return app.tab; },
+  get state() { return app.state; },
+  get session() { return app.link.session; },
+  get is_connected() { return app.connected; },
+  get words() { return `${by_id("state").textContent}: ${by_id("words").textContent}`; },
+  get row() { return row_of(app.live); },
+  get events() { return app.live?.events ?? []; },
+  get missed() { return app.live?.missed ?? 0; },
+  get slices() { return app.view?.slices.map(({ slice, z_m, triangles, places, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: places.length / 2, cuts: cuts ?? 0 })) ?? []; },
+  get totals() { return app.gauges.totals; },
+  get surface_triangles() { return (app.view?.surface?.geometry.index.count ?? 0) / 3; },
+  get bone_shown_ms() { return app.view?.bone_shown_ms ?? null; },
+  get frames() { return app.view?.frames ?? 0; },
+  get fps() { return app.view?.fps ?? 0; },
+  get scale() { return app.view?.scale ?? 0; },
+  get renderer() { return app.view?.renderer_name ?? ""; },
+  get shape() { return { vertices: app.view?.shape ? app.view.shape_w.length : 0, deepest_m: app.view?.shape?.visible ? app.view.shape_depth_m : 0 }; },
+  get playback_row() { return row_of(app.playback.first); },
+  get playback() { return { file: app.playback.file, time_s: app.playback.time_s, end_s: app.playback.end_s, events: app.playback.first?.events.length ?? 0, second: Boolean(app.playback.first?.second) }; },
+};

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+// A recording with its scene, played; and a second one against it.
+import { file_query, get_container } from "./api.js";
+import { Shown, is_material, read_bone } from "./data.js";
+
+const kContact = 1;  // ContactPhase
+const kMostPoints = 6000;  // of a curve
+
+/// A Shown whose rows are all there.
+class Recorded extends Shown {
+  constructor({ json, doubles }) {
+    super(json.columns, json.about);
+    this.is_recording = true;
+    this.rows = doubles(json.rows_at ?? [0, json.rows * json.columns.reduce((sum, { count }) => sum + count, 0)]);
+    this.count = json.rows;
+    this.all_events = json.events ?? [];
+    this.largest_torque_Nm = 0;
+    const at = this.columns.at.get("tau_Nm");
+    for (let i = 0; at && i < this.count; ++i)
+      for (let k = 0; k < at[1]; ++k) this.largest_torque_Nm = Math.max(this.largest_torque_Nm, Math.abs(this.row_at(i)[at[0] + k]));
+    this.times = Float64Array.from({ length: this.count }, (_, i) => this.columns.value(this.row_at(i), "t_s"));
+  }
+  row_at(i) { return this.rows.subarray(i * this.columns.width, (i + 1) * this.columns.width); }
+  get end_s() { return this.times[this.count - 1] ?? 0; }
+
+  set_bone(bone) {
+    this.bone = bone;
+    this.history.clear();
+    this.touched_at = new Map();
+    this.find_punctures();
+    const every = Math.max(1, Math.ceil(this.count / kMostPoints));
+    for (let i = 0; i < this.count; ++i) {
+      const row = this.row_at(i);
+      const slice = this.columns.value(row, "active_slice", -1);
+      if (this.columns.value(row, "phase") === kContact && !this.columns.has("front_z_m") && !this.touched_at.has(slice)) this.touched_at.set(slice, this.times[i]);
+      if (i % every === 0 && this.is_placed(row)) this.history.push(this.times[i], this.force(row), this.depth_mm(row));
+    }
+  }
+  /// A recording of the force law `cutting` has the front instead of punctures: a slice is cut through when the front has passed the
+  /// lower side of its slab, half way to the next slice, and touched when the front is in it.
+  find_punctures() {
+    const slices = this.bone?.slices ?? [];
+    if (!this.columns.has("front_z_m") || !slices.length) return;
+    this.all_events = this.all_events.filter(({ kind }) => kind !== "puncture");
+    const half = (k) => 0.5 * Math.abs(k + 1 < slices.length ? slices[k].z_m - slices[k + 1].z_m : (slices[k - 1]?.z_m ?? Infinity) - slices[k].z_m);
+    let next = 0, before = Infinity;
+    for (let i = 0; i < this.count; ++i) {
+      const row = this.row_at(i), front = this.columns.value(row, "front_z_m"), tip = this.columns.values(row, "tool_m");
+      if (front === 0 || !this.is_placed(row)) continue;
+      for (; next < slices.length; ++next) {
+        if (front > slices[next].z_m - half(next) + 1e-7) break;
+        if (before === Infinity || !is_material(slices[next], tip[0], tip[1])) continue;
+        const text = `slice ${slices[next].slice} cut through at ${this.times[i].toFixed(3)} s: ${this.force(row).toFixed(1)} N on the hand`;
+        this.all_events.push({ kind: "puncture", t_s: this.times[i], slice: slices[next].slice, tool_z_m: tip[2], text });
+      }
+      before = front;
+      const slice = slices[next];
+      if (slice && !this.touched_at.has(slice.slice) && this.columns.value(row, "embedded_m", 0) > 0 && front <= slice.z_m + half(next) && is_material(slice, tip[0], tip[1]))
+        this.touched_at.set(slice.slice, this.times[i]);
+    }
+    this.all_events.sort((a, b) => a.t_s - b.t_s);
+  }
+  /// The last row at or before t.
+  index_at(t) {
+    let low = 0, high = this.count - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.times[middle] <= t) low = middle;
+      else high = middle - 1;
+    }
+    return low;
+  }
+  go_to(t) {
+    this.index = this.index_at(t);
+    this.row = this.row_at(this.index);
+    const now = this.times[this.index];
+    this.events = this.all_events.filter(({ t_s }) => t_s <= now);
+    this.pierced = new Set(this.punctures().map(({ slice }) => slice));
+  }
+  /// Of the slices, from the events and the rows so far.
+  values(name) {
+    const slices = this.bone?.slices ?? [], now = this.row ? this.times[this.index] : 0;
+    if (name === "sheet_touched") return slices.map(({ slice }) => Number(this.touched_at.get(slice) <= now || (this.pierced?.has(slice) ?? false)));
+    if (name === "sheet_punctured") return slices.map(({ slice }) => Number(this.pierced?.has(slice) ?? false));
+    return super.values(name);
+  }
+}
+
+export class Playback {
+  constructor() {
+    this.first = null;
+    this.time_s = 0;
+    this.speed = 1;
+    this.is_playing = false;
+  }
+
+  async open(recording, scene) {
+    const [rows, bone] = await Promise.all([
+      get_container(file_query("/api/recording", { file: recording, scene })),
+      scene ? get_container(file_query("/api/bone", { scene })).then(read_bone) : null]);
+    this.first = new Recorded(rows);
+    this.first.set_bone(bone);
+    this.file = recording;
+    this.scene = scene;
+    this.is_playing = false;
+    this.go_to(0);
+  }
+
+  async compare(recording, scene) {
+    if (!recording) this.first.second = null;
+    else {
+      const second = new Recorded(await get_container(file_query("/api/recording", { file: recording, scene })));
+      second.set_bone(this.first.bone);
+      this.first.second = second;
+      this.second_file = recording;
+    }
+    this.go_to(this.time_s);
+  }
+
+  get end_s() { return Math.max(this.first?.end_s ?? 0, this.first?.second?.end_s ?? 0); }
+  get marks() {
+    const { first } = this;
+    const places = [];
+    for (const event of first?.punctures() ?? []) {
+      const slice = first.bone?.slices.find((candidate) => candidate.slice === event.slice);
+      if (!slice) continue;
+      const tip = first.columns.values(first.row_at(first.index_at(event.t_s)), "tool_m");
+      places.push({ x: tip[0], y: tip[1], z: slice.z_m });
+    }
+    return places;
+  }
+
+  go_to(t) {
+    this.time_s = Math.min(Math.max(0, t), this.end_s);
+    this.first?.go_to(this.time_s);
+    this.first?.second?.go_to(this.time_s);
+  }
+
+  /// `passed_s` of the clock on the wall; true: the row has changed.
+  advance(passed_s) {
+    if (!this.is_playing || !this.first) return false;
+    this.go_to(this.time_s + passed_s * this.speed);
+    if (this.time_s >= this.end_s) this.is_playing = false;
+    return true;
+  }
+}

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// The state in words, with what to do.
+
+export const kRunning = 2, kFault = 3, kRecovering = 4;  // SafetyState
+const kContact = 1, kPunctured = 2, kBeside = 3;          // ContactPhase
+const kOperators = { paused: ["Paused", "Torques are zero and time stands still. Press Resume to go on."],
+  forces_off: ["Forces off", "Torques are zero, the tool moves freely and time goes on. Press Recover for forces."] };
+
+/// The last fault that no recovery has ended, or null.
+export function last_fault(events) {
+  for (let i = events.length - 1; i >= 0; --i) {
+    if (events[i].kind === "recovered") return null;
+    if (events[i].kind === "fault") return events[i];
+  }
+  return null;
+}
+
+const sentence = (words) => (words ? words[0].toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".") : "");
+
+function fault_words(event) {
+  if (!event) return "A fault that this page has not been told of; the terminal of the session says more.";
+  if (!event.meaning) return sentence(event.text ?? "");
+  const measured = event.measured ? ` (${event.measured})` : "";
+  return `${sentence(event.meaning + measured)} ${sentence(event.advice)}`;
+}
+
+function contact_words(shown) {
+  const slice = shown.value("active_slice", -1), phase = shown.value("phase", 0);
+  if (shown.about.force_law === "cutting" && shown.value("embedded_m", 0) > 0) return `The tool is in the bone, ${(1000 * shown.value("embedded_m")).toFixed(1)} mm of it.`;
+  if (phase === kContact) return `The tool presses on slice ${slice}.`;
+  if (phase === kPunctured) return "The tip is below the slice that was punctured last.";
+  if (phase === kBeside) return "The tip is below a slice, beside its material.";
+  return "The tool touches nothing.";
+}
+
+/// {level: good | wait | bad, state, words} of the session's state as the console has it and of the latest row.
+export function describe({ shown, state, is_connected, is_refused }) {
+  if (is_refused) return { level: "bad", state: "Refused", words: "The console refused this page. Open the link that trocar-console printed." };
+  if (!is_connected) return { level: "bad", state: "No connection", words: "The console does not answer; the session may go on. This page connects again by itself. Start trocar-console again if it ended." };
+  const said = sentence(state.message ?? ""), message = /^(Ended|Paused|Running|Idle)\.$/.test(said) ? "" : said;
+  if (state.state === "lost") return { level: "bad", state: "Session lost", words: `${message} Use the device's emergency stop if forces persist.` };
+  if (state.state === "starting") return { level: "wait", state: "Starting", words: message };
+  if (state.state === "idle" || !shown) return { level: "wait", state: "Idle", words: message || "No session runs. Choose a scene in Folder and press Start." };
+  const event = last_fault(shown.events);
+  if (state.state === "ended") {
+    const is_fault = event && !(event.fault in kOperators);
+    return { level: is_fault ? "bad" : "wait", state: "Ended", words: [message || "The session has ended.", is_fault ? `Fault ${event.fault}: ${fault_words(event)}` : ""].filter(Boolean).join(" ") };
+  }
+  const safety = shown.value("safety", 0);
+  if (state.state === "paused" || shown.value("paused", 0)) return { level: "wait", state: kOperators.paused[0], words: kOperators.paused[1] };
+  if (safety === kRecovering) {
+    const refused = shown.events.findLast?.(({ kind }) => kind === "not_recovered" || kind === "recovered" || kind === "fault");
+    const why = refused?.kind === "not_recovered" ? `Not yet: ${refused.text}` : "Torques are zero until the cause is gone.";
+    return { level: "wait", state: "Recovering", words: why };
+  }
+  if (safety === kFault || shown.value("fault", 0)) {
+    if (event && event.fault in kOperators) return { level: "wait", state: kOperators[event.fault][0], words: kOperators[event.fault][1] };
+    const name = event?.fault ? `Fault: ${event.fault.replaceAll("_", " ")}` : "Fault";
+    return { level: "bad", state: name, words: `${fault_words(event)} Torques are zero. Then press Recover.` };
+  }
+  if (safety !== kRunning) return { level: "wait", state: "Ready", words: "Torques are zero; nothing has been rendered yet." };
+  const authority = shown.value("authority", 1);
+  const words = authority < 1 ? `Forces return after the recovery: ${(100 * authority).toFixed(0)} % now.` : contact_words(shown);
+  return { level: "good", state: "Running", words };
+}

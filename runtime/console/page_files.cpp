@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/page_files.h"
+
+#include <sodium.h>
+
+#include <array>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "formats/base/file_io.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::uint64_t kMostBytes = std::uint64_t{8} << 20;
+constexpr std::size_t kMostFiles = 64;
+
+/// Empty: the file is no part of the page.
+std::string type_of(const std::filesystem::path& file) {
+  static const std::map<std::string, std::string> types = {
+      {".html", "text/html; charset=utf-8"},
+      {".js", "text/javascript; charset=utf-8"},
+      {".mjs", "text/javascript; charset=utf-8"},
+      {".css", "text/css; charset=utf-8"},
+      {".svg", "image/svg+xml"},
+      {".png", "image/png"},
+      {".woff2", "font/woff2"},
+      {".txt", "text/plain; charset=utf-8"},
+      {".ico", "image/x-icon"}};
+  const auto found = types.find(file.extension().string());
+  return found == types.end() ? "" : found->second;
+}
+
+constexpr const char* kIncomplete =
+    "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Trocar console</title>"
+    "<body><p>The page's libraries (three.js and uPlot) are not here. Run "
+    "<code>scripts/setup console</code> in the sources, or install the package "
+    "<code>trocar-console</code>, and start the console again.</p></body></html>\n";
+
+}  // namespace
+
+std::string import_map_hashes(std::string_view html) {
+  constexpr std::string_view kBegin = "<script type=\"importmap\">", kEnd = "</script>";
+  std::string hashes;
+  for (std::size_t at = html.find(kBegin); at != std::string_view::npos;
+       at = html.find(kBegin, at)) {
+    at += kBegin.size();
+    const std::size_t end = html.find(kEnd, at);
+    if (end == std::string_view::npos) break;
+    std::array<unsigned char, crypto_hash_sha256_BYTES> hash{};
+    ::crypto_hash_sha256(hash.data(), reinterpret_cast<const unsigned char*>(html.data() + at),
+                         end - at);
+    std::array<char,
+               sodium_base64_ENCODED_LEN(crypto_hash_sha256_BYTES, sodium_base64_VARIANT_ORIGINAL)>
+        text{};
+    ::sodium_bin2base64(text.data(), text.size(), hash.data(), hash.size(),
+                        sodium_base64_VARIANT_ORIGINAL);
+    hashes += std::string(" 'sha256-") + text.data() + "'";
+    at = end;
+  }
+  return hashes;
+}
+
+Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
+  PageFiles page;
+  std::error_code error;
+  bool has_vendor = false;
+  for (const char* part : {"", "vendor"}) {
+    for (std::filesystem::directory_iterator entry(folder / part, error), end;
+         !error && entry != end; entry.increment(error)) {
+      std::error_code ignored;
+      const std::string type = type_of(entry->path());
+      if (type.empty() || !entry->is_regular_file(ignored)) continue;
+      if (page.files_.size() == kMostFiles)
+        return refused(folder.string() + ": has more than 64 files for the page");
+      Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMostBytes);
+      if (!bytes) return bytes.error();
+      const std::string name = entry->path().filename().string();
+      has_vendor = has_vendor || *part != '\0';
+      page.files_["/" + (*part == '\0' ? name : part + ("/" + name))] = {
+          type, std::string(bytes->begin(), bytes->end())};
+    }
+  }
+  const auto index = page.files_.find("/index.html");
+  if (index == page.files_.end())
+    return refused(folder.string() +
+                   ": has no index.html; --page names the folder with the console's page");
+  page.complete_ = has_vendor;
+  if (!has_vendor) index->second.bytes = kIncomplete;
+  page.policy_ =
+      "default-src 'none'; script-src 'self'" + import_map_hashes(index->second.bytes) +
+      "; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self'; "
+      "connect-src 'self'; frame-src blob:; worker-src 'self'; base-uri 'none'; form-action "
+      "'none'; frame-ancestors 'none'";
+  page.files_["/"] = index->second;
+  return page;
+}
+
+const PageFile* PageFiles::find(std::string_view target) const {
+  const auto found = files_.find(target);
+  return found == files_.end() ? nullptr : &found->second;
+}
+
+std::filesystem::path page_folder() {
+  std::error_code error;
+  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
+  std::filesystem::path installed = program.parent_path().parent_path() / "share/trocar/console";
+  if (!error && std::filesystem::exists(installed / "index.html", error)) return installed;
+  return TROCAR_CONSOLE_PAGE;
+}
+
+}  // namespace trocar::runtime

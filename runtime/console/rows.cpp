@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/console/rows.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <vector>
+
+#include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/session/fault_words.h"
+#include "formats/session/recording.h"
+#include "runtime/console/container.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uint64_t kMostBytes = std::uint64_t{2} << 30;
+constexpr std::size_t kMostRows = 200'000;
+constexpr int kContactPhases = static_cast<int>(ContactPhase::kFault) + 1;
+
+struct Column {
+  const char* name;
+  int count;
+  bool of_cutting = false;
+};
+// In the order of append().
+constexpr std::array kColumns{Column{"t_s", 1},
+                              Column{"p_m", 3},
+                              Column{"q", 4},
+                              Column{"tool_m", 3},
+                              Column{"wrench_wanted", 6},
+                              Column{"wrench_delivered", 6},
+                              Column{"tau_Nm", 8},
+                              Column{"motor_angle_rad", 16},
+                              Column{"phase", 1},
+                              Column{"active_slice", 1},
+                              Column{"penetration_m", 1},
+                              Column{"wrench_scale", 1},
+                              Column{"pose_residual_m", 1},
+                              Column{"cuts_published", 1},
+                              Column{"fault", 1},
+                              Column{"safety", 1},
+                              Column{"authority", 1},
+                              Column{"passivity_J", 1},
+                              Column{"motor_heat_max", 1},
+                              Column{"front_z_m", 1, true},
+                              Column{"front_HU", 1, true},
+                              Column{"tip_N", 1, true},
+                              Column{"embedded_m", 1, true},
+                              Column{"cut_J", 1, true},
+                              Column{"absorbed_J", 1, true},
+                              Column{"stored_J", 1, true}};
+
+void append(std::vector<double>& out, const RecordingRow& row, bool with_cutting) {
+  const auto all = [&out](std::span<const double> numbers) {
+    out.insert(out.end(), numbers.begin(), numbers.end());
+  };
+  out.push_back(row.t_s);
+  all(row.p_m);
+  all(row.q);
+  all(row.tool_m);
+  all(row.wrench_wanted);
+  all(row.wrench_delivered);
+  all(row.tau_Nm);
+  all(row.encoder_rad);
+  for (const double x :
+       {static_cast<double>(row.phase), static_cast<double>(row.active_slice), row.penetration_m,
+        row.wrench_scale, row.pose_residual_m, static_cast<double>(row.cuts_published),
+        static_cast<double>(row.fault), static_cast<double>(row.safety), row.authority,
+        row.passivity_J, row.motor_heat_max})
+    out.push_back(x);
+  if (!with_cutting) return;
+  const RecordingRow::Cutting& c = row.cutting;
+  for (const double x :
+       {c.front_z_m, c.front_HU, c.tip_N, c.embedded_m, c.cut_J, c.absorbed_J, c.stored_J})
+    out.push_back(x);
+}
+
+std::string numbers(const char* format, double a, double b) {
+  std::array<char, 96> text{};
+  std::snprintf(text.data(), text.size(), format, a, b);
+  return text.data();
+}
+
+/// Punctures, faults and recoveries. Rows of the force law `cutting` do not tell of punctures: its
+/// tool is in holes on its way out, too.
+json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
+  constexpr std::size_t kMostEvents = 20'000;
+  json events = json::array();
+  RecordingRow before;
+  for (const RecordingRow& row : rows) {
+    if (events.size() == kMostEvents) break;
+    const bool is_punctured =
+        with_punctures && row.phase == ContactPhase::kPunctured &&
+        (before.phase != ContactPhase::kPunctured || before.active_slice != row.active_slice);
+    if (is_punctured) {
+      events.push_back({{"kind", "puncture"},
+                        {"t_s", row.t_s},
+                        {"slice", row.active_slice},
+                        {"tool_z_m", row.tool_m[2]},
+                        {"penetration_m", row.penetration_m},
+                        {"text", "slice " + std::to_string(row.active_slice) +
+                                     numbers(" punctured at %.3f s: depth %.2f mm", row.t_s,
+                                             row.penetration_m * 1e3)}});
+    }
+    if (row.fault != before.fault && row.fault != Fault::kNone) {
+      const FaultWords& words = words_of(row.fault);
+      events.push_back({{"kind", "fault"},
+                        {"t_s", row.t_s},
+                        {"fault", words.name},
+                        {"meaning", words.meaning},
+                        {"advice", words.advice},
+                        {"text", describe(FaultDetail(row.fault), row.t_s)}});
+    }
+    if (row.fault != before.fault && row.fault == Fault::kNone) {
+      events.push_back({{"kind", "recovered"},
+                        {"t_s", row.t_s},
+                        {"fault", to_string(before.fault)},
+                        {"text", std::string("recovered from ") + to_string(before.fault) +
+                                     numbers(" at %.3f s", row.t_s, 0)}});
+    }
+    before = row;
+  }
+  return events;
+}
+
+}  // namespace
+
+Result<std::string> rows_of(const std::filesystem::path& recording) {
+  const auto bytes = read_file(recording, kMostBytes);
+  if (!bytes) return bytes.error();
+  RecordingOrigin origin;
+  const auto rows = parse_recording({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
+                                    recording.filename().string(), &origin);
+  if (!rows) return rows.error();
+  const std::string* const law = origin.find("force-law");
+  const bool with_cutting = law != nullptr && *law == "cutting";
+  const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMostRows - 1) / kMostRows);
+  json columns = json::array();
+  std::size_t width = 0;
+  for (const Column& column : kColumns) {
+    if (column.of_cutting && !with_cutting) continue;
+    columns.push_back({{"name", column.name}, {"count", column.count}});
+    width += static_cast<std::size_t>(column.count);
+  }
+  std::vector<double> table;
+  table.reserve((rows->size() / every + 2) * width);
+  for (std::size_t i = 0; i < rows->size(); ++i) {
+    if (i % every == 0 || i + 1 == rows->size()) append(table, (*rows)[i], with_cutting);
+  }
+  Arrays arrays;
+  const auto at = arrays.add(std::span<const double>(table));
+  return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
+                                     {"columns", columns},
+                                     {"rows", table.size() / width},
+                                     {"every", every},
+                                     {"rows_at", at},
+                                     {"phases", names_of<ContactPhase>(kContactPhases)},
+                                     {"faults", names_of<Fault>(kFaults)},
+                                     {"safety_states", names_of<SafetyState>(kSafetyStates)},
+                                     {"events", events_of(*rows, !with_cutting)}}));
+}
+
+}  // namespace trocar::runtime

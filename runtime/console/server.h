@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// The console's HTTP and WebSocket server (protocol.md).
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "formats/base/result.h"
+#include "runtime/console/files.h"
+#include "runtime/console/page_files.h"
+#include "runtime/console/supervisor.h"
+
+namespace trocar::runtime {
+
+struct ServerSettings {
+  std::string listen = "127.0.0.1";  ///< a numerical address
+  std::uint16_t port = 0;            ///< 0: any free one
+  Supervisor::Settings session;
+  std::string playback;  ///< JSON of /api/folder's `playback`; empty: none
+};
+
+/// Prints the links, and serves until SIGINT, SIGTERM or SIGHUP; then ends its sessions. Usage: the
+/// address is none; unwritable: it cannot be listened on.
+Result<void> serve(const ServerSettings& settings, Files files, PageFiles page);
+
+}  // namespace trocar::runtime

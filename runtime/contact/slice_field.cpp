@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/contact/slice_field.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+#include "formats/geometry/lattice_box.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr float kNoMaterial = std::numeric_limits<float>::quiet_NaN();
+
+// A disc of radius 1 in rings of 1, 6 and 12 points, each for the same area.
+std::array<Eigen::Vector2d, 19> make_points() {
+  std::array<Eigen::Vector2d, 19> points;
+  points[0].setZero();
+  std::size_t n = 1;
+  for (int ring = 1; ring <= 2; ++ring) {
+    const int count = 6 * ring;
+    const double inner = 3.0 * ring * (ring - 1) + 1, outer = inner + count;
+    const double radius =
+        2.0 / 3 * (std::pow(outer, 1.5) - std::pow(inner, 1.5)) / (outer - inner) / std::sqrt(19.0);
+    for (int k = 0; k < count; ++k) {
+      const double angle = 2 * std::numbers::pi * k / count;
+      points[n++] = radius * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+    }
+  }
+  return points;
+}
+
+}  // namespace
+
+SliceField::SliceField(const SliceMesh& mesh, std::span<const float> hu, const Lattice& lattice)
+    : has_hu_(!hu.empty()) {
+  if (mesh.vertices.empty()) return;
+  const LatticeBox box = box_around(std::span<const LatticePoint>(mesh.vertices));
+  const double step_mm = lattice.step_mm();
+  const double width_mm = (std::int64_t{box.high.x} - box.low.x) * step_mm,
+               height_mm = (std::int64_t{box.high.y} - box.low.y) * step_mm;
+  pixel_mm_ = std::max(kPixel_mm, std::sqrt(width_mm * height_mm / kMostPixels));
+  left_mm_ = box.low.x * step_mm;
+  bottom_mm_ = box.low.y * step_mm;
+  columns_ = static_cast<int>(width_mm / pixel_mm_) + 1;
+  rows_ = static_cast<int>(height_mm / pixel_mm_) + 1;
+  hu_.assign(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), kNoMaterial);
+  const auto place = [&](std::uint32_t v) {
+    return Eigen::Vector2d((mesh.vertices[v].x * step_mm - left_mm_) / pixel_mm_,
+                           (mesh.vertices[v].y * step_mm - bottom_mm_) / pixel_mm_);
+  };
+  for (const Triangle& t : mesh.triangles) {
+    const Eigen::Vector2d a = place(t[0]), ab = place(t[1]) - a, ac = place(t[2]) - a;
+    const double doubled = ab.x() * ac.y() - ab.y() * ac.x();
+    const Eigen::Vector2d low = a.cwiseMin(a + ab).cwiseMin(a + ac),
+                          high = a.cwiseMax(a + ab).cwiseMax(a + ac);
+    const int top = std::min(rows_ - 1, static_cast<int>(high.y() - 0.5)),
+              right = std::min(columns_ - 1, static_cast<int>(high.x() - 0.5));
+    for (int r = std::max(0, static_cast<int>(std::ceil(low.y() - 0.5))); r <= top; ++r) {
+      for (int c = std::max(0, static_cast<int>(std::ceil(low.x() - 0.5))); c <= right; ++c) {
+        const Eigen::Vector2d p(c + 0.5 - a.x(), r + 0.5 - a.y());
+        const double at_b = (p.x() * ac.y() - p.y() * ac.x()) / doubled,
+                     at_c = (ab.x() * p.y() - ab.y() * p.x()) / doubled;
+        if (at_b < 0 || at_c < 0 || at_b + at_c > 1) continue;
+        const double value =
+            has_hu_ ? (1 - at_b - at_c) * hu[t[0]] + at_b * hu[t[1]] + at_c * hu[t[2]] : 0;
+        hu_[static_cast<std::size_t>(r) * static_cast<std::size_t>(columns_) +
+            static_cast<std::size_t>(c)] = static_cast<float>(value);
+      }
+    }
+  }
+  if (!has_hu_) return;
+  std::vector<float> values;
+  values.reserve(hu_.size());
+  std::copy_if(hu_.begin(), hu_.end(), std::back_inserter(values),
+               [](float value) { return !std::isnan(value); });
+  if (values.empty()) return;
+  mean_hu_ =
+      std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+  const auto dense = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 9 / 10);
+  std::nth_element(values.begin(), dense, values.end());
+  dense_hu_ = *dense;
+}
+
+float SliceField::at(double x_mm, double y_mm) const noexcept {
+  const double c = (x_mm - left_mm_) / pixel_mm_, r = (y_mm - bottom_mm_) / pixel_mm_;
+  if (!(c >= 0 && r >= 0 && c < columns_ && r < rows_)) return kNoMaterial;
+  return hu_[static_cast<std::size_t>(r) * static_cast<std::size_t>(columns_) +
+             static_cast<std::size_t>(c)];
+}
+
+SliceField::Mean SliceField::mean(const PlanarTransform& transform, const Eigen::Vector2d& at_m,
+                                  double radius_m) const noexcept {
+  static const std::array<Eigen::Vector2d, 19> points = make_points();
+  const double step_mm = transform.lattice.step_mm();
+  const Eigen::Vector2d middle_mm = transform.to_lattice(at_m) * step_mm;
+  Mean mean;
+  int within = 0;
+  for (const Eigen::Vector2d& p : points) {
+    const Eigen::Vector2d q = middle_mm + radius_m * 1e3 * p;
+    const float hu = at(q.x(), q.y());
+    if (std::isnan(hu)) continue;
+    ++within;
+    mean.hu += hu;
+  }
+  if (within == 0) return mean;
+  mean.hu /= within;
+  mean.share = within / static_cast<double>(points.size());
+  return mean;
+}
+
+}  // namespace trocar::runtime

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A store's journal: one NDJSON file for each process that wrote to it. It is for people and for estimates; what is finished is
+known from the store itself. Lines that cannot be read are left out: a killed process may have ended within one."""
+import dataclasses
+import json
+import pathlib
+
+from errors import REFUSED, USAGE
+
+LINE_MAX = 1 << 16
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    scan: str
+    outcome: str  # "made", "found" (computed before), "failed"
+    seconds: float
+    bytes: int
+    input_bytes: int
+    exit_code: int
+    reason: str
+
+    @property
+    def is_refused(self):
+        """The scan itself is wrong: another try would end the same way. Not so if its process was killed, or could not write."""
+        return self.outcome == "failed" and self.exit_code in (USAGE, REFUSED)
+
+
+def entry_of(line):
+    """None if it is not that of a scan."""
+    try:
+        row = json.loads(line)
+        scan, outcome, seconds = row["scan"], row["outcome"], float(row["seconds"])
+    except (ValueError, KeyError, TypeError):
+        return None
+    if not isinstance(scan, str) or outcome not in ("made", "found", "failed") or not 0 <= seconds < 1e7:
+        return None
+
+    def number(name):
+        value = row.get(name)
+        return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else 0
+
+    return Entry(scan, outcome, seconds, number("bytes"), number("input_bytes"),
+                 number("exit_code"), str(row.get("reason") or ""))
+
+
+class Journal:
+    """Read piece by piece: new_entries() gives what was written since it was last called."""
+
+    def __init__(self, store):
+        self.folder = pathlib.Path(store) / "journal"
+        self.read = {}  # file: offset of the first line not read
+
+    def new_entries(self):
+        out = []
+        for file in sorted(self.folder.glob("*.ndjson")):
+            try:
+                at = self.read.get(file.name, 0)
+                if file.stat().st_size == at:
+                    continue
+                with open(file, "rb") as stream:
+                    stream.seek(at)
+                    for line in stream:
+                        if not line.endswith(b"\n"):
+                            break
+                        at += len(line)
+                        entry = entry_of(line) if len(line) <= LINE_MAX else None
+                        if entry:
+                            out.append(entry)
+                self.read[file.name] = at
+            except OSError:
+                continue  # gone, or not visible yet
+        return out
+
+
+def estimates(entries, names, guess_s):
+    """Seconds of each of the named scans: its last time, or the mean of all."""
+    last = {entry.scan: entry.seconds for entry in entries if entry.outcome != "found"}
+    mean = sum(last.values()) / len(last) if last else guess_s
+    return {name: last.get(name, mean) for name in names}

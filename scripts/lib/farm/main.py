@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""scripts/farm: arguments, exit codes, and what is printed."""
+import argparse
+import json
+import os
+import pathlib
+import shlex
+import signal
+import sys
+import threading
+
+import plan
+import program
+import run
+import summary
+import watch
+from cluster import NODES_MAX, LocalCluster
+from errors import DONE, REFUSED, USAGE, WRITE, FarmError
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+OWN_POLL_S, POLL_S = 0.5, 3
+
+
+def say(message):
+    print(f"farm: {message}", file=sys.stderr, flush=True)
+
+
+class Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise FarmError(USAGE, f"{message}; scripts/farm --help")
+
+
+def number(kind, low, high):
+    def read(text):
+        try:
+            value = kind(text)
+        except ValueError:
+            value = None
+        if value is None or not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text}: must be a number from {low} to {high}")
+        return value
+    return read
+
+
+def numbers(kind, low, high):
+    return lambda text: [number(kind, low, high)(word) for word in text.split(",")]
+
+
+def arguments(words):
+    parser = Parser(prog="scripts/farm", formatter_class=argparse.RawDescriptionHelpFormatter, description="""\
+Brings the store of a collection up to date on a Slurm cluster: what `trocar-mesh batch COLLECTION -o STORE`
+does on one machine, as job arrays. The same command again finishes what is missing and does nothing else.""", epilog="""\
+examples:
+  scripts/farm scans.json -o /shared/store
+  scripts/farm scans.json -o store --local-cluster 3     on this machine, with Slurm of its own (scripts/setup farm)
+  scripts/farm --local-cluster 3                         only the cluster, until Ctrl-C
+  scripts/farm --plan scans.json --nodes 20 --scans 1e6  how long, how many bytes, what saturates first
+COLLECTION, STORE and the program must have the same paths on every node. STORE.farm beside the store holds a run's state.
+exit codes: 0 done; 2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the cluster
+did not answer: run it again; 1 a bug.""")
+    parser.add_argument("collection", nargs="?", metavar="COLLECTION.json", help="as for trocar-mesh batch")
+    parser.add_argument("-o", dest="store", metavar="STORE", help="the store's folder")
+    parser.add_argument("--local-cluster", type=number(int, 1, NODES_MAX), metavar="N", dest="local",
+                        help="start munged, slurmctld and N slurmd here, and take them down at the end")
+    parser.add_argument("--program", metavar="PATH", help="trocar-mesh on the nodes (the one built here, else that of PATH)")
+    parser.add_argument("--chunk", type=number(float, 1, 86400), default=60, metavar="S", help="work of a task, seconds (60)")
+    parser.add_argument("--jobs", type=number(int, 1, 1024), default=1, metavar="N", help="processors and threads of a task (1)")
+    parser.add_argument("--throttle", type=number(int, 1, 1 << 20), default=0, metavar="K", help="run at most K tasks at once (no limit)")
+    parser.add_argument("--time-limit", type=number(int, 1, 100000), default=0, metavar="MIN", dest="limit",
+                        help="of a task, minutes; doubled for each further try (10 times a chunk, at least 5)")
+    parser.add_argument("--partition", default="", metavar="NAME", help="Slurm's partition (its default)")
+    parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word: --sbatch='--account=x --qos=y'")
+    parser.add_argument("--patience", type=number(float, 1, 1e6), default=600, metavar="S",
+                        help="how long to wait for a cluster that does not answer, seconds (600)")
+    parser.add_argument("--plan", metavar="COLLECTION.json", help="measure, and say what the collection takes on --nodes nodes; with -o, from that store's journal")
+    parser.add_argument("--nodes", type=number(int, 1, 100000), metavar="N", help="for --plan")
+    parser.add_argument("--slots", type=number(int, 1, 1024), default=1, metavar="N", help="for --plan: tasks at once on a node (1)")
+    parser.add_argument("--scans", type=numbers(lambda text: int(float(text)), 1, 10**9), default=[], metavar="M[,M]",
+                        help="for --plan: as if the collection had M scans of the same kind")
+    parser.add_argument("--json", action="store_true", help="the summary, or the plan, as JSON")
+    given = parser.parse_args(words)
+    if given.plan:
+        if given.collection or not given.nodes:
+            raise FarmError(USAGE, "--plan COLLECTION.json wants --nodes N and no other collection")
+    elif bool(given.collection) != bool(given.store):
+        raise FarmError(USAGE, "a run wants COLLECTION.json and -o STORE")
+    elif not given.collection and not given.local:
+        raise FarmError(USAGE, "give COLLECTION.json and -o STORE, --local-cluster N or --plan; scripts/farm --help")
+    return given
+
+
+def farm(given):
+    own = LocalCluster(given.local) if given.local else None
+    tool = program.Program(program.find(given.program, ROOT), os.path.abspath(given.collection), os.path.abspath(given.store))
+    options = watch.Options(given.partition, given.throttle, given.jobs, OWN_POLL_S if own else POLL_S, given.patience,
+                            [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)])
+    numbers = run.Run(tool, options, own, given.chunk, given.limit, say).all()
+    print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
+    return REFUSED if numbers["failed"] or numbers["not_finished"] else DONE
+
+
+def only_cluster(given):
+    with LocalCluster(given.local) as cluster:
+        print(f"export SLURM_CONF={cluster.folder / 'slurm.conf'}", flush=True)
+        say(f"{given.local} nodes are idle; Ctrl-C takes the cluster down")
+        threading.Event().wait()
+    return DONE
+
+
+def interrupted(*_):
+    for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(sign, signal.SIG_IGN)  # what is under way is taken down, undisturbed
+    raise KeyboardInterrupt
+
+
+def main(words):
+    for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(sign, interrupted)
+    given = None
+    try:
+        given = arguments(words)
+        if given.plan:
+            return plan.main(given, ROOT, say)
+        return farm(given) if given.collection else only_cluster(given)
+    except FarmError as error:
+        say(error)
+        return error.code
+    except KeyboardInterrupt:
+        if given and not given.plan and not given.collection:
+            return DONE
+        say("interrupted; the same command again finishes what is missing")
+        return WRITE
+    except BrokenPipeError:
+        return WRITE
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""scripts/farm --plan: how long a collection takes, how many bytes it makes, and what saturates first, from measured constants.
+
+The model: chunks of `chunk_s` of work on nodes * slots slots. A task also waits for its dispatch, starts the program and lets it read
+the collection. Before, between and after the rounds every scan is looked at once, by one process. What all slots share (the file system,
+slurmctld) has a rate; beyond the number of slots that uses it up, more slots do not help."""
+import json
+import math
+import os
+import pathlib
+import shutil
+import tempfile
+
+import constants
+import program
+from errors import DONE, WRITE, FarmError
+
+COST_MAX, COST_WANTED = 0.05, 0.02  # of a chunk's time: above the first the plan names a chunk with the second
+LOOKS = 3  # of all scans: before the first, after the measuring and after the main round
+
+
+def work_out(scans, nodes, slots_a_node, chunk_s, of):
+    """`of`: the constants' values by name. All that a plan says, as numbers."""
+    slots = nodes * slots_a_node
+    work_s = scans * of["scan_s"]
+    chunks = max(1, math.ceil(work_s / chunk_s), min(scans, slots))
+    cost_s = of["dispatch_s"] + of["start_s"] + scans * of["entry_s"]  # a chunk
+    task_s = work_s / chunks + cost_s
+    looks_s = LOOKS * (of["start_s"] + scans * (of["entry_s"] + of["look_s"]))
+    made = scans * of["made_share"]
+
+    # Of each shared thing: how many seconds of it a second of one slot uses.
+    scans_a_s = scans / chunks / task_s  # of a slot
+    use = {"slurmctld": of["controller_s"] / task_s, "writing files whole, one at a time": constants.FILES_PER_SCAN * of["whole_file_s"] * scans_a_s}
+    if of.get("read_bytes_per_s"):
+        use["reading inputs"] = constants.READS_PER_SCAN * of["input_bytes"] * scans_a_s / of["read_bytes_per_s"]
+    limits = sorted(({"what": name, "slots": max(1, math.floor(1 / share)), "used_share": share * slots} for name, share in use.items() if share > 0),
+                    key=lambda row: row["slots"])
+    useful = min([slots, *(row["slots"] for row in limits)])
+    waves_s = math.ceil(chunks / useful) * task_s
+    return {
+        "scans": scans, "nodes": nodes, "slots": slots, "useful_slots": useful, "chunks": chunks, "work_s": work_s, "task_s": task_s,
+        "chunk_cost_s": cost_s, "chunk_cost_share": cost_s / task_s, "looks_s": looks_s, "seconds": waves_s + looks_s,
+        "own_cost_share": 1 - work_s / useful / (waves_s + looks_s), "asset_bytes": made * of["asset_bytes"],
+        "beside_bytes": scans * of["beside_bytes"], "files": round(made * 6 + (scans - made)), "read_bytes": constants.READS_PER_SCAN * scans * of["input_bytes"],
+        "limits": limits,
+    }
+
+
+def duration(seconds):
+    for size, unit in ((86400, "days"), (3600, "h"), (60, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.1f} s"
+
+
+def size(count):
+    for unit, step in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= step:
+            return f"{count / step:.3g} {unit}"
+    return f"{count:.3g} bytes"
+
+
+def quantity(value, unit):
+    if unit.startswith("bytes"):
+        return size(value) + unit.removeprefix("bytes")
+    if unit == "s" and value < 0.1:
+        return f"{value * 1e3:.3g} ms" if value >= 1e-4 else f"{value * 1e6:.3g} us"
+    return f"{value:.3g} {unit}".strip()
+
+
+def text(plan):
+    first = plan["limits"][0] if plan["limits"] else None
+    lines = [
+        f"{plan['scans']} scans on {plan['nodes']} nodes, {plan['slots']} slots: {duration(plan['seconds'])}; {plan['chunks']} chunks",
+        f"  work {duration(plan['work_s'])} on one slot; the farm's own cost {100 * plan['own_cost_share']:.1f} %: {plan['chunk_cost_s']:.2f} s a chunk, "
+        f"{duration(plan['looks_s'])} for looking at all scans {LOOKS} times",
+        f"  written {size(plan['asset_bytes'])} of assets and {size(plan['beside_bytes'])} beside them, {plan['files']} files and links; "
+        f"read {size(plan['read_bytes'])}",
+    ]
+    if plan["chunk_cost_share"] > COST_MAX:
+        lines.append(f"  --chunk {10 * math.ceil(plan['chunk_cost_s'] / COST_WANTED / 10)} would make a chunk's cost {100 * COST_WANTED:.0f} %")
+    if first:
+        lines.append(f"saturates first: {first['what']}, at {first['slots']} slots"
+                     + (f"; {plan['slots']} slots are no faster than {plan['useful_slots']}" if plan["useful_slots"] < plan["slots"] else ""))
+    for row in plan["limits"]:
+        lines.append(f"  {row['what']:36} {100 * row['used_share']:8.2f} % used, saturated at {row['slots']} slots")
+    return "\n".join(lines)
+
+
+def constants_text(found):
+    return ["constants:", *(f"  {one.what:50} {quantity(one.value, one.unit):>12}  ({one.source})" for one in found.values())]
+
+
+def main(given, root, say):
+    tool = program.find(given.program, root)
+    parent = pathlib.Path(os.path.abspath(given.store)).parent if given.store else None
+    try:
+        scratch = pathlib.Path(tempfile.mkdtemp(prefix="trocar-plan.", dir=parent))
+    except OSError as error:
+        raise FarmError(WRITE, f"{parent or tempfile.gettempdir()}: {error.strerror}") from None
+    try:
+        scans, found = constants.measure(tool, os.path.abspath(given.plan), given.store, scratch, say)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    values = {name: one.value for name, one in found.items()}
+    plans = [work_out(count, given.nodes, given.slots, given.chunk, values) for count in given.scans or [scans]]
+    if given.json:
+        print(json.dumps({"plans": plans, "constants": {name: {"what": one.what, "value": one.value, "unit": one.unit, "source": one.source}
+                                                       for name, one in found.items()}}, indent=1))
+    else:
+        print("\n".join([*map(text, plans), *constants_text(found)]))
+    return DONE

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trocar-mesh batch` as scripts/farm needs it: what is not up to date in a store, and the command that makes some of it."""
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+
+from errors import BUG, REFUSED, USAGE, WRITE, FarmError
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    path: str
+    collection: str
+    store: str
+
+    def command(self, *options):
+        return [self.path, "batch", self.collection, "-o", self.store, *options]
+
+    def stale(self):
+        """How many scans the collection has, and the names of those that have no asset of today's input, parameters and program."""
+        done = subprocess.run(self.command("--dry-run", "--json", "--quiet"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                              check=False)
+        if done.returncode != 0:
+            lines = done.stderr.strip().splitlines()
+            code = done.returncode if done.returncode in (USAGE, REFUSED, WRITE) else BUG
+            raise FarmError(code, lines[-1].removeprefix("trocar-mesh: ") if lines else f"{self.path} ended with {done.returncode}")
+        try:
+            found = json.loads(done.stdout)
+            return int(found["scans"]), [str(scan["scan"]) for scan in found["stale"]]
+        except (ValueError, KeyError, TypeError) as error:
+            raise FarmError(BUG, f"{self.path} batch --dry-run --json: not what this version of scripts/farm reads ({error!r})") from None
+
+    def tidy(self):
+        """Removes what killed processes of this host left in the store, as every batch does when it starts. Failures are the next run's."""
+        subprocess.run(self.command("--only", os.devnull, "--quiet"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+
+
+def find(path, root):
+    """The program: the one given, the one that was built here, or that of PATH."""
+    built = root / "build" / "release" / "bin" / "trocar-mesh"
+    found = path or (str(built) if built.exists() else shutil.which("trocar-mesh"))
+    if not found or not os.access(found, os.X_OK):
+        raise FarmError(USAGE, f"--program {found or 'trocar-mesh'}: not found; build it, or give its path on the nodes")
+    return os.path.abspath(found)

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Brings a store up to date with its collection by rounds of job arrays.
+
+A first round of small chunks measures how long scans take, if the journal does not say. After each round the store is asked what is
+still missing: that is tried again, in smaller chunks and with a longer time limit, so that one bad scan holds back no other."""
+import contextlib
+import math
+import sys
+import time
+
+import chunks
+import journal
+import slurm
+import summary
+import watch
+from repair import Repair
+from run_folder import RunFolder
+
+TRIES = 3
+MEASURING_SCANS = 3  # a slot, where the journal is empty
+SMALLER = 10  # chunks of a further try
+JOURNAL_S = 3  # it has a file for each task
+LAST_S = 10  # for tasks that Slurm has started twice, to end by themselves
+LIMIT_MIN_MINUTES = 5
+LIMIT_TIMES = 10  # of what the longest chunk should take
+
+
+def limit_minutes(chunk_s):
+    """Slurm counts whole minutes."""
+    return max(LIMIT_MIN_MINUTES, math.ceil(LIMIT_TIMES * chunk_s / 60))
+
+
+class Progress:
+    """Collects the journal's entries of this run, and shows on a terminal how many scans have one, the rate and the time left."""
+
+    def __init__(self, log, total):
+        self.log, self.total, self.entries = log, total, []
+        self.start = time.monotonic()
+        self.last = 0.0
+        self.shown = sys.stderr.isatty()
+
+    def __call__(self):
+        now = time.monotonic()
+        if now - self.last < JOURNAL_S:
+            return
+        self.last = now
+        self.collect()
+        if self.shown:
+            made, spent = len({entry.scan for entry in self.entries}), now - self.start
+            left = f", {spent / made * (self.total - made):.0f} s left" if made else ""
+            print(f"\r  {made} of {self.total} scans, {made / spent:.2f} scans/s{left}   ", end="", file=sys.stderr)
+
+    def collect(self):
+        self.entries += self.log.new_entries()
+
+    def end(self):
+        if self.shown:
+            print(file=sys.stderr)
+
+
+class Run:
+    """`own`: the context of a cluster that is started for this run, and may be repaired; None: that of SLURM_CONF."""
+
+    def __init__(self, program, options, own, chunk_s, time_limit_minutes, say):
+        self.program, self.options, self.own, self.chunk_s, self.time_limit_minutes = program, options, own, chunk_s, time_limit_minutes
+        self.say = say
+        self.repair = Repair(own is not None, options.partition, say)
+        self.rounds = []
+        self.slots = 0
+        self.resubmitted = 0
+        self.given_up = {}  # scan: why
+
+    def all(self):
+        """The numbers of summary.py. Nothing of the run but the store is left, however it ends."""
+        start = time.monotonic()
+        if self.own is None:
+            slurm.require()
+        scans, stale = self.program.stale()
+        log = journal.Journal(self.program.store)
+        known = log.new_entries()
+        progress = Progress(log, len(stale))
+        if stale:
+            with RunFolder(self.program.store) as folder:
+                with self.own or contextlib.nullcontext():
+                    self.on_cluster(stale, folder, progress, known)
+                if self.own and (self.repair.count or self.resubmitted):
+                    self.program.tidy()
+        return summary.Summary(scans, len(stale), progress.entries, time.monotonic() - start, self.slots, self.rounds, self.repair.count,
+                               self.resubmitted, self.given_up).numbers()
+
+    def on_cluster(self, stale, folder, progress, known):
+        if earlier := watch.cancel_all(folder.prefix):
+            self.say(f"{earlier} tasks of an earlier run on this store are cancelled")
+        patience_s = 0
+        try:
+            self.slots = max(1, slurm.processors(self.options.partition) // self.options.jobs)
+            if self.options.throttle:
+                self.slots = min(self.slots, self.options.throttle)
+            self.make(stale, folder, progress, known)
+            patience_s = LAST_S
+        except slurm.NoAnswer as reason:
+            raise slurm.not_there(reason) from None
+        finally:
+            watch.cancel_all(folder.prefix, patience_s)
+            progress.end()
+
+    def make(self, todo, folder, progress, known):
+        tries = 0
+        while todo and tries < TRIES:
+            measuring = not known and not progress.entries and len(todo) > MEASURING_SCANS * self.slots
+            estimates = journal.estimates(known + progress.entries, todo, self.chunk_s)
+            if measuring:
+                cut = [todo[k * len(todo) // self.slots:][:MEASURING_SCANS] for k in range(self.slots)]
+            else:
+                cut = chunks.cut(estimates, self.slots, self.options.jobs * self.chunk_s / SMALLER ** tries)
+            longest = max(sum(estimates[name] for name in names) for names in cut)
+            minutes = (self.time_limit_minutes or limit_minutes(longest)) * 2 ** tries
+            one = watch.Round(self.program, folder, self.options, self.repair, self.say, len(self.rounds), cut, minutes)
+            one.run_all(progress)
+            progress.collect()
+            self.resubmitted += one.resubmitted
+            self.rounds.append({"chunks": len(cut), "measuring": measuring, "estimated_s": round(sum(estimates.values()), 1),
+                                "time_limit_min": minutes, "ended": ends(one.chunks)})
+            refused = {entry.scan for entry in progress.entries if entry.is_refused}
+            todo = [name for name in self.program.stale()[1] if name not in refused]
+            why = {name: chunk.end for chunk in one.chunks.values() for name in chunk.names}
+            failed = {entry.scan for entry in progress.entries if entry.outcome == "failed"}
+            self.given_up = {name: why.get(name, "became stale during the run") for name in todo if name not in failed}
+            tries += 0 if measuring else 1
+
+
+def ends(chunks_by_number):
+    out = {}
+    for chunk in chunks_by_number.values():
+        out[chunk.end] = out.get(chunk.end, 0) + 1
+    return out

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands of a Slurm cluster, and what they say. Nothing here knows of scans."""
+import dataclasses
+import os
+import re
+import shutil
+import subprocess
+
+from errors import USAGE, WRITE, FarmError
+
+ANSWER_S = 30  # slurmctld answers within its MessageTimeout, or not at all
+# Of the states of `squeue -t all`: what still waits or runs. A task that is COMPLETING has ended.
+ACTIVE = {"PENDING", "CONFIGURING", "RUNNING", "SUSPENDED", "STOPPED", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "RESIZING", "SIGNALING",
+          "SPECIAL_EXIT", "STAGE_OUT"}
+DEFAULTS = {"MaxArraySize": 1001, "MaxJobCount": 10000}
+
+
+class NoAnswer(Exception):
+    """slurmctld could not be reached, or refused; the text says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    job: str  # the array's number
+    index: int
+    state: str
+    reason: str
+    name: str
+
+    @property
+    def is_held(self):
+        return self.state in ("REQUEUE_HOLD", "SPECIAL_EXIT") or (
+            self.state == "PENDING" and ("held" in self.reason.lower() or self.reason in ("JobHeldUser", "JobHeldAdmin")))
+
+
+@dataclasses.dataclass(frozen=True)
+class Node:
+    name: str
+    state: str
+    reason: str
+
+    @property
+    def is_out(self):
+        """Takes no tasks until somebody returns it; one that is only reported as not responding may return by itself."""
+        return self.state.startswith(("drain", "down", "fail"))
+
+
+def ask(*command, text=None):
+    try:
+        done = subprocess.run([str(word) for word in command], input=text, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              timeout=ANSWER_S, check=False, text=True)
+    except subprocess.TimeoutExpired:
+        raise NoAnswer(f"{command[0]}: no answer within {ANSWER_S} s") from None
+    if done.returncode != 0:
+        lines = done.stderr.strip().splitlines()
+        raise NoAnswer(lines[-1] if lines else f"{command[0]} ended with {done.returncode}")
+    return done.stdout
+
+
+def require():
+    if shutil.which("sbatch") is None:
+        raise FarmError(USAGE, "sbatch: not found; run this where Slurm's commands are, or give --local-cluster N (scripts/setup farm)")
+
+
+def not_there(reason):
+    return FarmError(WRITE, f"slurmctld does not answer ({reason}); give the same command again when it does")
+
+
+def limits():
+    """MaxArraySize (an index is below it) and MaxJobCount of the cluster."""
+    said = ask("scontrol", "show", "config")
+    found = dict(DEFAULTS)
+    for name in found:
+        match = re.search(rf"^{name}\s*=\s*(\d+)", said, re.M)
+        if match:
+            found[name] = int(match[1])
+    return found
+
+
+def processors(partition):
+    """Those of nodes that are not out; A/I/O/T of sinfo."""
+    said = ask("sinfo", "-h", "-o", "%C", *(("-p", partition) if partition else ()))
+    total = 0
+    for word in said.split():
+        numbers = word.split("/")
+        if len(numbers) == 4 and all(n.isdigit() for n in numbers):
+            total += int(numbers[3]) - int(numbers[2])
+    return max(1, total)
+
+
+def nodes(partition):
+    said = ask("sinfo", "-h", "-N", "-o", "%N|%T|%E", *(("-p", partition) if partition else ()))
+    found = {}
+    for line in said.splitlines():
+        words = line.split("|", 2)
+        if len(words) == 3:
+            found[words[0]] = Node(words[0], words[1].lower(), words[2])
+    return list(found.values())
+
+
+def submit(script, *options):
+    """The array's number."""
+    return ask("sbatch", "--parsable", *options, text=script).strip().split(";")[0]
+
+
+def tasks(prefix):
+    """All of this user's array tasks whose job name begins with `prefix`, also those that ended in the last minutes."""
+    said = ask("squeue", "-h", "-r", "-t", "all", "--user", os.getuid(), "-o", "%F|%K|%T|%j|%r")
+    found = []
+    for line in said.splitlines():
+        words = line.split("|", 4)
+        if len(words) == 5 and words[1].isdigit() and words[3].startswith(prefix):
+            found.append(Task(words[0], int(words[1]), words[2], words[4], words[3]))
+    return found

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+// drive.mjs JSON: drives the console's page in a headless Chromium as an operator would. The argument: {link, view_link, console_pid,
+// out, is_idle}. Prints one JSON object: {failures, figures, sessions}; pictures go to the folder `out`.
+import { execFileSync } from "node:child_process";
+import { writeFileSync } from "node:fs";
+import { chromium } from "playwright-core";
+import { layout_faults } from "./layout.mjs";
+
+const told = JSON.parse(process.argv[2]);
+const failures = [], figures = {}, sessions = {};
+const check = (condition, words) => { if (!condition) failures.push(words); };
+const size = { small: { width: 1280, height: 720 }, wall: { width: 3840, height: 2160 } };
+
+// What was found so far is told also when a step cannot be done at all.
+process.on("uncaughtException", (error) => {
+  failures.push(`the driver stopped: ${error.stack}`);
+  console.log(JSON.stringify({ failures, figures, sessions }));
+  process.exit(0);
+});
+
+const browser = await chromium.launch({
+  executablePath: told.chromium,
+  args: ["--no-sandbox", "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--disable-background-timer-throttling"],
+});
+async function open(link) {
+  const page = await browser.newPage({ viewport: size.small });
+  page.setDefaultTimeout(30000);
+  page.on("pageerror", (error) => failures.push(`the page threw: ${error.stack}`));
+  page.on("request", (request) => check(request.url().startsWith(new URL(link).origin) || /^(blob|data):/.test(request.url()), `the page asked for ${request.url()}`));
+  await page.goto(link);
+  return page;
+}
+const get = (page, expression) => page.evaluate(expression);
+/// Waits until the expression over the page's test view is true. (The page's policy forbids playwright's own way.)
+async function until(page, expression, what, timeout = 30000) {
+  for (const end = Date.now() + timeout; Date.now() < end; await page.waitForTimeout(40)) if (await get(page, expression)) return true;
+  failures.push(`${what}: did not happen within ${timeout / 1000} s; the page says "${await get(page, "trocar.words")}"`);
+  return false;
+}
+async function picture(page, name) {
+  await page.screenshot({ path: `${told.out}/${name}.png` });
+  for (const fault of await page.evaluate(layout_faults)) failures.push(`${name}: ${fault}`);
+}
+async function start(page, scene, options = {}) {
+  await page.click("[data-to=folder]");
+  await page.selectOption("#start-scene", scene);
+  await page.selectOption("#start-device", options.device ?? "");
+  await page.selectOption("#start-clock", options.clock ?? "");
+  const before = await get(page, "trocar.session");
+  await page.click("#start");
+  await until(page, `trocar.session !== ${JSON.stringify(before)} && trocar.state.state === ${options.clock === "virtual" ? '"ended"' : '"running"'} && trocar.row`, `the start of ${scene}`);
+}
+async function ended(page, name) {
+  await until(page, `trocar.state.state === "ended"`, `the end of ${name}`);
+  sessions[name] = (await get(page, "trocar.state")).recording;
+}
+
+// ---- opening: lists, and bone on the screen ----
+const page = await open(told.link);
+await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
+figures.bone_shown_ms = Math.round(await get(page, "trocar.bone_shown_ms"));
+figures.renderer = await get(page, "trocar.renderer");
+for (const [list, names] of [["scenes", told.scenes], ["assets", ["sample.glb"]]]) {
+  const text = await page.innerText(`#${list}`);
+  for (const name of names) check(text.includes(name), `${name} is not among the ${list}`);
+}
+check(await page.locator("#scenes img, #scenes b, #start-scene img").count() === 0, "a file's name became HTML");
+check(!page.url().includes("#"), "the token stays in the address");
+
+// The check of the layout finds what it is for.
+const planted = await page.evaluate(`(() => {
+  const made = document.createElement("div");
+  made.innerHTML = '<p style="position:fixed;left:10px;top:300px;width:60px;overflow:hidden;white-space:nowrap">much too long for this</p>'
+    + '<p style="position:fixed;left:30px;top:304px">over it</p><p style="position:fixed;left:1270px;top:500px;white-space:nowrap">outside</p>';
+  document.body.append(made);
+  const found = (${layout_faults})();
+  made.remove();
+  return found.filter((words) => /much too long|over it|outside/.test(words)).join("; ");
+})()`);
+for (const words of ['cut off: "much too long', "are over each other", 'cut off: "outside"']) check(planted.includes(words), `the check of the layout did not find ${words}, only: ${planted}`);
+
+// ---- three slices ----
+await start(page, "three_slices.json");
+const whole = await get(page, "trocar.slices");
+check(whole.length === 3, `${whole.length} slices are shown, not 3`);
+await page.locator("#canvas-box").screenshot({ path: `${told.out}/bone_three_slices.png` });
+await until(page, `trocar.events.filter((event) => event.kind === "puncture").length === 3`, "three punctures");
+await until(page, "trocar.slices.every((slice) => slice.cuts === 1)", "three holes");
+await ended(page, "three_slices");
+const cut = await get(page, "trocar.slices");
+cut.forEach((slice, k) => check(slice.vertices > whole[k].vertices || slice.triangles !== whole[k].triangles, `slice ${slice.slice}: its mesh has not changed`));
+const totals = await get(page, "trocar.totals");
+check(totals.loaded === 3 && totals.punctured === 3 && totals.touched === 3, `slices loaded, touched, punctured: ${JSON.stringify(totals)}`);
+check((await page.innerText("#slice-counts")).replace(/\s+/g, " ").includes("3 punctured"), "the page does not say that 3 slices are punctured");
+
+// ---- a needle through a vertebra: pictures and frames ----
+await start(page, "vertebra.json");
+await until(page, "trocar.surface_triangles > 1000 && trocar.slices.length === 35", "the surface and the slices of the vertebra");
+const frames_of = async (seconds) => {
+  const before = await get(page, "[trocar.frames, performance.now()]");
+  await page.waitForTimeout(1000 * seconds);
+  const after = await get(page, "[trocar.frames, performance.now()]");
+  return +(1000 * (after[0] - before[0]) / (after[1] - before[1])).toFixed(1);
+};
+await page.waitForTimeout(1200);  // the resolution has followed
+figures.fps_surface = await frames_of(2);
+figures.scale_surface = +(await get(page, "trocar.scale")).toFixed(2);
+await page.locator("#canvas-box").screenshot({ path: `${told.out}/bone_vertebra.png` });
+await page.selectOption("#shown", "all");
+await page.waitForTimeout(1000);
+figures.fps_slices = await frames_of(2);
+figures.scale_slices = +(await get(page, "trocar.scale")).toFixed(2);
+check(await get(page, `trocar.events.some((event) => event.kind === "puncture")`), "nothing of the vertebra was punctured");
+await page.selectOption("#shown", "near");
+
+// ---- a hidden page comes back with the present state, and has lost no event ----
+await page.evaluate(() => {
+  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
+  document.dispatchEvent(new Event("visibilitychange"));
+});
+await page.waitForTimeout(700);
+const hidden_t = (await get(page, "trocar.row")).t_s[0];
+await page.evaluate(() => {
+  delete document.hidden;
+  document.dispatchEvent(new Event("visibilitychange"));
+});
+await until(page, `trocar.row.t_s[0] > ${hidden_t} + 0.3 || trocar.state.state === "ended"`, "the present state after the page was hidden");
+await ended(page, "vertebra");
+const numbers = await get(page, "trocar.events.map((event) => event.seq)");
+check(numbers.every((seq, k) => seq === k + 1) && await get(page, "trocar.missed") === 0, "events are missing or doubled after the page was hidden");
+
+// ---- the spring network: the sheet under the tool bends ----
+await start(page, "network_middle.json");
+await until(page, "trocar.row.penetration_m[0] > 0.002 && trocar.shape.deepest_m > 0.0015", "a bending sheet");
+await picture(page, "bending");
+await ended(page, "network");
+
+// ---- an audience ----
+const audience = await open(told.view_link);
+await until(audience, `trocar.role === "view" && trocar.bone_shown_ms !== null`, "the audience's page");
+check(await audience.locator(".operator:visible").count() === 0, "the audience has controls");
+check(await audience.evaluate(async () => {
+  const token = sessionStorage.getItem("trocar-token");
+  const answer = await fetch("/api/command", { method: "POST", headers: { Authorization: `Bearer ${token}`, "Content-Type": "application/json" }, body: JSON.stringify({ command: "stop" }) });
+  return answer.status;
+}) === 403, "the audience's command was not refused");
+await audience.close();
+
+// ---- pause, zero, recover, restart of the device ----
+await start(page, "waiting.json");
+await until(page, "trocar.row.safety[0] === 2", "a session that runs");
+await page.click("#pause");
+await until(page, `document.getElementById("state").textContent === "Paused"`, "the pause");
+await picture(page, "paused");
+await page.click("#pause");
+await until(page, `document.getElementById("state").textContent === "Running"`, "going on after the pause");
+await page.click("#zero");
+await until(page, `document.getElementById("state").textContent === "Forces off"`, "zero forces");
+await page.click("#recover");
+await until(page, `document.getElementById("state").textContent === "Running"`, "the recovery from zero forces");
+await page.keyboard.press("Space");
+await ended(page, "stopped");
+
+await start(page, "waiting.json", { device: "sim" });
+await until(page, "trocar.row.safety[0] === 2 && trocar.row.t_s[0] > 0.3", "a session that runs with its device");
+const children = execFileSync("ps", ["-o", "pid=,comm=", "--ppid", String(told.console_pid)], { encoding: "utf8" });
+const device = /^\s*(\d+)\s+trocar-device-s/m.exec(children);
+check(device, `the console has no device process: ${children}`);
+if (device) process.kill(Number(device[1]), "SIGKILL");
+await until(page, `document.getElementById("state").textContent.startsWith("Fault")`, "a fault when the device process is killed");
+const fault = await get(page, `trocar.events.find((event) => event.kind === "fault")?.fault`);
+check(["no_data", "link_lost"].includes(fault), `the fault is ${fault}`);
+check(/[a-z]{4,}.*[.] .*Recover/.test(await page.innerText("#words")), `the fault's words do not say what to do: ${await page.innerText("#words")}`);
+for (const theme of ["dark", "light"]) {
+  await picture(page, `fault_${theme}`);
+  await page.click("#theme");
+}
+await page.click("#recover");
+await until(page, `trocar.events.some((event) => event.kind === "recovered") && document.getElementById("state").textContent === "Running"`, "the recovery on command");
+await page.keyboard.press("Space");
+await ended(page, "device_killed");
+
+// ---- emergency stop while a slice bears force ----
+await start(page, "three_slices.json");
+await until(page, "Math.abs(trocar.row.force_N[0]) > 10", "a force of 10 N");
+await page.keyboard.press("Escape");
+await until(page, `trocar.events.some((event) => event.fault === "emergency_stop")`, "the emergency stop");
+await until(page, "trocar.row.tau_Nm.every((torque) => torque === 0)", "torques of zero");
+await page.keyboard.press("Space");
+await ended(page, "emergency_stop");
+
+// ---- playback, two recordings, report ----
+await start(page, "beside.json", { clock: "virtual" });
+await ended(page, "beside");
+await page.click("[data-to=folder]");
+const entry = (file) => page.locator("#recordings li", { has: page.locator(".file", { hasText: file }) });
+await entry(sessions.vertebra).waitFor();
+await entry(sessions.vertebra).getByText("Play", { exact: true }).click();
+await until(page, "trocar.playback.end_s > 8 && trocar.slices.length === 35", "the recording of the vertebra");
+const seek = (share) => page.evaluate((to) => {
+  const slider = document.getElementById("seek");
+  slider.value = String(1000 * to);
+  slider.dispatchEvent(new Event("input"));
+}, share);
+for (const share of [0.9, 0.25, 0.55]) {
+  await seek(share);
+  const { time_s, end_s } = await get(page, "trocar.playback");
+  check(Math.abs(time_s - share * end_s) < 0.002 * end_s, `sought ${share} of ${end_s} s, got ${time_s} s`);
+  const found = await get(page, "trocar.playback_row.t_s[0]");
+  check(Math.abs(found - time_s) < 0.003, `the row at ${time_s} s is of ${found} s`);
+}
+check(await get(page, "trocar.playback.events") > 0, "no puncture of the recording is shown");
+await page.click("#play");
+await until(page, "trocar.playback.time_s > 0.6 * trocar.playback.end_s", "playing");
+await page.click("#play");
+await page.selectOption("#against", sessions.beside);
+await until(page, "trocar.playback.second", "the second recording");
+await seek(0.4);
+for (const [name, viewport] of Object.entries(size)) {
+  await page.setViewportSize(viewport);
+  for (const theme of ["dark", "light"]) {
+    for (const view of ["perspective", "tool", "section"]) {
+      await page.click(`[data-view=${view}]`);
+      await page.waitForTimeout(700);
+      await picture(page, `playback_${view}_${theme}_${name}`);
+    }
+    await page.click("[data-to=folder]");
+    await page.click("[data-view=perspective]");
+    await page.waitForTimeout(900);
+    await picture(page, `folder_${theme}_${name}`);
+    await page.click("[data-to=session]");
+    await page.waitForTimeout(900);
+    await picture(page, `session_${theme}_${name}`);
+    await page.click("[data-to=playback]");
+    await page.click("#theme");
+  }
+}
+await page.setViewportSize(size.small);
+check(await page.isEnabled("#player-report") === told.has_report, `a report can ${told.has_report ? "not " : ""}be opened`);
+if (told.has_report) await open_report();
+async function open_report() {
+  await page.click("#player-report");
+  await page.locator("#report-box[open]").waitFor();
+  await page.waitForTimeout(800);
+  const inside = page.frames().find((frame) => frame !== page.mainFrame());
+  const report = inside ? await inside.evaluate(() => document.body?.innerText ?? "").catch(() => "") : "";
+  check(/\bN\b/.test(report) && report.length > 200, `the report did not open: "${report.slice(0, 80)}", ${await get(page, "trocar.words")}`);
+  await page.screenshot({ path: `${told.out}/report.png` });
+}
+
+await browser.close();
+writeFileSync(`${told.out}/figures.json`, JSON.stringify(figures, null, 1));
+console.log(JSON.stringify({ failures, figures, sessions }));

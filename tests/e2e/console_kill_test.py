@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""console_kill_test.py SOURCE PROGRAMS ASSET WORK [TIMES]: consoles with a page are killed, stopped and started again TIMES (100)
+during sessions. A recording by the virtual clock is the same, byte for byte, as one without a console; in real time no more deadlines
+are missed than beside it without one (pairs of sessions in turn, sign test)."""
+import json
+import math
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+from console_client import Closed, Console
+from console_server_test import make_folder
+from e2e import check, outcome, run
+
+REAL_S, PAIRS = 2, 16
+SIGNIFICANT = 1e-3  # of a sign test: at least 15 of 16 pairs worse
+
+
+def disturb(program, page, folder, link, goes_on, most, counts):
+    """Starts consoles on the session's link, each with a page, and kills them in turn, some after standing still."""
+    while goes_on() and sum(counts.values()) < most:
+        console = Console(program, folder, "--attach", link, page=page, stderr=subprocess.DEVNULL)
+        try:
+            live = console.live()
+            live.until(lambda l: l.values is not None, 0.3)
+            kind = len(counts) and sum(counts.values()) % 3
+            if kind == 1:
+                console.process.send_signal(signal.SIGSTOP)
+                time.sleep(0.05)
+                console.process.send_signal(signal.SIGCONT)
+                live.until(lambda l: False, 0.02)
+            elif kind == 2:
+                console.process.send_signal(signal.SIGSTOP)
+                time.sleep(0.02)
+            live.close()
+        except (AssertionError, OSError, Closed):
+            pass
+        name = ("killed", "stopped and went on", "killed while stopped")[kind]
+        counts[name] = counts.get(name, 0) + 1
+        console.stop(signal.SIGKILL)
+
+
+def session(programs, folder, name, link, *options):
+    words = [programs / "trocar-run", folder / "scenes/three_slices.json", "--record", folder / f"{name}.csv", "--summary",
+             folder / f"{name}.summary.json", "--quiet", "--recover", "signal", *options]
+    return subprocess.Popen([str(w) for w in words + (["--live", link] if link else [])], stderr=subprocess.DEVNULL)
+
+
+def main():
+    source, programs, asset, work = map(pathlib.Path, sys.argv[1:5])
+    times = int(sys.argv[5]) if len(sys.argv) > 5 else 100
+    program, page = programs / "trocar-console", source / "runtime/console/page"
+    folder = make_folder(source, asset, work)
+    link = folder / "link"
+    virtual = ("--clock", "virtual", "--duration", "60")
+    check(session(programs, folder, "alone", None, *virtual).wait() == 0, "the session without a console")
+    expected = (folder / "alone.csv").read_bytes()
+    counts, sessions = {}, 0
+    while sum(counts.values()) < times * 3 // 5:
+        process = session(programs, folder, "beside", link, *virtual)
+        while not link.is_symlink() and process.poll() is None:
+            time.sleep(0.001)
+        disturb(program, page, folder, link, lambda: process.poll() is None, times * 3 // 5, counts)
+        check(process.wait() == 0, "the session beside consoles")
+        sessions += 1
+        check((folder / "beside.csv").read_bytes() == expected, "a recording beside consoles differs")
+    print(f"virtual clock: {counts} in {sessions} sessions of {len(expected.splitlines()) - 1} ticks, recordings identical")
+
+    # Each pair is one after the other, first the one and then the other way round: what else the machine does hits both alike, and a
+    # pair that differs is as likely worse without consoles, unless they disturb. The loop has a processor, this script and its
+    # consoles have the others.
+    processors = sorted(os.sched_getaffinity(0))
+    alone_on = ("--cpu", str(processors[-1])) if len(processors) > 1 else ()
+    missed, latest, has_priority = {False: [], True: []}, {False: [], True: []}, True
+    for pair in range(PAIRS):
+        for with_console in (False, True) if pair % 2 == 0 else (True, False):
+            name = "with" if with_console else "without"
+            process = session(programs, folder, name, link if with_console else None, "--duration", str(REAL_S), *alone_on)
+            if alone_on:
+                os.sched_setaffinity(0, processors[:-1])
+            if with_console:
+                while not link.is_symlink() and process.poll() is None:
+                    time.sleep(0.001)
+                disturb(program, page, folder, link, lambda: process.poll() is None, sys.maxsize, counts)
+            check(process.wait() == 0, f"the session in real time {name} consoles")
+            os.sched_setaffinity(0, processors)
+            summary = json.loads((folder / f"{name}.summary.json").read_text())
+            missed[with_console].append(summary["missed_deadlines"])
+            latest[with_console].append(round(summary["tick_us"]["p999"]))
+            has_priority = has_priority and summary["realtime"]["realtime_priority"]
+    worse = sum(b > a for a, b in zip(missed[False], missed[True]))
+    better = sum(b < a for a, b in zip(missed[False], missed[True]))
+    chance = sum(math.comb(worse + better, k) for k in range(worse, worse + better + 1)) / 2 ** (worse + better)
+    print(f"consoles in all: {counts}")
+    print(f"real time, {PAIRS} pairs of {REAL_S} s: missed deadlines without {missed[False]}, with {missed[True]}; "
+          f"tick p99.9 without {latest[False]} us, with {latest[True]} us")
+    print(f"more were missed with consoles in {worse} pairs, fewer in {better}; by chance alone with probability {chance:.3g}")
+    check(sum(counts.values()) >= times, f"only {counts}")
+    if has_priority:
+        check(chance > SIGNIFICANT, f"consoles make the loop miss deadlines: {missed}")
+    else:
+        print("not judged: this machine grants the loop no realtime priority, so any program may hold it up")
+    shutil.rmtree(folder)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,425 @@
+# SPDX-License-Identifier: Apache-2.0
+"""live_memory_e2e_test.py SOURCE BIN SCAN WORK: sessions that are shown in memory, read and commanded by a reader written from
+formats/session/live_memory.md alone. Recordings are the same with and without, whatever happens to readers; events and sheets are
+those of the summary and of --meshes; commands; links of sessions that were killed."""
+import csv
+import fcntl
+import json
+import math
+import mmap
+import os
+import pathlib
+import re
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+from e2e import check, outcome, run
+
+SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:5])
+RUN = PROGRAMS / "trocar-run"
+TIMES = 100  # that readers are killed, and stopped
+F_GET_SEALS, F_OFD_GETLK = 1034, 36
+SEALS = 1 | 2 | 4  # seal, shrink, grow
+COMMANDS = ("stop", "pause", "resume", "zero", "recover", "emergency_stop")
+PUNCTURE, FAULT, NOT_RECOVERED, RECOVERED, CUT_SHOWN, PAUSED, RESUMED, ENDED = range(1, 9)
+PATIENCE_S = 60
+
+
+class Live:
+    """The memory of a session."""
+
+    def __init__(self, file):
+        self.fd = os.open(file, os.O_RDWR | os.O_CLOEXEC)
+        assert fcntl.fcntl(self.fd, F_GET_SEALS) & SEALS == SEALS, "not sealed"
+        size = os.fstat(self.fd).st_size
+        self.map = mmap.mmap(self.fd, size)
+        assert self.map[:8] == b"TRCRLIVE" and self.word(8) == 1 and self.word(16) == size
+        at, length = self.word(24), self.word(32)
+        self.about = json.loads(self.map[at:at + length])
+        self.places, place = {}, 0
+        for column in self.about["columns"]:
+            self.places[column["name"]] = slice(place, place + column["count"])
+            place += column["count"]
+        assert place == self.word(48)
+        self.next_event, self.lost = 1, 0
+
+    def word(self, at):
+        return struct.unpack_from("<Q", self.map, at)[0]
+
+    def locked(self, at, read):
+        """read() between two equal, even sequences; None: not yet written, or always being written."""
+        for _ in range(1000):
+            sequence = self.word(at)
+            if sequence == 0:
+                return None
+            if sequence % 2 == 0:
+                result = read()
+                if self.word(at) == sequence:
+                    return result
+            time.sleep(0)
+        return None
+
+    def snapshot(self):
+        at, columns = self.word(40), self.word(48)
+        values = self.locked(at, lambda: struct.unpack_from(f"<{columns}d", self.map, at + 8))
+        return values and {name: values[place] for name, place in self.places.items()}
+
+    def sheet(self, index):
+        at = self.word(self.word(72) + 16 * index)
+
+        def read():
+            flags, vertices, triangles, _, cuts = struct.unpack_from("<5Q", self.map, at + 16)
+            data = at + 64
+            xy = struct.unpack_from(f"<{2 * vertices}f", self.map, data)
+            hu = struct.unpack_from(f"<{vertices if flags & 2 else 0}f", self.map, data + 4 * len(xy))
+            corners = struct.unpack_from(f"<{3 * triangles}I", self.map, data + 4 * (len(xy) + len(hu)))
+            return flags, cuts, xy, hu, corners
+        return self.locked(at, read)
+
+    def events(self):
+        """Those that came since the last call."""
+        at, found = self.word(88), []
+        while self.next_event <= self.word(at):
+            slot = at + 64 + (self.next_event - 1) % 4096 * 128
+            words = struct.unpack_from("<QQdqqQddddQQqddd", self.map, slot)
+            if words[0] != 2 * self.next_event or self.word(slot) != words[0]:
+                after = max(self.next_event + 1, self.word(at) - 4094)
+                self.lost += after - self.next_event
+                self.next_event = after
+                continue
+            names = ("kind", "t_s", "sheet", "slice", "cut", "tool_z_m", "penetration_m", "force_N", "judged_force_N", "fault")
+            found.append(dict(zip(names, words[1:])))
+            self.next_event += 1
+        return found
+
+    def command(self, name):
+        at = self.word(104) + 8 * COMMANDS.index(name)
+        struct.pack_into("<Q", self.map, at, self.word(at) + 1)
+
+    def is_alive(self):
+        lock = fcntl.fcntl(self.fd, F_OFD_GETLK, struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
+        return struct.unpack("hhqqi4x", lock)[0] != fcntl.F_UNLCK
+
+
+def wait_for(what, of, session=None):
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        result = what()
+        if result:
+            return result
+        if session is not None and session.poll() is not None:
+            break
+        time.sleep(0.0005)
+    print("waited in vain for", of)
+    sys.exit(1)
+
+
+def start(folder, scene, asset, *options, clock="virtual", live=True):
+    """The session's process, and its memory."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    command = [RUN, scene, "--asset", asset, "--clock", clock, "--record", folder / "r.csv", "--summary", folder / "s.json",
+               "--meshes", folder / "m.json", "--black-box", folder, "--quiet", *options]
+    if not live:
+        return subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True), None
+    link = folder / "live"
+    session = subprocess.Popen(list(map(str, [*command, "--live", link])), stderr=subprocess.PIPE, text=True)
+    wait_for(link.is_symlink, f"{link}: {scene}", session)
+    return session, Live(link)
+
+
+def finish(session, expect=0):
+    _, errors = session.communicate(timeout=PATIENCE_S)
+    check(session.returncode == expect, f"{session.args} ended with {session.returncode}: {errors}")
+    return errors
+
+
+def fork_reader(link):
+    """A process that reads all the time. None: the session ended before it could begin."""
+    ready, tell = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            live = Live(link)
+            os.write(tell, b"1")
+            while True:
+                live.snapshot()
+                live.sheet(0)
+                live.events()
+        finally:
+            os._exit(1)
+    os.close(tell)
+    began = os.read(ready, 1) == b"1"
+    os.close(ready)
+    if not began:
+        os.waitpid(child, 0)
+    return child if began else None
+
+
+def end_reader(child):
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+def with_bad_readers(folder, scene, asset, counts, clock="virtual", *options):
+    """A session during which readers are killed and stopped, in turns, until it ends."""
+    session, live = start(folder, scene, asset, *options, clock=clock)
+    stopped = []
+    while session.poll() is None:
+        child = fork_reader(folder / "live")
+        if child is None:
+            break
+        time.sleep(0.002)
+        alive = live.is_alive()
+        if counts["killed"] <= counts["stopped"]:
+            end_reader(child)
+            counts["killed"] += alive
+        else:
+            os.kill(child, signal.SIGSTOP)  # it keeps the memory, stopped, until the session has ended
+            counts["stopped"] += alive
+            stopped.append(child)
+    finish(session)
+    for child in stopped:
+        end_reader(child)
+    return live
+
+
+def check_events(name, live, summary, scene_sheets):
+    events = live.seen + live.events()
+    check(live.lost == 0, f"{name}: {live.lost} events lost")
+    punctures = [e for e in events if e["kind"] == PUNCTURE]
+    check(len(punctures) == len(summary["punctures"]), f"{name}: {len(punctures)} punctures, not {len(summary['punctures'])}")
+    for event, wanted in zip(punctures, summary["punctures"]):
+        for field in ("slice", "t_s", "tool_z_m", "penetration_m", "force_N", "judged_force_N"):
+            check(event[field] == wanted[field], f"{name}: {field} {event[field]} of a puncture, not {wanted[field]}")
+    last = events[-1]
+    check(last["kind"] == ENDED and last["cut"] == 0, f"{name}: the last event is {last}")
+    cuts = {}
+    for event in events:
+        if event["kind"] == CUT_SHOWN:
+            check(event["cut"] > cuts.get(event["sheet"], 0), f"{name}: holes of a sheet do not ascend: {event}")
+            cuts[event["sheet"]] = event["cut"]
+    wanted = {i: len(sheet["cuts"]) for i, sheet in enumerate(scene_sheets) if sheet["cuts"]}
+    check(cuts == wanted, f"{name}: holes shown {cuts}, not {wanted}")
+
+
+def f32(x):
+    return struct.unpack("<f", struct.pack("<f", x))[0]
+
+
+def check_sheets(name, live, meshes):
+    step_mm = 2.0 ** -meshes["lattice_bits"]
+    for i, sheet in enumerate(meshes["sheets"]):
+        after = sheet["after"]
+        flags, cuts, xy, hu, corners = live.sheet(i)
+        where = f"{name}: sheet {i}"
+        check(flags & 1 == 1 and cuts == len(sheet["cuts"]), f"{where}: flags {flags}, {cuts} holes")
+        check(list(corners) == [v for t in after["triangles"] for v in t], f"{where}: other triangles than --meshes")
+        angle = math.radians(sheet["rotation_deg"])
+        worst = len(xy) != 2 * len(after["vertices"])
+        for k, (u, v) in enumerate(after["vertices"]):
+            du, dv = (u * step_mm - sheet["anchor_mm"][0]) * 1e-3, (v * step_mm - sheet["anchor_mm"][1]) * 1e-3
+            x = sheet["at_m"][0] + math.cos(angle) * du - math.sin(angle) * dv
+            y = sheet["at_m"][1] + math.sin(angle) * du + math.cos(angle) * dv
+            worst = max(worst, abs(xy[2 * k] - f32(x)), abs(xy[2 * k + 1] - f32(y)))
+        check(worst < 1e-8, f"{where}: a vertex is {worst} m off")
+        check(len(hu) == len(after["vertices"]), f"{where}: {len(hu)} HU")
+        check(all(-1100 < value < 3100 for value in hu), f"{where}: HU from {min(hu, default=0)} to {max(hu, default=0)}")
+
+
+def check_rows(name, snapshots, recording):
+    """Each snapshot is a row of the recording."""
+    with open(recording, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    joints = [f"tau_{leg}_{joint}_Nm" for leg in (1, 2, 3, 4) for joint in (1, 4)]
+    for snapshot in snapshots:
+        ticks = int(snapshot["ticks"][0])
+        if ticks == 0:
+            continue
+        row = rows[ticks - 1]
+        check(snapshot["t_s"][0] == float(row["t_s"]), f"{name}: time {snapshot['t_s']} after {ticks} ticks")
+        check(list(snapshot["tau_Nm"]) == [float(row[joint]) for joint in joints], f"{name}: other torques at {row['t_s']}")
+        check(snapshot["tool_m"][2] == float(row["tool_z_m"]), f"{name}: another tip at {row['t_s']}")
+
+
+def check_same_recording(name, scene, asset):
+    """Without --live, with it, and with readers that are killed and stopped."""
+    folder = WORK / name
+    session, _ = start(folder / "without", scene, asset, live=False)
+    finish(session)
+    plain = (folder / "without" / "r.csv").read_bytes()
+    meshes = json.loads((folder / "without" / "m.json").read_text())
+    summary = json.loads((folder / "without" / "s.json").read_text())
+
+    session, live = start(folder / "with", scene, asset)
+    live.seen, snapshots = [], []
+    while session.poll() is None:
+        live.seen += live.events()
+        snapshots.append(live.snapshot())
+        time.sleep(0.001)
+    finish(session)
+    check((folder / "with" / "r.csv").read_bytes() == plain, f"{name}: another recording with --live")
+    check(not (folder / "with" / "live").is_symlink(), f"{name}: the link was not removed")
+    check(not live.is_alive(), f"{name}: alive after its end")
+    check(live.snapshot()["ended"][0] == 1, f"{name}: the last snapshot does not say that it ended")
+    check_rows(name, snapshots, folder / "with" / "r.csv")
+    check_events(name, live, summary, meshes["sheets"])
+    check_sheets(name, live, meshes)
+    print(f"{name}: {len(snapshots)} snapshots, {live.next_event - 1} events, {len(meshes['sheets'])} sheets")
+
+    counts, sessions = {"killed": 0, "stopped": 0}, 0
+    while counts["killed"] < TIMES or counts["stopped"] < TIMES:
+        with_bad_readers(folder / "bad", scene, asset, counts)
+        sessions += 1
+        check((folder / "bad" / "r.csv").read_bytes() == plain, f"{name}: another recording with readers that are killed or stopped")
+        if sessions > 1000:
+            check(False, f"{name}: readers could not be killed often enough: {counts}")
+            break
+    print(f"{name}: readers killed {counts['killed']} times, stopped {counts['stopped']} times, in {sessions} sessions: the same recording")
+
+
+def replay(folder, scene, asset, expect=0):
+    done = run(RUN, scene, "--asset", asset, "--replay", folder / "r.csv", "--record", folder / "again.csv", expect=expect)
+    check("identical" in done.stdout, f"{folder.name}: {done.stdout} {done.stderr}")
+    check((folder / "again.csv").read_bytes() == (folder / "r.csv").read_bytes(), f"{folder.name}: the replay differs")
+
+
+def times_of(recording):
+    with open(recording, newline="", encoding="utf-8") as file:
+        return [float(row["t_s"]) for row in csv.DictReader(file)]
+
+
+def check_commands(scene, asset):
+    def kinds(live):
+        live.seen += live.events()
+        return {event["kind"] for event in live.seen}
+
+    # Pause and resume; zero and recover; each may come at any tick.
+    folder = WORK / "pause"
+    session, live = start(folder, scene, asset, clock="real", *("--duration", "2"))
+    live.seen = []
+    wait_for(lambda: live.snapshot()["ticks"][0] > 200, "ticks", session)
+    live.command("pause")
+    wait_for(lambda: PAUSED in kinds(live), "the pause", session)
+    time.sleep(0.05)
+    ticks = live.snapshot()["ticks"][0]
+    time.sleep(0.3)
+    snapshot = live.snapshot()
+    check(snapshot["paused"][0] == 1 and snapshot["ticks"][0] == ticks, "time goes on in a pause")
+    check(live.about["faults"][int(snapshot["fault"][0])] == "paused", f"fault {snapshot['fault']} in a pause")
+    live.command("resume")
+    wait_for(lambda: RECOVERED in kinds(live), "the recovery", session)
+    live.command("zero")
+    wait_for(lambda: any(e["kind"] == FAULT and live.about["faults"][e["fault"]] == "forces_off" for e in live.seen + live.events()),
+             "forces off", session)
+    live.command("recover")
+    finish(session)
+    times = times_of(folder / "r.csv")
+    check(times == [k / 1000 for k in range(2000)], f"times with a gap, or {len(times)} rows")
+    summary = json.loads((folder / "s.json").read_text())
+    check([fault["fault"] for fault in summary["faults"]] == ["paused", "forces_off"], summary["faults"])
+    check(summary["end"] == "done" and not list(folder.glob("black_box*")), summary["end"])
+    replay(folder, scene, asset)
+
+    folder = WORK / "emergency_stop"
+    session, live = start(folder, scene, asset, clock="real")
+    wait_for(lambda: live.snapshot()["force_N"][0] > 5, "a force", session)
+    live.command("emergency_stop")
+    errors = finish(session, expect=5)
+    check("emergency_stop" in errors, errors)
+    fault, = json.loads((folder / "s.json").read_text())["faults"]
+    check(0 <= fault["torques_zero_t_s"] - fault["t_s"] <= 0.005, f"torques were not zero in time: {fault}")
+    check(live.snapshot()["tau_Nm"] == (0,) * 8, "torques after the emergency stop")
+    replay(folder, scene, asset, expect=5)
+
+    folder = WORK / "stop"
+    session, live = start(folder, scene, asset, clock="real")
+    live.command("stop")
+    finish(session)
+    check(json.loads((folder / "s.json").read_text())["end"] == "interrupted", "not stopped")
+
+
+def check_pause_of_a_drive(scene, asset):
+    """A drive with a clock of its own gets zero torques in a pause of 1.5 s, so that its watchdog does not trip; one in lock-step
+    gets nothing, and its time stands still."""
+    for clock, of_drive in (("real", "real"), ("virtual", "lock-step")):
+        folder = WORK / f"drive_{clock}"
+        drive = subprocess.Popen([str(PROGRAMS / "trocar-device-sim"), str(scene), "--listen", "127.0.0.1:0", "--key-file", str(WORK / "key"),
+                                  "--clock", of_drive, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        port = re.search(r":(\d+)", drive.stdout.readline())[1]
+        session, live = start(folder, scene, asset, "--device", f"udp:127.0.0.1:{port}", "--key-file", WORK / "key", "--duration", "1.2",
+                              clock=clock)
+        wait_for(lambda live=live: live.snapshot()["ticks"][0] > 200, "ticks", session)
+        live.command("pause")
+        wait_for(lambda live=live: live.snapshot()["paused"][0] == 1, "the pause", session)
+        time.sleep(1.5)
+        live.command("resume")
+        finish(session)
+        drive.terminate()
+        drive.communicate()
+        summary = json.loads((folder / "s.json").read_text())
+        check([fault["fault"] for fault in summary["faults"]] == ["paused"], f"{clock}: {summary['faults']}")
+        check(summary["link"]["sessions"] == 1 and summary["ticks"] == 1200, f"{clock}: {summary['link']}, {summary['ticks']} ticks")
+        with open(folder / "r.csv", newline="", encoding="utf-8") as file:
+            lost = [row["device_read"] for row in csv.DictReader(file) if row["device_read"] not in ("ok", "no_data")]
+        check(not lost, f"{clock}: {lost[:3]}")
+        replay(folder, scene, asset)
+
+
+def check_links(scene, asset):
+    folder = WORK / "links"
+    session, live = start(folder, scene, asset, clock="real")
+    second = run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "live", expect=4)
+    check("a session runs" in second.stderr and second.stderr.count("\n") == 1, second.stderr)
+    session.send_signal(signal.SIGSTOP)
+    time.sleep(0.05)
+    check(live.is_alive(), "a stopped session counts as dead")
+    session.kill()
+    session.communicate()
+    check(not live.is_alive(), "a killed session counts as alive")
+    check((folder / "live").is_symlink() and not (folder / "live").exists(), "the link of a killed session")
+    run(RUN, scene, "--asset", asset, "--quiet", "--clock", "virtual", "--live", folder / "live")
+    check(not (folder / "live").is_symlink(), "the link was not replaced and removed")
+    (folder / "file").write_text("text")
+    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "file", expect=4)
+    check((folder / "file").read_text() == "text", "a file was replaced")
+    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "no" / "live", expect=4)
+    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "r", "--record", folder / "r", expect=2)
+
+
+def compare_in_real_time(scene, asset):
+    """Printed only: how many deadlines are missed depends on the machine."""
+    for name, live in (("without", False), ("with", True), ("with readers that are killed and stopped", None)):
+        folder = WORK / "real"
+        if live is None:
+            with_bad_readers(folder, scene, asset, {"killed": 0, "stopped": 0}, "real", "--duration", "2")
+        else:
+            session, _ = start(folder, scene, asset, "--duration", "2", clock="real", live=live)
+            finish(session)
+        summary = json.loads((folder / "s.json").read_text())
+        print(f"real time, {name}: {summary['missed_deadlines']} missed deadlines, tick p50 {summary['tick_us']['p50']:.1f} us, "
+              f"p99.9 {summary['tick_us']['p999']:.1f} us")
+
+
+def main():
+    shutil.rmtree(WORK, ignore_errors=True)
+    WORK.mkdir(parents=True)
+    asset = WORK / "sample.glb"
+    run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", asset, "--quiet")
+    scenes = SOURCE / "runtime" / "scenes"
+    three = scenes / "three_slices.json"
+    check_same_recording("three_slices", three, asset)
+    check_same_recording("vertebra", scenes / "vertebra.json", asset)
+    check_commands(three, asset)
+    check_pause_of_a_drive(three, asset)
+    check_links(three, asset)
+    compare_in_real_time(three, asset)
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""review_test.py SOURCE PROGRAMS SCAN WORK: trocar-mesh review: every scan of a store on its pages, and the differences from another store against
+an independent computation from the exported outlines. Damaged stores give a clear line, or a card that says so."""
+import json
+import os
+import pathlib
+import re
+import resource
+import shutil
+import sys
+
+import jsonschema
+import numpy
+
+from e2e import SANITIZED, check, outcome, run
+
+SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:])
+MESH = PROGRAMS / "trocar-mesh"
+ACCURACY_MM, STEP_MM = 1e-3, 0.01  # of the program; between the points of this test
+PER_PAGE = 240
+MANY = 2000
+GROWTH_MAX_BYTES = 40e6  # from one page to nine: less than the pages' 24 MB of text and as much again
+
+
+def collection(name, scans):
+    file = WORK / f"{name}.json"
+    file.write_text(json.dumps({"schema": "trocar.collection/1", "scans": [
+        {"name": scan, "input": str(SCAN / source), "parameters": parameters} for scan, source, parameters in scans]}))
+    return file
+
+
+def review(store, page, *options, expect=0):
+    done = run(MESH, "review", store, "-o", page, "--json", *options, expect=expect)
+    if expect:
+        check(len(done.stderr.strip().splitlines()) == 1 and str(store) in done.stderr, f"{store}: not one line that names it: {done.stderr}")
+        return done.stderr
+    numbers = json.loads(done.stdout)
+    schema = json.loads((SOURCE / "formats" / "session" / "review.schema.json").read_text())
+    schema.pop("$id")
+    for error in list(jsonschema.Draft202012Validator(schema).iter_errors(numbers))[:3]:
+        check(False, f"{page.name}: {error.json_path}: {error.message[:300]}")
+    return numbers
+
+
+def segments(store, name):
+    """Slice: the outline's edges, an array of n x 2 x 2, mm, as `export` writes them."""
+    out = WORK / "export"
+    shutil.rmtree(out, ignore_errors=True)
+    run(MESH, "export", store / "assets" / f"{name}.glb", "-o", out)
+    slices = {}
+    for file in out.glob("*.poly"):
+        rows = [line.split() for line in file.read_text().splitlines() if not line.startswith("#")]
+        count = int(rows[0][0])
+        points = {row[0]: [float(row[1]), float(row[2])] for row in rows[1:1 + count]}
+        edges = rows[2 + count:2 + count + int(rows[1 + count][0])]
+        slices[int(re.search(r"_(\d+)\.poly", file.name)[1])] = numpy.array([[points[row[1]], points[row[2]]] for row in edges])
+    return slices
+
+
+def one_sided(edges, others):
+    """Largest distance from points on the edges, STEP_MM apart or nearer, to the other edges."""
+    worst = 0.0
+    a, b = others[:, 0], others[:, 1]
+    along = b - a
+    length2 = numpy.maximum((along ** 2).sum(1), 1e-30)
+    for start, end in edges:
+        count = 1 + int(numpy.hypot(*(end - start)) / STEP_MM)
+        points = start + numpy.linspace(0, 1, count + 1)[:, None] * (end - start)
+        t = numpy.clip(((points[:, None] - a) * along).sum(2) / length2, 0, 1)
+        d2 = ((points[:, None] - a - t[..., None] * along) ** 2).sum(2).min(1).max()
+        worst = max(worst, float(d2) ** 0.5)
+    return worst
+
+
+def pages_and_differences():
+    first = [("same", "sample.nii.gz", {"slices": "5:6"}), ("small", "sample.nii.gz", {"slices": "5:8"}), ("large", "sample.nii.gz", {"slices": "5:8"}),
+             ("fewer", "sample.nii.gz", {"slices": "20:23"}), ("gone", "sample.nii.gz", {"slices": "30:31"}),
+             ("fails", "sample.nii.gz", {"slices": "12:13"}), ("works", "none.nii.gz", {})]
+    second = [first[0], ("small", "sample.nii.gz", {"slices": "5:8", "tolerance": 0.1}), ("large", "sample.nii.gz", {"slices": "5:8", "threshold": 180}),
+              ("fewer", "sample.nii.gz", {"slices": "20:22"}), ("fails", "none.nii.gz", {}), ("works", "sample.nii.gz", {"slices": "9:9"}),
+              ("new_", "sample.nii.gz", {"slices": "10:10"})]
+    before, now = WORK / "before", WORK / "now"
+    run(MESH, "batch", collection("first", first), "-o", before, "--quiet", expect=3)
+    run(MESH, "batch", collection("second", second), "-o", now, "--quiet", expect=3)
+    page = WORK / "page.html"
+    numbers = review(now, page, "--against", before)
+    text = page.read_text()
+    check(numbers["done"] == 6 and numbers["failed"] == 1 and numbers["damaged"] == 0 and numbers["same"] == 1, f"counts: {numbers}")
+    kinds = [(one["kind"], one["scan"]) for one in numbers["differences"]]
+    check(kinds == [("failed", "fails"), ("gone", "gone"), ("changed", "fewer"), ("changed", "large"), ("changed", "small"), ("repaired", "works"),
+                    ("new", "new_")], f"not worst first: {kinds}")
+    by_scan = {one["scan"]: one for one in numbers["differences"]}
+    check(by_scan["fewer"]["slices_only_before"] == 1 and by_scan["fewer"]["hausdorff_mm"] == 0, f"fewer: {by_scan['fewer']}")
+    for scan in ("small", "large"):
+        a, b = segments(now, scan), segments(before, scan)
+        wanted = max(max(one_sided(a[k], b[k]), one_sided(b[k], a[k])) for k in a)
+        found = by_scan[scan]["hausdorff_mm"]
+        check(wanted - ACCURACY_MM <= found <= wanted + STEP_MM / 2 and found > 0.01, f"{scan}: distance {found} mm, by points {wanted} mm")
+        for store, suffix in ((now, ""), (before, "_before")):
+            info = json.loads(run(MESH, "info", store / "assets" / f"{scan}.glb", "--json").stdout)
+            check(by_scan[scan]["triangles" + suffix] == info["triangles"] and by_scan[scan]["bytes" + suffix] == info["bytes"]
+                  and abs(by_scan[scan]["area_mm2" + suffix] - sum(s["area_mm2"] for s in info["slices"])) < 1e-6, f"{scan}{suffix}: {by_scan[scan]}")
+    check(text.count("<img ") == 6 + 3, f"{text.count('<img ')} pictures")  # of each asset, and of the earlier one where it changed
+    check(text.count('loading="lazy"') == text.count("<img "), "pictures are not loaded lazily")
+    check(not re.search(r"https?:|src=\"(?!data:)|url\(|@import", text), "the page refers to other files")
+    for scan, *_ in second:
+        check(f'id="{scan}"' in text, f"{scan} is not on the page")
+    again = WORK / "again.html"
+    review(now, again, "--against", before)
+    check(again.read_text().replace("again.html", "page.html") == text, "the same review gives other bytes")
+
+
+def damaged():
+    good = WORK / "before"
+    for what in ("truncated", "other bytes", "missing", "entry", "entry path", "entry size"):
+        store = WORK / "damaged"
+        shutil.rmtree(store, ignore_errors=True)
+        shutil.copytree(good, store, symlinks=True)
+        entry = store / "scans" / "same.json"
+        asset = (store / "assets" / "same.glb").resolve()
+        index = json.loads(entry.read_text())
+        if what == "truncated":
+            os.truncate(asset, 100)
+        elif what == "other bytes":
+            asset.write_bytes(bytes(asset.stat().st_size))
+        elif what == "missing":
+            asset.unlink()
+        elif what == "entry":
+            entry.write_bytes(b"{\"schema\": \"trocar.scan/1\", \xff")
+        elif what == "entry path":
+            index["asset"]["sha256"] = "../../../../../etc/passwd"
+            entry.write_text(json.dumps(index))
+        else:
+            index["asset"]["bytes"] = 1 << 60
+            entry.write_text(json.dumps(index))
+        page = WORK / "damaged.html"
+        numbers = review(store, page)
+        check(numbers["damaged"] >= 1 or what == "entry size", f"{what}: damaged: {numbers}")
+        check("class=\"bad\"" in page.read_text() or what == "entry size", f"{what}: the page does not say so")
+        for pair in ((store, good), (good, store)):
+            numbers = review(pair[0], page, "--against", pair[1])
+            kinds = {one["scan"]: one["kind"] for one in numbers["differences"]}
+            check(set(kinds) <= {"same"}, f"{what}: {kinds}")
+    (WORK / "no_store").mkdir()
+    check("no store" in review(WORK / "no_store", WORK / "x.html", expect=3), "a folder that is no store")
+    check("no store" in review(WORK / "nowhere", WORK / "x.html", expect=3), "a folder that is not there")
+    (WORK / "no_store" / "trocar-store.json").write_text('{"schema": "trocar.store/9"}')
+    run(MESH, "review", WORK / "no_store", "-o", WORK / "x.html", expect=2)
+    (WORK / "no_store" / "trocar-store.json").write_text('{"schema": "trocar.store/1"}')
+    check("no scans" in review(WORK / "no_store", WORK / "x.html", expect=3), "an empty store")
+    run(MESH, "review", good, "-o", WORK / "x.png", expect=2)
+    run(MESH, "review", good, "-o", WORK / "none" / "x.html", expect=4)
+    check(not (WORK / "x.html").exists(), "a page without a review")
+
+
+def many():
+    """Memory does not grow with the number of pages, and none of a longer review is left."""
+    store = WORK / "many"
+    shutil.copytree(WORK / "before", store, symlinks=True)
+    entry = json.loads((store / "scans" / "small.json").read_text())
+    peaks = []
+    page = WORK / "many.html"
+    for count in (PER_PAGE, MANY):
+        for file in (store / "scans").iterdir():
+            file.unlink()
+        for k in range(count):
+            entry["name"] = f"copy{k:05}"
+            (store / "scans" / f"copy{k:05}.json").write_text(json.dumps(entry))
+        numbers = review(store, page)
+        check(numbers["done"] == count and len(numbers["pages"]) == -(-count // PER_PAGE), f"{count} scans: {numbers}")
+        check(all((WORK / name).stat().st_size < 6e6 for name in numbers["pages"]), f"{count} scans: a large page")
+        check(sum((WORK / name).read_text().count("<img ") for name in numbers["pages"]) == count, f"{count} scans: pictures")
+        peaks.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024)
+    check(SANITIZED or peaks[1] - peaks[0] < GROWTH_MAX_BYTES, f"memory grows from {peaks[0] / 1e6:.0f} to {peaks[1] / 1e6:.0f} MB")
+    print(f"peak memory {peaks[0] / 1e6:.0f} MB for {PER_PAGE} scans, {peaks[1] / 1e6:.0f} MB for {MANY}")
+    kept = WORK / "many-11.html"
+    kept.write_text("not a review")
+    for file in list((store / "scans").iterdir())[PER_PAGE:]:
+        file.unlink()
+    review(store, page)
+    check(sorted(file.name for file in WORK.glob("many*.html")) == ["many-11.html", "many.html"], f"left: {sorted(WORK.glob('many*.html'))}")
+
+
+def main():
+    shutil.rmtree(WORK, ignore_errors=True)
+    WORK.mkdir(parents=True)
+    pages_and_differences()
+    damaged()
+    many()
+    return outcome()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

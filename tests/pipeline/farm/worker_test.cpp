@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Batches with a program in place of meshing: its asset is a small one that is valid, its report
+// the input's bytes and its parameters.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+
+#include "formats/asset/asset.h"
+#include "pipeline/farm/batch_run.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::farm {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+std::vector<std::uint8_t> small_asset() {
+  AssetSlice slice;
+  slice.mesh.vertices = {{0, 0}, {256, 0}, {0, 256}};
+  slice.mesh.triangles = {{0, 1, 2}};
+  slice.pslg.rings = {{{0, 0}, {256, 0}, {0, 256}}};
+  Asset asset{Lattice{8}, {slice}, "trocar-mesh 0.0.0"};
+  auto glb = encode_asset(asset);
+  if (!glb) throw std::runtime_error(glb.error().message);
+  return *glb;
+}
+
+// Does what its parameter `do` says.
+class TestScan : public OpenedScan {
+ public:
+  TestScan(json given, std::vector<fs::path> inputs)
+      : given_(std::move(given)), inputs_(std::move(inputs)) {}
+  std::vector<NamedFile> files() const override { return {{"input", inputs_[0]}}; }
+  Result<Product> mesh() override {
+    const std::string what = given_.value("do", "");
+    if (what == "abort") ::raise(SIGKILL);
+    if (what == "exit") ::_exit(7);
+    if (what == "refuse") return refused(inputs_[0].string() + ": no");
+    if (what == "throw") throw std::runtime_error("thrown");
+    if (what == "memory") throw std::bad_alloc();
+    if (what == "change") std::ofstream(inputs_[0], std::ios::app) << "more";
+    if (what == "remove") fs::remove(inputs_[0]);
+    Product out;
+    out.asset = small_asset();
+    if (what == "damage") out.asset.resize(out.asset.size() / 2);
+    std::ifstream in(inputs_[0]);
+    out.report = std::string(std::istreambuf_iterator<char>(in), {}) + given_.dump();
+    out.warnings = json::array();
+    return out;
+  }
+
+ private:
+  json given_;
+  std::vector<fs::path> inputs_;
+};
+
+class TestProgram : public ScanProgram {
+ public:
+  Result<Parameters> parameters(const json& given) const override {
+    if (given.contains("wrong")) return usage("wrong");
+    return Parameters{given, {}};
+  }
+  bool opens_first(const std::vector<fs::path>&, const Parameters&) const override { return false; }
+  Result<std::unique_ptr<OpenedScan>> open(const json& given, const std::vector<fs::path>& inputs,
+                                           const std::string&, int) const override {
+    return std::unique_ptr<OpenedScan>(std::make_unique<TestScan>(given, inputs));
+  }
+};
+
+class BatchTest : public testing::Test {
+ protected:
+  std::string add(const std::string& name, const json& parameters, const std::string& text = "x") {
+    const fs::path file = folder_ / (name + ".in");
+    std::ofstream(file) << text;
+    collection_.scans.push_back({name, {file.string()}, "", "", parameters});
+    return file.string();
+  }
+  BatchSummary run(const std::string& store = "store", int jobs = 2, bool verify = false) {
+    BatchSettings settings;
+    settings.store = folder_ / store;
+    settings.jobs = jobs;
+    settings.verify = verify;
+    const auto batch = Batch::plan(collection_, program_, digest_, settings);
+    if (!batch) throw std::runtime_error(batch.error().message);
+    const auto summary = batch->run();
+    if (!summary) throw std::runtime_error(summary.error().message);
+    return *summary;
+  }
+
+  test::TemporaryFolder folder_;
+  Collection collection_;
+  TestProgram program_;
+  std::string digest_ = "program";
+};
+
+TEST_F(BatchTest, EachWayToFailIsAnEntryAndTheOthersAreDone) {
+  const std::string changed = add("change", {{"do", "change"}}),
+                    gone = add("gone", {{"do", "remove"}});
+  add("a", {{"n", 1}});
+  add("abort", {{"do", "abort"}});
+  add("exit", {{"do", "exit"}});
+  add("refuse", {{"do", "refuse"}});
+  add("throw", {{"do", "throw"}});
+  add("memory", {{"do", "memory"}});
+  add("damage", {{"do", "damage"}});
+  add("z", {{"n", 2}});
+  const BatchSummary summary = run();
+  EXPECT_EQ(summary.made, 2u);
+  ASSERT_EQ(summary.failed.size(), 8u);
+  const auto of = [&](const std::string& scan) {
+    for (const FailedScan& one : summary.failed)
+      if (one.scan == scan) return one.outcome;
+    return Outcome();
+  };
+  EXPECT_EQ(of("change").reason,
+            changed + ": changed while the scan was read; run again when it is complete");
+  EXPECT_EQ(of("gone").reason,
+            gone + ": No such file or directory; it was there when this scan was begun");
+  EXPECT_EQ(of("abort").signal, SIGKILL);
+  EXPECT_EQ(of("abort").exit_code, 137);
+  EXPECT_EQ(of("abort").reason, "its process was killed by signal 9 (SIGKILL)");
+  EXPECT_EQ(of("exit").exit_code, 7);
+  EXPECT_EQ(of("refuse").exit_code, 3);
+  EXPECT_EQ(of("throw").exit_code, 1);
+  EXPECT_EQ(of("throw").reason, "internal error: thrown");
+  EXPECT_EQ(of("memory").exit_code, 3);
+  EXPECT_NE(of("damage").exit_code, 0);
+  const auto store = Store::open_for_reading(folder_ / "store");
+  for (const FailedScan& one : summary.failed) {
+    const auto entry = store->entry(one.scan);
+    ASSERT_TRUE(entry) << one.scan;
+    EXPECT_FALSE(entry->is_done());
+    EXPECT_EQ(entry->reason, one.outcome.reason);
+  }
+  EXPECT_EQ(fs::directory_iterator(folder_ / "store/tmp"), fs::directory_iterator());
+  EXPECT_EQ(fs::directory_iterator(folder_ / "store/claims"), fs::directory_iterator());
+}
+
+TEST_F(BatchTest, ASecondRunDoesNothingAndTheSameBytesAreFound) {
+  add("a", {{"n", 1}});
+  add("b", {{"n", 1}});  // the same bytes and parameters under another name
+  add("c", {{"n", 1}}, "y");
+  const BatchSummary first = run();
+  EXPECT_EQ(first.made, 2u);
+  EXPECT_EQ(first.found, 1u);
+  EXPECT_EQ(run().unchanged, 3u);
+  digest_ = "another program";
+  const BatchSummary other = run();
+  EXPECT_EQ(other.made, 2u);
+  digest_ = "program";
+  EXPECT_EQ(run().found, 3u);
+}
+
+TEST_F(BatchTest, WhatTookPartIsKnownByNameSoThatExplainCanSayIt) {
+  const std::string file = add("a", {{"n", 1}, {"m", 2}});
+  run();
+  BatchSettings settings;
+  settings.store = folder_ / "store";
+  const auto why = [&] {
+    return *Batch::plan(collection_, program_, digest_, settings)->explain("a");
+  };
+  EXPECT_TRUE(why().empty());
+  collection_.scans[0].parameters = {{"n", 3}, {"k", 4}};
+  std::ofstream(file) << "z";
+  digest_ = "new";
+  const std::vector<json> expected = {
+      {{"cause", "program"}, {"old", "program"}, {"new", "new"}},
+      {{"cause", "parameter"}, {"name", "k"}, {"old", nullptr}, {"new", 4}},
+      {{"cause", "parameter"}, {"name", "m"}, {"old", 2}, {"new", nullptr}},
+      {{"cause", "parameter"}, {"name", "n"}, {"old", 1}, {"new", 3}},
+      {{"cause", "input"}, {"path", file}, {"what", "changed"}}};
+  EXPECT_EQ(why(), expected);
+}
+
+TEST_F(BatchTest, ADamagedAssetIsFoundByVerifyAndMadeAgain) {
+  add("a", {{"n", 1}});
+  run();
+  const fs::path asset = fs::canonical(folder_ / "store/assets/a.glb");
+  std::ifstream in(asset, std::ios::binary);
+  const std::string good(std::istreambuf_iterator<char>(in), {});
+  std::string bad = good;
+  bad[bad.size() / 2] ^= 1;
+  std::ofstream(asset, std::ios::binary) << bad;
+  EXPECT_EQ(run().unchanged, 1u);  // its size is as it was
+  EXPECT_EQ(run("store", 2, true).made, 1u);
+  std::ifstream again(asset, std::ios::binary);
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(again), {}), good);
+  EXPECT_EQ(run("store", 2, true).unchanged, 1u);
+}
+
+TEST_F(BatchTest, ShardsAreTheCollectionAndNoScanIsInTwo) {
+  for (int k = 0; k < 10; ++k)
+    add(std::string("s").append(std::to_string(k)), {{"n", k}});
+  std::size_t total = 0;
+  for (int shard = 0; shard < 3; ++shard) {
+    BatchSettings settings;
+    settings.store = folder_ / "store";
+    settings.shard = std::pair{shard, 3};
+    const auto summary = Batch::plan(collection_, program_, digest_, settings)->run();
+    EXPECT_EQ(summary->made, summary->scans);
+    total += summary->made;
+  }
+  EXPECT_EQ(total, 10u);
+  EXPECT_EQ(run().unchanged, 10u);
+}
+
+TEST_F(BatchTest, WrongParametersRefuseTheCollectionBeforeAnythingIsDone) {
+  add("a", {{"n", 1}});
+  add("b", {{"wrong", 1}});
+  const auto refused = Batch::plan(collection_, program_, digest_, {});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ExitCode::kUsage);
+  EXPECT_EQ(refused.error().message, "scan b: wrong");
+}
+
+}  // namespace
+}  // namespace trocar::farm

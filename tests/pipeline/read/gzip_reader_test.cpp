@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Against zlib, on whole, joined, truncated and damaged files.
+#include "pipeline/read/gzip_reader.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+#include <zlib.h>
+
+#include <fstream>
+#include <optional>
+#include <random>
+#include <string>
+
+#include "pipeline/read/volume_file.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::pipeline {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string packed(const std::string& text, int level = 6) {
+  z_stream stream{};
+  deflateInit2(&stream, level, Z_DEFLATED, 15 + 16, 8, Z_DEFAULT_STRATEGY);
+  std::string out(deflateBound(&stream, text.size()) + 64, '\0');
+  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(text.data()));
+  stream.avail_in = static_cast<uInt>(text.size());
+  stream.next_out = reinterpret_cast<Bytef*>(out.data());
+  stream.avail_out = static_cast<uInt>(out.size());
+  EXPECT_EQ(deflate(&stream, Z_FINISH), Z_STREAM_END);
+  out.resize(stream.total_out);
+  deflateEnd(&stream);
+  return out;
+}
+
+/// Half noise, half repeats, as voxels.
+std::string voxels(std::size_t size, unsigned seed) {
+  std::mt19937 random(seed);
+  std::string out(size, '\0');
+  for (std::size_t i = 0; i < size; ++i)
+    out[i] = static_cast<char>(i % 2 == 0 ? random() % 256 : i / 1000);
+  return out;
+}
+
+fs::path written(const fs::path& file, const std::string& bytes) {
+  std::ofstream(file, std::ios::binary) << bytes;
+  return file;
+}
+
+/// None: damaged.
+std::optional<std::string> by_zlib(const fs::path& file) {
+  const gzFile in = gzopen(file.c_str(), "rb");
+  std::string out, block(5000, '\0');
+  int n = 0;
+  while ((n = gzread(in, block.data(), 5000)) > 0)
+    out.append(block.data(), static_cast<std::size_t>(n));
+  gzclose_r(in);
+  if (n < 0) return std::nullopt;
+  return out;
+}
+
+std::optional<std::string> by_reader(const fs::path& file, std::size_t at_once) {
+  const int descriptor = ::open(file.c_str(), O_RDONLY);
+  EXPECT_TRUE(GzipReader::is_gzip(descriptor));
+  GzipReader reader(descriptor, file.string());
+  std::string out, block(at_once, '\0');
+  std::optional<std::string> found;
+  for (;;) {
+    const auto n = reader.read(block);
+    if (!n) {
+      EXPECT_EQ(n.error().message, file.string() + ": damaged gzip");
+      EXPECT_EQ(n.error().code, ExitCode::kRefused);
+      break;
+    }
+    out.append(block.data(), *n);
+    if (*n == 0) {
+      found = out;
+      break;
+    }
+  }
+  ::close(descriptor);
+  return found;
+}
+
+TEST(GzipReader, UnpacksAsZlibForAnySizeAtOnce) {
+  const test::TemporaryFolder folder;
+  for (const std::size_t size : {0U, 1U, 1000U, 400'000U}) {
+    for (const int level : {0, 1, 9}) {
+      const std::string text = voxels(size, 1);
+      const fs::path file = written(folder / "a.gz", packed(text, level));
+      for (const std::size_t at_once : {1U, 7U, 4096U, 1U << 18U}) {
+        if (at_once == 1 && size > 1000) continue;
+        EXPECT_EQ(by_reader(file, at_once), text) << size << ' ' << level << ' ' << at_once;
+      }
+    }
+  }
+}
+
+TEST(GzipReader, UnpacksMembersOneAfterTheOther) {
+  const test::TemporaryFolder folder;
+  std::string bytes, text;
+  for (unsigned k = 0; k < 50; ++k) {
+    const std::string part = voxels(k * 977 % 9000, k);
+    bytes += packed(part);
+    text += part;
+  }
+  EXPECT_EQ(by_reader(written(folder / "a.gz", bytes), 3000), text);
+  // What follows and is no member is left out.
+  EXPECT_EQ(by_reader(written(folder / "b.gz", bytes + std::string(600, '\0')), 3000), text);
+  EXPECT_EQ(by_reader(written(folder / "c.gz", bytes + "\x1f"), 3000), text);
+}
+
+TEST(GzipReader, SaysOfDamagedFilesWhatZlibSays) {
+  const test::TemporaryFolder folder;
+  const std::string text = voxels(3000, 3), whole = packed(text);
+  int damaged = 0;
+  for (std::size_t i = 2; i < whole.size(); ++i) {
+    const fs::path cut = written(folder / "cut.gz", whole.substr(0, i));
+    const auto expected = by_zlib(cut), found = by_reader(cut, 700);
+    // Of a file that ends early both give a beginning; how much of it may differ.
+    if (found) {
+      EXPECT_EQ(text.compare(0, found->size(), *found), 0) << i;
+    }
+
+    EXPECT_EQ(found.has_value(), expected.has_value()) << "cut at " << i;
+
+    std::string wrong = whole;
+    wrong[i] = static_cast<char>(wrong[i] ^ (1 << (i % 8)));
+    const fs::path bad = written(folder / "bad.gz", wrong);
+    const auto as_zlib = by_zlib(bad), as_reader = by_reader(bad, 700);
+    if (!as_reader) ++damaged;
+    // Nothing that zlib finds damaged is taken as whole.
+    if (!as_zlib) {
+      EXPECT_TRUE(!as_reader || as_reader->size() < text.size()) << "bit of byte " << i;
+    }
+    if (as_reader && as_reader->size() == text.size()) {
+      EXPECT_EQ(*as_reader, text) << i;
+    }
+  }
+  EXPECT_GT(damaged, 1000);
+}
+
+TEST(VolumeFile, UnpackedBehindGivesTheSameBytesAndErrors) {
+  const test::TemporaryFolder folder;
+  const std::string text = voxels(3'000'000, 5), bytes = packed(text);
+  const auto size = static_cast<std::int64_t>(text.size()) - 352;
+  const fs::path good = written(folder / "good.gz", bytes);
+  std::string flipped = bytes;
+  flipped[bytes.size() - 6] ^= 1;  // of the checksum
+  const fs::path wrong = written(folder / "wrong.gz", flipped);
+  const fs::path cut = written(folder / "cut.gz", bytes.substr(0, bytes.size() / 2));
+  for (const bool behind : {false, true}) {
+    const auto opened = VolumeFile::open(good, 352, size, behind);
+    ASSERT_TRUE(opened);
+    for (const std::int64_t at : {std::int64_t{0}, size - 1000, size / 2}) {
+      std::string block(1000, '\0');
+      ASSERT_TRUE(opened->read(at, block, "slice"));
+      EXPECT_EQ(block, text.substr(static_cast<std::size_t>(at) + 352, 1000));
+    }
+    EXPECT_TRUE(opened->finish());
+    std::string beyond(1000, '\0');
+    EXPECT_FALSE(opened->read(size - 10, beyond, "slice"));
+  }
+  EXPECT_EQ(VolumeFile::open(wrong, 352, size).error().message, wrong.string() + ": damaged gzip");
+  const auto opened = VolumeFile::open(wrong, 352, size, true);
+  ASSERT_TRUE(opened);
+  std::string block(1000, '\0');
+  EXPECT_TRUE(opened->read(0, block, "slice 0"));
+  EXPECT_EQ(opened->finish().error().message, wrong.string() + ": damaged gzip");
+
+  const std::string said = VolumeFile::open(cut, 352, size).error().message;
+  EXPECT_NE(said.find("truncated: its header declares voxels up to byte 3000000"),
+            std::string::npos);
+  const auto half = VolumeFile::open(cut, 352, size, true);
+  ASSERT_TRUE(half);
+  EXPECT_TRUE(half->read(0, block, "slice 0"));
+  EXPECT_EQ(half->read(size - 1000, block, "slice 9").error().message, said);
+  EXPECT_EQ(half->finish().error().message, said);
+  // Not read to its end.
+  EXPECT_TRUE(VolumeFile::open(good, 352, size, true));
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tokens, names of the server, names of files, the list of a folder, the page's policy, processes.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "runtime/console/access.h"
+#include "runtime/console/container.h"
+#include "runtime/console/files.h"
+#include "runtime/console/page_files.h"
+#include "runtime/console/process.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+void write(const std::filesystem::path& file, const std::string& text) {
+  std::filesystem::create_directories(file.parent_path());
+  std::ofstream(file, std::ios::binary) << text;
+}
+
+TEST(ConsoleTokens, RoleOfEachAndNoOther) {
+  const Tokens tokens;
+  EXPECT_EQ(tokens.of_operator().size(), 32U);
+  EXPECT_NE(tokens.of_operator(), tokens.of_view());
+  EXPECT_NE(tokens.of_operator(), Tokens().of_operator());
+  EXPECT_EQ(tokens.role_of(tokens.of_operator()), Role::kOperator);
+  EXPECT_EQ(tokens.role_of(tokens.of_view()), Role::kView);
+  EXPECT_EQ(tokens.role_of_header("Bearer " + tokens.of_view()), Role::kView);
+  for (const std::string& wrong :
+       {std::string(), tokens.of_operator().substr(1), tokens.of_operator() + "0",
+        std::string(32, '0'), "Basic " + tokens.of_operator()}) {
+    EXPECT_EQ(tokens.role_of(wrong), Role::kNone) << wrong;
+    EXPECT_EQ(tokens.role_of_header(wrong), Role::kNone) << wrong;
+  }
+}
+
+TEST(ConsoleHosts, LoopbackAndTheListenAddress) {
+  const HostNames hosts("192.168.1.5", 8000), any("0.0.0.0", 8000), v6("::1", 80);
+  for (const char* good : {"127.0.0.1:8000", "localhost:8000", "[::1]:8000", "192.168.1.5:8000"})
+    EXPECT_TRUE(hosts.is_host(good)) << good;
+  for (const char* wrong :
+       {"", "localhost", "127.0.0.1:8001", "evil.example:8000", "192.168.1.6:8000",
+        "localhost.evil.example:8000", "127.0.0.1:80000", ":8000", "localhost:8000 "})
+    EXPECT_FALSE(hosts.is_host(wrong)) << wrong;
+  EXPECT_TRUE(any.is_host("10.0.0.7:8000"));
+  EXPECT_FALSE(any.is_host("evil.example:8000"));
+  EXPECT_TRUE(v6.is_host("[::1]"));
+  EXPECT_TRUE(v6.is_host("localhost:80"));
+}
+
+TEST(ConsoleHosts, OriginIsTheSameServer) {
+  EXPECT_TRUE(HostNames::is_origin("http://localhost:8000", "localhost:8000"));
+  for (const char* wrong : {"", "null", "https://localhost:8000", "http://localhost:8001",
+                            "http://localhost:8000/", "http://evil.example"})
+    EXPECT_FALSE(HostNames::is_origin(wrong, "localhost:8000")) << wrong;
+}
+
+TEST(ConsoleNames, StayInTheFolder) {
+  for (const char* good : {"a", "a/b.json", "sessions/2026-11-22T03-04-05-one/session.csv", "a b"})
+    EXPECT_TRUE(is_file_name(good)) << good;
+  for (const std::string& wrong :
+       {std::string(), std::string("/a"), std::string("a/"), std::string("a//b"),
+        std::string("../a"), std::string("a/../b"), std::string(".a"), std::string("a/.b"),
+        std::string("a\\b"), std::string("a\nb"), std::string("a\0b", 3), std::string(513, 'a'),
+        std::string("a/b/c/d/e/f/g/h/i")})
+    EXPECT_FALSE(is_file_name(wrong)) << wrong;
+}
+
+TEST(ConsoleFiles, FindsRegularFilesOfTheFolderOnly) {
+  const test::TemporaryFolder outside, folder;
+  write(outside.path() / "secret.csv", "secret");
+  write(folder.path() / "a/b.csv", "x");
+  std::filesystem::create_symlink(outside.path() / "secret.csv", folder.path() / "link.csv");
+  std::filesystem::create_directory_symlink(outside.path(), folder.path() / "to");
+  const Result<Files> files = Files::of_folder(folder.path());
+  ASSERT_TRUE(files);
+  ASSERT_TRUE(files->find("a/b.csv"));
+  EXPECT_EQ(*files->find("a/b.csv"), std::filesystem::canonical(folder.path()) / "a/b.csv");
+  for (const char* wrong : {"link.csv", "to/secret.csv", "a", "a/c.csv", "a/../a/b.csv"})
+    EXPECT_FALSE(files->find(wrong)) << wrong;
+  EXPECT_FALSE(Files::of_folder(folder.path() / "none"));
+}
+
+TEST(ConsoleFiles, ListTellsWhatIsWrongWithAFileAndIsReadAnewOnceItChanges) {
+  const test::TemporaryFolder folder;
+  write(folder.path() / "bad.json", R"({"schema": "trocar.scene/1"})");
+  write(folder.path() / "other.json", R"({"schema": "trocar.summary/1"})");
+  write(folder.path() / "bad.glb", "glTF");
+  write(folder.path() / "one.csv", "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n");
+  write(folder.path() / "a/b/two.csv", "t_s,x_m,y_m\n0,1,2\n");
+  write(folder.path() / "a/b/c/deep.csv", "t_s,x_m,y_m\n0,1,2\n");
+  Result<Files> files = Files::of_folder(folder.path());
+  ASSERT_TRUE(files);
+  nlohmann::json list = nlohmann::json::parse(files->list());
+  ASSERT_EQ(list["scenes"].size(), 1U);
+  EXPECT_TRUE(list["scenes"][0].contains("error"));
+  ASSERT_EQ(list["assets"].size(), 1U);
+  EXPECT_TRUE(list["assets"][0].contains("error"));
+  ASSERT_EQ(list["recordings"].size(), 2U);
+  EXPECT_EQ(list["recordings"][0]["file"], "a/b/two.csv");
+  EXPECT_EQ(list["recordings"][1]["ticks"], 3);
+  EXPECT_EQ(list["recordings"][1]["duration_s"], 1.5);
+  write(folder.path() / "one.csv", "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n1.5,1,2\n");
+  list = nlohmann::json::parse(files->list());
+  EXPECT_EQ(list["recordings"][1]["ticks"], 4);
+}
+
+TEST(ConsoleFiles, TimesOfARecordingMayBeAnything) {
+  const test::TemporaryFolder folder;
+  const std::vector<std::string> rows = {"nan,\n",
+                                         "1e999,\n",
+                                         "0,\n0,\n0,\n",
+                                         "1,\n0,\n",
+                                         "0,\n1e-300,\n1e300,\n",
+                                         "\n\n\n",
+                                         ",,,\n",
+                                         std::string(100'000, '1') + "\n"};
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    write(folder.path() / std::string("r").append(std::to_string(i)).append(".csv"),
+          std::string("t_s,x_m,y_m\n").append(rows[i]));
+  Result<Files> files = Files::of_folder(folder.path());
+  const nlohmann::json list = nlohmann::json::parse(files->list());
+  ASSERT_EQ(list["recordings"].size(), rows.size());
+  for (const auto& one : list["recordings"])
+    EXPECT_TRUE(one.contains("error")) << one;
+}
+
+TEST(ConsolePage, PolicyHasTheHashOfTheImportMap) {
+  // sha256 of {"imports":{}} by: printf '{"imports":{}}' | openssl dgst -sha256 -binary | base64
+  EXPECT_EQ(import_map_hashes(R"(<script type="importmap">{"imports":{}}</script>)"),
+            " 'sha256-URrTy+Il/Nz0lHojVUx275hWqAWhkSF0VsHbUM4/6Hw='");
+  EXPECT_EQ(import_map_hashes("<script>alert(1)</script>"), "");
+  EXPECT_EQ(import_map_hashes(R"(<script type="importmap">{)"), "");
+  const test::TemporaryFolder folder;
+  EXPECT_FALSE(PageFiles::read(folder.path()));
+  write(folder.path() / "index.html", "<p>page</p>");
+  write(folder.path() / "package.json", "{}");
+  const Result<PageFiles> bare = PageFiles::read(folder.path());
+  ASSERT_TRUE(bare);
+  EXPECT_FALSE(bare->is_complete());
+  EXPECT_NE(bare->find("/")->bytes.find("scripts/setup console"), std::string::npos);
+  EXPECT_EQ(bare->find("/package.json"), nullptr);
+  EXPECT_EQ(bare->find("/../index.html"), nullptr);
+  write(folder.path() / "vendor/a.js", "1");
+  const Result<PageFiles> whole = PageFiles::read(folder.path());
+  ASSERT_TRUE(whole && whole->find("/vendor/a.js") != nullptr);
+  EXPECT_TRUE(whole->is_complete());
+  EXPECT_EQ(whole->find("/")->bytes, "<p>page</p>");
+}
+
+TEST(ConsoleContainer, ArraysBeginAtAMultipleOf8) {
+  for (std::size_t length = 0; length < 20; ++length) {
+    Arrays arrays;
+    const std::vector<float> odd = {1, 2, 3};
+    const std::vector<double> wide = {4};
+    EXPECT_EQ(arrays.add(std::span<const float>(odd))[0], 0U);
+    EXPECT_EQ(arrays.add(std::span<const double>(wide))[0], 16U);
+    const std::string bytes = arrays.with_json(std::string(length, 'x'));
+    std::uint32_t size = 0;
+    std::memcpy(&size, bytes.data(), sizeof size);
+    EXPECT_EQ((4 + size) % 8, 0U);
+    EXPECT_EQ(bytes.size(), 4 + size + 24);
+  }
+}
+
+bool ends_soon(Process& process) {
+  for (int i = 0; i < 5000 && !process.has_ended(); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return process.has_ended();
+}
+
+TEST(ConsoleProcess, ItsEndAndItsOutput) {
+  const test::TemporaryFolder folder;
+  const auto log = folder.path() / "log";
+  Result<Process> process = Process::start({"/bin/sh", "-c", "echo said; exit 3"}, log);
+  ASSERT_TRUE(process);
+  ASSERT_TRUE(ends_soon(*process));
+  EXPECT_EQ(process->end(), "exit code 3");
+  EXPECT_EQ(process->exit_code(), 3);
+  std::string said;
+  std::ifstream(log) >> said;
+  EXPECT_EQ(said, "said");
+  Result<Process> killed = Process::start({"/bin/sleep", "100"}, log);
+  ASSERT_TRUE(killed);
+  EXPECT_FALSE(killed->has_ended());
+  const auto ticks = killed->start_ticks();
+  EXPECT_TRUE(Process::adopt(killed->pid(), ticks));
+  EXPECT_FALSE(Process::adopt(killed->pid(), ticks + 1)) << "another process with this number";
+  killed->signal(SIGKILL);
+  ASSERT_TRUE(ends_soon(*killed));
+  EXPECT_EQ(killed->end(), "signal 9");
+  EXPECT_FALSE(Process::start({"/no/such/program"}, log));
+}
+
+}  // namespace
+}  // namespace trocar::runtime

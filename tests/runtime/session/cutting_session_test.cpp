@@ -1,0 +1,425 @@
+// SPDX-License-Identifier: Apache-2.0
+// The force law `cutting` in whole sessions in virtual time: the paper's shell of no thickness at
+// every rate, the force scale, replays, faults under load, the energy ledger.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <map>
+
+#include "formats/session/recording.h"
+#include "runtime/mechanism/jacobian.h"
+#include "runtime/realtime/allocation_counter.h"
+#include "runtime/session/replay_device.h"
+#include "runtime/session/session.h"
+#include "tests/support/body_fixture.h"
+#include "tests/support/counted_allocations.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+using test::body_scene;
+using test::cutting_scene;
+using test::spaced_asset;
+using test::square_asset;
+
+struct Finished {
+  SessionReport report;
+  std::vector<RecordingRow> rows;
+};
+
+DeviceDescription description_with(double friction_Nms_per_rad) {
+  DeviceDescription description = default_device_description();
+  description.joint_viscous_friction_Nms_per_rad = friction_Nms_per_rad;
+  description.motor_peak_time_s = 1e6;
+  return description;
+}
+
+SessionOptions options_at(double rate_Hz, const Scene& scene) {
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.rate_Hz = rate_Hz;
+  options.duration_s = scene.duration_s;
+  options.origin.entries = {{"force-law", to_string(scene.force_law.kind)}};
+  options.limits.gap_max_s = 0;
+  options.limits.speed_max_m_per_s = options.limits.rotation_rate_max_rad_per_s = 1e6;
+  options.limits.encoder_rate_max_rad_per_s = 1e6;
+  options.limits.torque_rise_time_max_s = 1e6;
+  options.limits.torque_rise_max_Nm_per_s = 1e9;
+  options.limits.energy_given_max_J = 1e9;
+  return options;
+}
+
+/// Between the device and the loop: what a device that fails does.
+using Faults = std::function<DeviceStatus(std::uint64_t tick)>;
+
+class FailingDevice final : public Device {
+ public:
+  FailingDevice(SimulatedDevice& inner, Faults faults)
+      : inner_(inner), faults_(std::move(faults)) {}
+  DeviceStatus read(DeviceState& state) noexcept override {
+    const DeviceStatus status = faults_ ? faults_(tick_++) : DeviceStatus::kOk;
+    return status == DeviceStatus::kOk ? inner_.read(state) : status;
+  }
+  DeviceStatus write(const DeviceCommand& command) noexcept override {
+    return inner_.write(command);
+  }
+
+ private:
+  SimulatedDevice& inner_;
+  Faults faults_;
+  std::uint64_t tick_ = 0;
+};
+
+Finished run(Scene scene, const Asset& asset, SessionOptions options,
+             const DeviceDescription& description, const Faults& faults = {}) {
+  const test::TemporaryFolder folder;
+  Finished out;
+  const Result<void> body = place_body(scene, asset, "asset");
+  EXPECT_TRUE(body) << body.error().message;
+  auto sheets = place_slices(scene, asset, "asset");
+  EXPECT_TRUE(sheets) << sheets.error().message;
+  Remesher remesher(*sheets);
+  auto simulated = make_simulated_device(scene, description);
+  EXPECT_TRUE(simulated) << simulated.error().message;
+  FailingDevice device(*simulated, faults);
+  options.record = folder / "r.csv";
+  auto report = run_session(
+      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options);
+  EXPECT_TRUE(report) << report.error().message;
+  out.report = *report;
+  if (!faults) {
+    EXPECT_EQ(out.report.fault, Fault::kNone) << to_string(out.report.fault);
+  }
+  auto rows = read_recording(folder / "r.csv");
+  EXPECT_TRUE(rows) << rows.error().message;
+  out.rows = *rows;
+  return out;
+}
+
+SessionReport replay(Scene scene, const Asset& asset, SessionOptions options,
+                     const DeviceDescription& description, const std::vector<RecordingRow>& rows) {
+  EXPECT_TRUE(place_body(scene, asset, "asset"));
+  auto sheets = place_slices(scene, asset, "asset");
+  Remesher remesher(*sheets);
+  ReplayDevice device(rows);
+  options.replay = rows;
+  const auto report = run_session(
+      scene, description, remesher, device, [](double) {}, options);
+  EXPECT_TRUE(report) << report.error().message;
+  return *report;
+}
+
+/// A stiff hand that moves down at this speed from 2 mm above 0.12 m to `depth_m` below.
+Scene descending(Scene scene, double speed_m_per_s, double depth_m) {
+  const double way_m = 2e-3 + depth_m;
+  scene.hand.stiffness_N_per_m = 50'000;
+  scene.hand.damping_N_s_per_m = 300;
+  scene.hand.rotation_stiffness_Nm_per_rad = 50;
+  scene.hand.rotation_damping_Nm_s_per_rad = 0.5;
+  scene.hand.trajectory = {{0, {0, 0, 0.122}, {}},
+                           {0.05, {0, 0, 0.122}, {}},
+                           {0.05 + way_m / speed_m_per_s, {0, 0, 0.12 - depth_m}, {}}};
+  scene.duration_s = 0.1 + way_m / speed_m_per_s;
+  return scene;
+}
+
+/// The paper's slice, the axis rigid.
+Scene paper(double speed_m_per_s) {
+  Scene scene = descending(cutting_scene({0.12}), speed_m_per_s, 0.012);
+  scene.force_law.axis = ToolAxis::kRigid;
+  return scene;
+}
+
+/// A hard slice over soft ones, all cut: a snap that passes several sheets in a tick.
+Scene snapping() {
+  Scene scene = descending(cutting_scene(test::stack(0.12, 1e-3, 10)), 0.05, 0.016);
+  NamedTissue soft;
+  soft.name = "soft";
+  soft.tissue.threshold_N = 5;
+  scene.tissues = {soft};
+  for (std::size_t i = 1; i < 10; ++i)
+    scene.slices[i].tissue = "soft";
+  scene.force_law.axis = ToolAxis::kRigid;
+  return scene;
+}
+
+/// Bone with friction and walls, in and out again and in beside, at an angle.
+Scene procedure() {
+  Scene scene = body_scene(0, 11, 0.12);
+  scene.tissue.cut = CutTissue{0.4, std::nullopt, 100, 1, 0, 0, 8, 2, 0.6};
+  scene.tissue.stiffness_N_per_m = 30'000;
+  scene.body->shell_m = 1.5e-3;
+  scene.body->shell_factor = 1.6;
+  scene.hand.stiffness_N_per_m = 12'000;
+  scene.hand.damping_N_s_per_m = 120;
+  scene.hand.trajectory = {{0, {0, 0, 0.123}, {}},
+                           {0.3, {0, 0, 0.111}, {}},
+                           {0.5, {0.002, 0, 0.111}, {1, 3, 10}},
+                           {0.7, {0, 0, 0.114}, {}},
+                           {0.9, {0, 0, 0.124}, {}},
+                           {1.0, {0.002, 0, 0.124}, {}},
+                           {1.3, {0.002, 0.001, 0.112}, {}}};
+  scene.duration_s = 1.35;
+  return scene;
+}
+
+double speed_at(const std::vector<RecordingRow>& rows, std::size_t k, double rate_Hz) {
+  double most = 0;
+  for (std::size_t i = k - 3; i <= k + 1; ++i)
+    most = std::max(most, std::abs(rows[i].tool_m[2] - rows[i - 1].tool_m[2]) * rate_Hz);
+  return most;
+}
+
+TEST(CuttingSession, ThePapersSliceBreaksAtThirtyFiveNewtonsAtEveryRateAndSpeed) {
+  for (const double speed : {0.02, 0.1, 0.3}) {
+    for (const double rate_Hz : {500.0, 1000.0, 2000.0, 4000.0, 8000.0}) {
+      const Scene scene = paper(speed);
+      const Finished run_ =
+          run(scene, square_asset(1), options_at(rate_Hz, scene), description_with(0.005));
+      const std::string where = std::to_string(speed) + " m/s, " + std::to_string(rate_Hz) + " Hz";
+      ASSERT_EQ(run_.report.punctures.size(), 1U) << where;
+      std::size_t peak = 0;
+      for (std::size_t k = 0; k < run_.rows.size(); ++k)
+        if (run_.rows[k].cutting.wrench_tissue[2] > run_.rows[peak].cutting.wrench_tissue[2])
+          peak = k;
+      const double peak_N = run_.rows[peak].cutting.wrench_tissue[2];
+      const double v = speed_at(run_.rows, peak, rate_Hz), T_s = 1 / rate_Hz;
+      EXPECT_LE(peak_N, 35) << where << ": never more";
+      EXPECT_GE(peak_N, 35 - 5000 * v * T_s) << where << ": " << v << " m/s";
+      EXPECT_NEAR(run_.report.cutting->tip_max_N, 35, 5000 * v * T_s) << where;
+      // Broken in the next tick, and then there is nothing.
+      EXPECT_NEAR(run_.report.punctures[0].penetration_m, 7e-3, 1.001 * v * T_s) << where;
+      for (std::size_t k = peak + 1; k < run_.rows.size(); ++k)
+        ASSERT_NEAR(run_.rows[k].cutting.wrench_tissue[2], 0, 1e-9) << where;
+    }
+  }
+}
+
+TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
+  for (const double scale : {0.25, 1.0, 2.0}) {
+    Scene scene = paper(0.05);
+    scene.tissue.threshold_N = 20;
+    scene.force_law.force_scale = scale;
+    const Finished run_ =
+        run(scene, square_asset(1), options_at(1000, scene), description_with(0.005));
+    double most_N = 0, felt_N = 0;
+    for (const RecordingRow& row : run_.rows) {
+      if (row.authority < 1) continue;
+      for (std::size_t i = 0; i < 6; ++i)
+        ASSERT_NEAR(row.wrench_wanted[i], scale * row.cutting.wrench_tissue[i], 1e-9);
+      most_N = std::max(most_N, row.cutting.wrench_tissue[2]);
+      felt_N = std::max(felt_N, row.wrench_delivered[2]);
+    }
+    EXPECT_GT(most_N, 19) << "of the tissue";
+    EXPECT_LE(most_N, 20);
+    EXPECT_NEAR(felt_N, scale * most_N, 0.01 * scale * most_N) << "at the plate";
+    EXPECT_EQ(run_.report.cutting->force_scale, scale);
+    EXPECT_NEAR(run_.report.max_force_N, felt_N, 1e-9);
+  }
+}
+
+bool same_row(const RecordingRow& a, const RecordingRow& b) {
+  return a.tau_Nm == b.tau_Nm && a.encoder_rad == b.encoder_rad &&
+         a.wrench_wanted == b.wrench_wanted && a.cutting.wrench_tissue == b.cutting.wrench_tissue &&
+         a.cutting.front_z_m == b.cutting.front_z_m && a.cutting.cut_J == b.cutting.cut_J &&
+         a.cutting.absorbed_J == b.cutting.absorbed_J && a.cutting.stored_J == b.cutting.stored_J &&
+         a.cutting.tip_N == b.cutting.tip_N && a.cutting.steps == b.cutting.steps &&
+         a.cuts_published == b.cuts_published && a.phase == b.phase;
+}
+
+TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
+  struct Case {
+    const char* name;
+    Scene scene;
+    Asset asset;
+  };
+  Case cases[] = {{"snap", snapping(), square_asset(10)},
+                  {"procedure", procedure(), spaced_asset(12, 1)}};
+  for (Case& one : cases) {
+    const SessionOptions options = options_at(1000, one.scene);
+    const DeviceDescription description = description_with(0.005);
+    const Finished once = run(one.scene, one.asset, options, description),
+                   twice = run(one.scene, one.asset, options, description);
+    ASSERT_EQ(once.rows.size(), twice.rows.size());
+    for (std::size_t k = 0; k < once.rows.size(); ++k)
+      ASSERT_TRUE(same_row(once.rows[k], twice.rows[k])) << one.name << " " << k;
+    EXPECT_GE(once.report.punctures.size(), 8U) << one.name;
+    const SessionReport replayed = replay(one.scene, one.asset, options, description, once.rows);
+    EXPECT_EQ(replayed.replay_first_difference, -1) << one.name;
+    EXPECT_EQ(replayed.ticks, once.rows.size());
+    EXPECT_EQ(replayed.punctures.size(), once.report.punctures.size());
+    EXPECT_EQ(replayed.cutting->ledger.absorbed_J, once.report.cutting->ledger.absorbed_J);
+    // A replay of anything else is found out.
+    std::vector<RecordingRow> forged = once.rows;
+    const std::size_t at = forged.size() / 3;
+    forged[at].tau_Nm[2] = std::nextafter(forged[at].tau_Nm[2], 1e9);
+    EXPECT_EQ(replay(one.scene, one.asset, options, description, forged).replay_first_difference,
+              static_cast<std::int64_t>(at));
+  }
+}
+
+TEST(CuttingSession, ASnapCutsSeveralSheetsInATick) {
+  const Scene scene = snapping();
+  const Finished run_ =
+      run(scene, square_asset(10), options_at(1000, scene), description_with(0.005));
+  EXPECT_EQ(run_.report.punctures.size(), 10U);
+  std::map<double, int> in_tick;
+  for (const PunctureEvent& puncture : run_.report.punctures)
+    ++in_tick[puncture.t_s];
+  EXPECT_TRUE(std::any_of(in_tick.begin(), in_tick.end(),
+                          [](const auto& tick) { return tick.second >= 4; }));
+  EXPECT_EQ(run_.rows.back().cuts_published, 10);
+  EXPECT_NEAR(run_.rows.back().cutting.cut_J, (35 + 9 * 5) * 1e-3, 1e-7);
+}
+
+TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
+  Scene scene = descending(cutting_scene({0.12}), 0.05, 4e-3);
+  scene.force_law.axis = ToolAxis::kRigid;
+  // Held under load, then lifted, and down again.
+  scene.hand.trajectory.push_back({0.6, {0, 0, 0.116}, {}});
+  scene.hand.trajectory.push_back({0.8, {0, 0, 0.122}, {}});
+  scene.hand.trajectory.push_back({1.0, {0, 0, 0.122}, {}});
+  scene.hand.trajectory.push_back({1.3, {0, 0, 0.117}, {}});
+  scene.duration_s = 1.35;
+  SessionOptions options = options_at(1000, scene);
+  options.recovery = RecoveryPolicy::kAuto;
+  const Finished run_ =
+      run(scene, square_asset(1), options, description_with(0.005), [](std::uint64_t tick) {
+        return tick >= 300 && tick < 330 ? DeviceStatus::kLinkLost : DeviceStatus::kOk;
+      });
+  ASSERT_EQ(run_.report.faults.size(), 1U);
+  EXPECT_GT(run_.rows[299].cutting.tip_N, 15);
+  std::size_t again = 330;
+  while (again < run_.rows.size() && run_.rows[again].safety != SafetyState::kRunning)
+    ++again;
+  ASSERT_LT(again, run_.rows.size()) << "never again";
+  EXPECT_GT(run_.rows[again].t_s, 0.6) << "not while the tool is pressed in";
+  EXPECT_GE(run_.rows[again].tool_m[2], 0.12 - 1e-6) << "not below the front";
+  for (std::size_t k = 300; k <= again; ++k)
+    ASSERT_EQ(run_.rows[k].cutting.wrench_tissue[2], 0) << k;
+  double most_N = 0;
+  for (std::size_t k = again; k < run_.rows.size(); ++k) {
+    most_N = std::max(most_N, run_.rows[k].cutting.tip_N);
+    ASSERT_LE(run_.rows[k].cutting.tip_N, 5000 * std::max(0.0, 0.12 - run_.rows[k].tool_m[2]) + 2)
+        << "no jump of force";
+  }
+  EXPECT_GT(most_N, 12) << "the sheet still bears";
+  EXPECT_TRUE(run_.report.punctures.empty());
+}
+
+/// The least energy that the device's own damping takes between two rows.
+double damped_J(const DeviceDescription& description, const RecordingRow& a, const RecordingRow& b,
+                double rate_Hz) {
+  const auto pose = [](const RecordingRow& row) {
+    Pose T;
+    T.p_m = {row.p_m[0], row.p_m[1], row.p_m[2]};
+    T.q = Eigen::Quaterniond(row.q[0], row.q[1], row.q[2], row.q[3]);
+    return T;
+  };
+  const Pose T = pose(a);
+  const InverseResult joints = inverse_kinematics(description, T);
+  const JacobianResult motion = jacobian(description, T, joints.joints);
+  EXPECT_TRUE(joints.status && motion.status);
+  return description.joint_viscous_friction_Nms_per_rad * rate_Hz *
+         (motion.G * displacement(T, pose(b))).squaredNorm();
+}
+
+// The wrench is held for a tick, which leaks dx' K dx / 2: the hand is given that by the motors,
+// and the device's damping takes it.
+TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
+  Scene scenes[] = {paper(0.05), procedure()};
+  const Asset assets[] = {square_asset(1), spaced_asset(12, 1)};
+  for (std::size_t i = 0; i < 2; ++i) {
+    Scene& scene = scenes[i];
+    scene.force_law.coupling_N_per_m = 4000;
+    scene.force_law.coupling_Nm_per_rad = 10;
+    for (const double rate_Hz : {1000.0, 4000.0}) {
+      DeviceDescription description = description_with(0.005);
+      description.encoder_counts_per_revolution = 0;  // else poses are rounded
+      Finished run_;
+      description.joint_viscous_friction_Nms_per_rad = 0.02;
+      for (int k = 0; k < 15; ++k, description.joint_viscous_friction_Nms_per_rad *= 1.5) {
+        Scene probe = scene;
+        ASSERT_TRUE(place_body(probe, assets[i], "a"));
+        auto sheets = place_slices(probe, assets[i], "a");
+        Remesher remesher(*sheets);
+        const auto workers = make_workers(probe, description, remesher, options_at(rate_Hz, probe));
+        ASSERT_TRUE(workers);
+        if (workers->body->coupling.damping_share > 1.1) break;
+      }
+      run_ = run(scene, assets[i], options_at(rate_Hz, scene), description);
+      ASSERT_TRUE(run_.report.cutting);
+      ASSERT_GE(run_.report.cutting->coupling.damping_share, 1);
+      ASSERT_FALSE(run_.report.cutting->coupling.predicts);
+      double taken_J = 0, least_J = 0;
+      for (std::size_t k = 1; k < run_.rows.size(); ++k) {
+        const RecordingRow &before = run_.rows[k - 1], &now = run_.rows[k];
+        taken_J += damped_J(description, before, now, rate_Hz);
+        const RecordingRow::Cutting& c = now.cutting;
+        least_J = std::min(least_J, taken_J + c.absorbed_J - (c.stored_J + c.cut_J));
+      }
+      EXPECT_GE(least_J, -1e-9) << (i == 0 ? "sheet, " : "bone, ") << rate_Hz << " Hz";
+      EXPECT_GT(run_.rows.back().cutting.cut_J, i == 0 ? -1e-12 : 1e-3);
+      EXPECT_GT(run_.rows.back().cutting.absorbed_J, 1e-3);
+    }
+  }
+}
+
+TEST(CuttingSession, TheLoopAllocatesNothing) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  for (const Scene& scene : {snapping(), procedure()}) {
+    const Finished run_ = run(scene, scene.body ? spaced_asset(12, 1) : square_asset(10),
+                              options_at(1000, scene), description_with(0.005));
+    ASSERT_TRUE(run_.report.allocations_in_loop);
+    EXPECT_EQ(*run_.report.allocations_in_loop, 0U);
+    EXPECT_GE(run_.report.punctures.size(), 8U);
+  }
+}
+
+// What is for `cutting` only changes nothing of the other laws.
+TEST(CuttingSession, OtherLawsAreAsTheyWere) {
+  for (const ForceLawKind kind : {ForceLawKind::kHooke, ForceLawKind::kNetwork}) {
+    Scene plain = descending(test::descent_scene({0.12, 0.117}, 0.122, 0.1, 0.05), 0.05, 0.012);
+    plain.force_law.kind = kind;
+    Scene with = plain;
+    with.tissue.cut = CutTissue{3, std::nullopt, 100, 1, 0, 0, 20, 10, 5};
+    with.force_law.axis = ToolAxis::kCoupled;
+    with.force_law.coupling_N_per_m = 300;
+    with.force_law.prediction = PosePrediction::kOn;
+    with.force_law.force_scale = 0.1;
+    const SessionOptions options = options_at(1000, plain);
+    const Finished a = run(plain, square_asset(2), options, description_with(0.005)),
+                   b = run(with, square_asset(2), options, description_with(0.005));
+    EXPECT_FALSE(a.report.cutting);
+    EXPECT_FALSE(b.report.cutting);
+    EXPECT_FALSE(a.report.punctures.empty());
+    ASSERT_EQ(a.rows.size(), b.rows.size());
+    for (std::size_t k = 0; k < a.rows.size(); ++k) {
+      ASSERT_TRUE(same_row(a.rows[k], b.rows[k])) << to_string(kind) << " " << k;
+      ASSERT_EQ(a.rows[k].cutting.wrench_tissue, (std::array<double, 6>{}));
+    }
+  }
+}
+
+TEST(CuttingSession, ABodyThatCannotBeIsRefusedWithTheAssetsName) {
+  Scene scene = body_scene(0, 3, 0.12);
+  scene.asset = "bone.glb";
+  scene.tissue.cut = CutTissue{};
+  scene.tissue.cut->bone = BoneByHu{"wolff", "qct", 8e-4, 0, false};
+  const Asset asset = spaced_asset(4, 1);
+  ASSERT_TRUE(place_body(scene, asset, "bone.glb"));
+  auto sheets = place_slices(scene, asset, "bone.glb");
+  Remesher remesher(*sheets);
+  const auto workers = make_workers(scene, default_device_description(), remesher, {});
+  ASSERT_FALSE(workers);
+  EXPECT_EQ(workers.error().code, ExitCode::kRefused);
+  EXPECT_EQ(workers.error().message.rfind("bone.glb: slice ", 0), 0U) << workers.error().message;
+}
+
+}  // namespace
+}  // namespace trocar::runtime
