@@ -45,7 +45,7 @@ struct ToolShape {
 };
 
 struct CutMaterial {
-  double strength_Pa = 0;      ///< pressure under a flat punch at which it gives way
+  double strength_Pa = 0;      ///< pressure under a flat punch at which it fails
   double tearing_N_per_m = 0;  ///< of torn length: energy a new area (J/m^2)
   double face_friction = 0;    ///< coefficient, of the tip's faces
   double modulus_Pa = 0, poisson = 0.3;

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """clang_tidy.py ROOT BUILD [REGEX]: clang-tidy over the compile database, in parallel.
 
-A file that passes leaves a stamp in BUILD/clang-tidy/ and is skipped while its digest
-stays the same. The digest is of the file, the project's headers that it includes (from
-ninja's record of its last compilation; all headers if there is none), .clang-tidy and
-the compile command. Exit 0 if all pass, 1 otherwise.
+A file that passes leaves a stamp in the user's cache folder and is skipped while its digest
+stays the same, in any clone on this machine. The digest is of the file, the project's headers
+that it includes (from ninja's record of its last compilation; all headers if there is none),
+.clang-tidy, the version of clang-tidy and the compile command, with paths relative to the clone.
+Exit 0 if all pass, 1 otherwise.
 """
 import concurrent.futures
 import hashlib
@@ -18,6 +19,7 @@ import sys
 import time
 
 OURS = ("formats", "pipeline", "runtime", "sample_ct", "tests")
+PROGRAM = "clang-tidy-14"
 
 
 def headers_of_objects(build):
@@ -37,22 +39,23 @@ def headers_of_objects(build):
     return read
 
 
-def digest_of(entry, root, build, read, every_header):
-    digest = hashlib.sha256((root / ".clang-tidy").read_bytes())
+def digest_of(entry, root, build, read, every_header, version):
+    digest = hashlib.sha256(version + (root / ".clang-tidy").read_bytes())
     words = shlex.split(entry["command"])
     output = words[words.index("-o") + 1] if "-o" in words else ""
     headers = [h for h in read[output] if h.is_relative_to(root)] if output in read else every_header
     for file in sorted({*headers, pathlib.Path(entry["file"])}):
-        digest.update(str(file).encode())
+        digest.update(os.path.relpath(file, root).encode())
         digest.update(file.read_bytes() if file.exists() else b"")
-    digest.update(entry["command"].encode())
+    command = entry["command"].replace(str(build), "BUILD").replace(str(root), "ROOT")
+    digest.update(command.encode())
     return digest
 
 
 def run_one(entry, build):
     start = time.monotonic()
     done = subprocess.run(
-        ["clang-tidy-14", "--quiet", "-p", str(build), entry["file"]],
+        [PROGRAM, "--quiet", "-p", str(build), entry["file"]],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
     return entry, done, time.monotonic() - start
 
@@ -63,8 +66,9 @@ def main():
     database = json.loads((build / "compile_commands.json").read_text())
     read = headers_of_objects(build)
     every_header = [h for folder in OURS for h in (root / folder).rglob("*.h")]
-    stamps = build / "clang-tidy"
-    stamps.mkdir(exist_ok=True)
+    version = subprocess.run([PROGRAM, "--version"], stdout=subprocess.PIPE, check=True).stdout
+    stamps = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "trocar-clang-tidy"
+    stamps.mkdir(parents=True, exist_ok=True)
     todo, total = [], 0
     for entry in sorted(database, key=lambda e: e["file"]):
         path = pathlib.Path(entry["file"])
@@ -73,7 +77,7 @@ def main():
         if not wanted.search(str(path.relative_to(root))):
             continue
         total += 1
-        digest = digest_of(entry, root, build, read, every_header)
+        digest = digest_of(entry, root, build, read, every_header, version)
         stamp = stamps / digest.hexdigest()
         if not stamp.exists():
             # Largest first, so that no core works alone on a large file at the end.

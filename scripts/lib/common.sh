@@ -10,6 +10,12 @@ build=${TROCAR_BUILD:-$root/build/$preset}
 bin=$build/bin
 out=${TROCAR_OUT:-$root/out}
 
+# With ccache installed, clones on one machine share what they compiled.
+if command -v ccache >/dev/null; then
+  export CMAKE_CXX_COMPILER_LAUNCHER=${CMAKE_CXX_COMPILER_LAUNCHER-ccache}
+  export CCACHE_BASEDIR=${CCACHE_BASEDIR:-$root} CCACHE_NOHASHDIR=1
+fi
+
 say() { printf '%s: %s\n' "$me" "$*" >&2; }
 
 # help_if_asked ARGUMENT...: with -h or --help among them prints $usage and ends with 0.
