@@ -119,6 +119,57 @@ double nearest_pixel(LatticePoint p, const Image& hu, const PixelGrid& grid) {
 
 using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, std::int32_t>;
 
+// Zeros where the lower half of the normal matrix has its entries: on the diagonal and for each
+// edge.
+SparseMatrix zeros_for(const SliceMesh& mesh) {
+  const std::size_t n = mesh.vertices.size();
+  const auto each_edge = [&mesh](auto take) {
+    for (const Triangle& t : mesh.triangles) {
+      for (std::size_t i = 0; i < 3; ++i)
+        take(std::min(t[i], t[(i + 1) % 3]), std::max(t[i], t[(i + 1) % 3]));
+    }
+  };
+  // The rows of each column, in any order, an edge of two triangles twice.
+  std::vector<std::size_t> start(n + 1, 1);
+  start[0] = 0;
+  each_edge([&start](std::uint32_t column, std::uint32_t) { ++start[column + 1]; });
+  std::partial_sum(start.begin(), start.end(), start.begin());
+  std::vector<std::int32_t> rows(start[n]);
+  std::vector<std::size_t> end(start.begin(), start.end() - 1);
+  const auto put = [&rows, &end](std::uint32_t column, std::uint32_t row) {
+    rows[end[column]++] = static_cast<std::int32_t>(row);
+  };
+  for (std::uint32_t v = 0; v < n; ++v)
+    put(v, v);
+  each_edge(put);
+  // In order, and once.
+  const auto at = [&rows](std::size_t i) { return rows.begin() + static_cast<std::ptrdiff_t>(i); };
+  std::size_t entries = 0;
+  for (std::size_t v = 0; v < n; ++v) {
+    std::sort(at(start[v]), at(end[v]));
+    end[v] = static_cast<std::size_t>(std::unique(at(start[v]), at(end[v])) - rows.begin());
+    entries += end[v] - start[v];
+  }
+  SparseMatrix out(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(n));
+  out.resizeNonZeros(static_cast<Eigen::Index>(entries));
+  std::fill_n(out.valuePtr(), entries, 0.0);
+  std::int32_t* row = out.innerIndexPtr();
+  for (std::size_t v = 0; v < n; ++v) {
+    row = std::copy(at(start[v]), at(end[v]), row);
+    out.outerIndexPtr()[v + 1] = static_cast<std::int32_t>(row - out.innerIndexPtr());
+  }
+  return out;
+}
+
+// Eigen's minimum degree ordering, without its detour by the sum of the matrix and its transpose:
+// SimplicialLDLT hands over all of a symmetric matrix.
+struct SymmetricOrdering {
+  using PermutationType = Eigen::AMDOrdering<std::int32_t>::PermutationType;
+  void operator()(const SparseMatrix& whole, PermutationType& order) const {
+    Eigen::AMDOrdering<std::int32_t>()(whole.selfadjointView<Eigen::Lower>(), order);
+  }
+};
+
 // The normal equations of the fit.
 struct Normal {
   SparseMatrix matrix;  // lower half
@@ -129,12 +180,9 @@ struct Normal {
 Normal normal_equations(const SliceMesh& mesh, const Image& hu, const PixelGrid& grid,
                         const std::vector<PixelRow>& rows, double smoothing) {
   const auto n = static_cast<std::int32_t>(mesh.vertices.size());
-  Normal out{SparseMatrix(n, n), Eigen::VectorXd::Zero(n), Eigen::VectorXd::Zero(n)};
-  std::vector<Eigen::Triplet<double, std::int32_t>> entries;
-  entries.reserve(6 * mesh.triangles.size() + mesh.vertices.size());
-  const auto add = [&entries](std::uint32_t a, std::uint32_t b, double value) {
-    entries.emplace_back(static_cast<std::int32_t>(std::max(a, b)),
-                         static_cast<std::int32_t>(std::min(a, b)), value);
+  Normal out{zeros_for(mesh), Eigen::VectorXd::Zero(n), Eigen::VectorXd::Zero(n)};
+  const auto add = [&out](std::uint32_t a, std::uint32_t b, double value) {
+    out.matrix.coeffRef(std::max(a, b), std::min(a, b)) += value;
   };
   Parts parts(mesh);
   std::vector<char> has_pixels(mesh.vertices.size(), 0);
@@ -178,7 +226,6 @@ Normal normal_equations(const SliceMesh& mesh, const Image& hu, const PixelGrid&
     add(v, v, 1);
     out.right[v] += nearest_pixel(mesh.vertices[v], hu, grid);
   }
-  out.matrix.setFromTriplets(entries.begin(), entries.end());
   return out;
 }
 
@@ -273,7 +320,7 @@ HuField fit_hu_field(const SliceMesh& mesh, const Image& hu, const PixelGrid& gr
   if (mesh.vertices.empty()) return out;
   const std::vector<PixelRow> rows = pixel_rows(mesh, grid, hu.width, hu.height);
   const Normal normal = normal_equations(mesh, hu, grid, rows, options.smoothing);
-  const Eigen::SimplicialLDLT<SparseMatrix, Eigen::Lower> factors(normal.matrix);
+  const Eigen::SimplicialLDLT<SparseMatrix, Eigen::Lower, SymmetricOrdering> factors(normal.matrix);
   out.values = rounded(factors.solve(normal.right), normal.weights, options.step);
   measure(mesh, hu, grid, rows, out);
   return out;

@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "formats/base/file_io.h"
+#include "pipeline/read/png_pixels.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -126,7 +127,17 @@ Result<Image> read_png(const Bytes& bytes, const std::string& name, Levels wante
   if (packed) pixels.setTo(0);  // libspng adds an interlaced file's samples to the buffer
   if (size != pixels.total() * pixels.elemSize())
     return bug(name + ": the decoded PNG's size differs from its header's");
-  if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0) return broken(e);
+  const bool plain =
+      format == SPNG_FMT_PNG && header.bit_depth >= 8 && header.interlace_method == 0;
+  if (plain) {
+    if (int e = spng_decode_chunks(png.get()); e != 0) return broken(e);
+  }
+  const PngRows rows{height, pixels.step[0], pixels.channels(),
+                     static_cast<int>(pixels.elemSize1())};
+  if (!plain || !decode_png_pixels(bytes, rows, {pixels.data, size})) {
+    if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0)
+      return broken(e);
+  }
   return to_image(packed ? unpacked(pixels, width, header.bit_depth) : pixels,
                   pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }
