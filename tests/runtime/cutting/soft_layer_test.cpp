@@ -174,7 +174,8 @@ TEST(SoftLayer, LayersInSeriesOverBone) {
   EXPECT_NEAR(b.out.tip_N, 60, 1e-6);
 }
 
-// A ligament that fails at 6 mm over a dura at 4.5 mm: the dura tears with it, by what stretched the ligament.
+// A ligament that fails at 6 mm over a dura at 4.5 mm: the dura tears with it, by what stretched
+// the ligament.
 TEST(SoftLayer, AThinLayerCloseBehindIsTornToo) {
   SoftLayer close = at_depth(dura(), 0.0045);
   SoftBench b({ligament(), close}, 0.1);
