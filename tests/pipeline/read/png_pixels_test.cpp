@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: Apache-2.0
+// SPDX-License-Identifier: GPL-3.0-or-later
 // PNG files made here byte by byte, decoded by decode_png_pixels() and by libspng.
 #include "pipeline/read/png_pixels.h"
 
