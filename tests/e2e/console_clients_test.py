@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_clients_test.py SOURCE PROGRAMS ASSET WORK: ten clients of a session in real time, one of which stalls and connects again.
-Each gets every event; the time from tick to receipt and until data after a stall are bounded where the processors are free, and
-printed elsewhere; the console's memory is bounded.
+Each gets every event; the time from tick to receipt and until data after a stall are bounded where the processors are free and the
+machine wakes programs in time, and printed elsewhere; the console's memory is bounded.
 A minute, or TROCAR_LONG seconds."""
 import json
 import multiprocessing
@@ -15,6 +15,7 @@ import time
 from console_client import SNAPSHOT, Closed, Console
 from console_server_test import make_folder, start
 from e2e import check, outcome
+from machine_stalls import MachineStalls
 
 CLIENTS, WINDOWS = 10, 3
 P99_MS, FRESH_S, STALL_S = 10, 0.1, 8  # the console closes a page that acks nothing for 6 s
@@ -102,26 +103,27 @@ def main():
         process.start()
         clients.append((process, ours))
     memory = []
-    while time.monotonic() < end:
-        # Events at a steady rate, and a client of the operator's that is served meanwhile.
-        for command in ("zero", "recover"):
-            begin = time.monotonic()
-            check(console.post("/api/command", {"command": command})[0] == 200, command)
-            check(time.monotonic() - begin < 1, f"{command} was answered after {time.monotonic() - begin:.2f} s")
-            live.until(lambda l: False, 0.25)
-        memory.append(console.rss_kB())
+    with MachineStalls() as machine:
+        while time.monotonic() < end:
+            # Events at a steady rate, and a client of the operator's that is served meanwhile.
+            for command in ("zero", "recover"):
+                begin = time.monotonic()
+                check(console.post("/api/command", {"command": command})[0] == 200, command)
+                check(time.monotonic() - begin < 1, f"{command} was answered after {time.monotonic() - begin:.2f} s")
+                live.until(lambda l: False, 0.25)
+            memory.append(console.rss_kB())
     console.post("/api/command", {"command": "stop"})
     check(live.until(lambda l: l.state() == "ended", 20), f"{live.states[-1:]}")
     answers = [pipe.recv() for _, pipe in clients]
     for process, _ in clients:
         process.join()
     expected = list(range(1, live.events[-1]["seq"] + 1))
-    check([e["seq"] for e in live.events] == expected and len(expected) > seconds * 2, f"{len(expected)} events")
-
     free = min(free, share_of_processors())
-    is_free = free > FREE
+    is_free = free > FREE and machine.is_on_time
+    print(f"two programs got {free:.2f} of 2 s; {machine}")
     if not is_free:
-        print(f"other programs take processors ({free:.2f} of 2 s were free): times are printed, not judged")
+        print("so times are printed, not judged")
+    check([e["seq"] for e in live.events] == expected and len(expected) > seconds * (2 if is_free else 1), f"{len(expected)} events")
     fresh, numbers, missed, connections = answers[0]
     check(numbers == expected and missed == 0, f"the stalled client got {len(numbers)} of {len(expected)} events, missed {missed}")
     check(connections >= 3 and len(fresh) >= 3, f"{connections} connections")

@@ -18,6 +18,7 @@ import sys
 import time
 
 from e2e import check, outcome, run
+from machine_stalls import MachineStalls
 
 SOURCE, PROGRAMS, SCAN, WORK = map(pathlib.Path, sys.argv[1:5])
 RUN = PROGRAMS / "trocar-run"
@@ -344,28 +345,46 @@ def check_commands(scene, asset):
     check(json.loads((folder / "s.json").read_text())["end"] == "interrupted", "not stopped")
 
 
-def check_pause_of_a_drive(scene, asset):
-    """A drive with a clock of its own gets zero torques in a pause of 1.5 s, so that its watchdog does not trip; one in lock-step
-    gets nothing, and its time stands still."""
-    # In virtual time a tick takes some 20 us: long enough that the pause comes before the end.
-    for clock, of_drive, seconds in (("real", "real", 1.2), ("virtual", "lock-step", 30)):
-        folder = WORK / f"drive_{clock}"
-        drive = subprocess.Popen([str(PROGRAMS / "trocar-device-sim"), str(scene), "--listen", "127.0.0.1:0", "--key-file", str(WORK / "key"),
-                                  "--clock", of_drive, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def pause_a_drive(scene, asset, clock, of_drive, seconds):
+    """The folder of a session that was paused for 1.5 s; None if it lost its link in real time."""
+    folder = WORK / f"drive_{clock}"
+    drive = subprocess.Popen([str(PROGRAMS / "trocar-device-sim"), str(scene), "--listen", "127.0.0.1:0", "--key-file", str(WORK / "key"),
+                              "--clock", of_drive, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
         port = re.search(r":(\d+)", drive.stdout.readline())[1]
         session, live = start(folder, scene, asset, "--device", f"udp:127.0.0.1:{port}", "--key-file", WORK / "key", "--duration",
                               str(seconds), clock=clock)
-        wait_for(lambda live=live: live.snapshot()["ticks"][0] > 200, "ticks", session)
+        wait_for(lambda: live.snapshot()["ticks"][0] > 200 or session.poll() is not None, "ticks")
         live.command("pause")
-        wait_for(lambda live=live: live.snapshot()["paused"][0] == 1, "the pause", session)
+        wait_for(lambda: live.snapshot()["paused"][0] == 1 or session.poll() is not None, "the pause")
         time.sleep(1.5)
         live.command("resume")
-        finish(session)
+        errors = session.communicate(timeout=PATIENCE_S)[1]
+    finally:
         drive.terminate()
         drive.communicate()
-        summary = json.loads((folder / "s.json").read_text())
-        check([fault["fault"] for fault in summary["faults"]] == ["paused"], f"{clock}: {summary['faults']}")
-        check(summary["link"]["sessions"] == 1 and summary["ticks"] == 1000 * seconds, f"{clock}: {summary['link']}, {summary['ticks']} ticks")
+    summary = json.loads((folder / "s.json").read_text())
+    faults = [fault["fault"] for fault in summary["faults"]]
+    if clock == "real" and (summary["link"]["sessions"] > 1 or set(faults) & {"no_data", "link_lost", "deadline_missed"}):
+        return None
+    check(session.returncode == 0 and faults == ["paused"], f"{clock}: ended with {session.returncode}, {summary['faults']}: {errors}")
+    check(summary["link"]["sessions"] == 1 and summary["ticks"] == 1000 * seconds, f"{clock}: {summary['link']}, {summary['ticks']} ticks")
+    return folder
+
+
+def check_pause_of_a_drive(scene, asset):
+    """A drive with a clock of its own gets zero torques in a pause of 1.5 s, so that its watchdog does not trip; one in lock-step
+    gets nothing, and its time stands still. A machine that stands still loses the link, too; one session of 20 must not."""
+    # In virtual time a tick takes some 20 us: long enough that the pause comes before the end.
+    for clock, of_drive, seconds in (("real", "real", 1.2), ("virtual", "lock-step", 30)):
+        folder = None
+        with MachineStalls() as machine:
+            for _ in range(20):
+                folder = folder or pause_a_drive(scene, asset, clock, of_drive, seconds)
+        if folder is None:
+            print(f"{clock}: all 20 sessions lost their link. {machine}")
+            check(machine.stalls_per_s > 0.1, "links were lost, though the machine was on time")
+            continue
         with open(folder / "r.csv", newline="", encoding="utf-8") as file:
             lost = [row["device_read"] for row in csv.DictReader(file) if row["device_read"] not in ("ok", "no_data")]
         check(not lost, f"{clock}: {lost[:3]}")
