@@ -158,9 +158,10 @@ bool decode_png_pixels(Bytes file, const PngRows& rows, std::span<std::uint8_t> 
   // ISA-L counts in 32 bits.
   constexpr std::size_t kMostBytes = std::size_t{1} << 31, kMaxReusedBytes = std::size_t{1} << 24;
   const std::size_t packed_row = rows.row_bytes + 1, count = static_cast<std::size_t>(rows.count);
-  const auto pixel_bytes = static_cast<std::size_t>(rows.channels * rows.sample_bytes);
-  const Unfilter unfilter_row = unfilter_for(rows.channels * rows.sample_bytes);
-  if (unfilter_row == nullptr || rows.row_bytes == 0 || rows.row_bytes % pixel_bytes != 0 ||
+  const int pixel_bytes = rows.channels * rows.sample_bytes;
+  const Unfilter unfilter_row = unfilter_for(pixel_bytes);
+  if (unfilter_row == nullptr || rows.row_bytes == 0 ||
+      rows.row_bytes % static_cast<unsigned>(pixel_bytes) != 0 ||
       pixels.size() / rows.row_bytes != count || pixels.size() % rows.row_bytes != 0 ||
       packed_row > kMostBytes / count)
     return false;

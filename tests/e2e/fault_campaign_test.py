@@ -195,15 +195,16 @@ class Rig:
 
 
 def operator(process, folder):
-    """Requests recovery shortly after each new black box, like an operator."""
-    seen = 0
+    """Requests recovery shortly after each new black box, like an operator, and some times again: it may have been too early."""
+    seen, requests = 0, []
     while process.poll() is None:
         boxes = len(list(folder.glob("black_box_*.csv")))
         if boxes > seen:
             seen = boxes
-            time.sleep(0.02)
-            if process.poll() is None:
-                process.send_signal(signal.SIGUSR1)
+            requests = [time.monotonic() + after_s for after_s in (0.02, 0.2, 0.4)]
+        if requests and time.monotonic() >= requests[0]:
+            requests.pop(0)
+            process.send_signal(signal.SIGUSR1)
         time.sleep(0.01)
 
 

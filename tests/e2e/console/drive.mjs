@@ -37,6 +37,14 @@ async function until(page, expression, what, timeout = 30000) {
   failures.push(`${what}: did not happen within ${timeout / 1000} s; the page says "${await get(page, "trocar.words")}"`);
   return false;
 }
+/// As until(), but presses Recover in each fault.
+async function until_recovered(page, expression, what) {
+  for (const end = Date.now() + 30000; Date.now() < end; await page.waitForTimeout(200)) {
+    if (await get(page, expression)) return;
+    if ((await page.innerText("#state")).startsWith("Fault")) await page.click("#recover", { timeout: 1000 }).catch(() => {});
+  }
+  failures.push(`${what}: did not happen within 30 s; the page says "${await get(page, "trocar.words")}"`);
+}
 async function picture(page, name) {
   await page.screenshot({ path: `${told.out}/${name}.png` });
   for (const fault of await page.evaluate(layout_faults)) failures.push(`${name}: ${fault}`);
@@ -161,14 +169,23 @@ await until(page, `document.getElementById("state").textContent === "Running"`, 
 await page.keyboard.press("Space");
 await ended(page, "stopped");
 
-await start(page, "waiting.json", { device: "sim" });
-await until(page, "trocar.row.safety[0] === 2 && trocar.row.t_s[0] > 0.3", "a session that runs with its device");
-const children = execFileSync("ps", ["-o", "pid=,comm=", "--ppid", String(told.console_pid)], { encoding: "utf8" });
-const device = /^\s*(\d+)\s+trocar-device-s/m.exec(children);
-check(device, `the console has no device process: ${children}`);
-if (device) process.kill(Number(device[1]), "SIGKILL");
-await until(page, `document.getElementById("state").textContent.startsWith("Fault")`, "a fault when the device process is killed");
-const fault = await get(page, `trocar.events.find((event) => event.kind === "fault")?.fault`);
+// A machine that stands still for some ms causes faults of its own: recover from them, and if one comes first, begin again.
+let fault = "", recoveries = 0;
+for (let attempt = 0; attempt < 5 && !["no_data", "link_lost"].includes(fault); ++attempt) {
+  if (attempt > 0) {
+    await page.keyboard.press("Space");
+    await ended(page, "stood_still");
+  }
+  await start(page, "waiting.json", { device: "sim" });
+  await until_recovered(page, "trocar.row.safety[0] === 2 && trocar.row.t_s[0] > 0.3", "a session that runs with its device");
+  const children = execFileSync("ps", ["-o", "pid=,comm=", "--ppid", String(told.console_pid)], { encoding: "utf8" });
+  const device = /^\s*(\d+)\s+trocar-device-s/m.exec(children);
+  check(device, `the console has no device process: ${children}`);
+  if (device) process.kill(Number(device[1]), "SIGKILL");
+  await until(page, `document.getElementById("state").textContent.startsWith("Fault")`, "a fault when the device process is killed");
+  fault = await get(page, `trocar.events.findLast((event) => event.kind === "fault")?.fault`);
+  recoveries = await get(page, `trocar.events.filter((event) => event.kind === "recovered").length`);
+}
 check(["no_data", "link_lost"].includes(fault), `the fault is ${fault}`);
 check(/[a-z]{4,}.*[.] .*Recover/.test(await page.innerText("#words")), `the fault's words do not say what to do: ${await page.innerText("#words")}`);
 for (const theme of ["dark", "light"]) {
@@ -176,7 +193,7 @@ for (const theme of ["dark", "light"]) {
   await page.click("#theme");
 }
 await page.click("#recover");
-await until(page, `trocar.events.some((event) => event.kind === "recovered") && document.getElementById("state").textContent === "Running"`, "the recovery on command");
+await until_recovered(page, `trocar.events.filter((event) => event.kind === "recovered").length > ${recoveries} && document.getElementById("state").textContent === "Running"`, "the recovery on command");
 await page.keyboard.press("Space");
 await ended(page, "device_killed");
 
