@@ -10,7 +10,7 @@ build=${TROCAR_BUILD:-$root/build/$preset}
 bin=$build/bin
 out=${TROCAR_OUT:-$root/out}
 
-# With ccache installed, clones on one machine share what they compiled.
+# With ccache installed, clones on one machine share what they compiled (one language of messages, too: ccache tells them apart).
 if command -v ccache >/dev/null; then
   export CMAKE_CXX_COMPILER_LAUNCHER=${CMAKE_CXX_COMPILER_LAUNCHER-ccache}
   export CCACHE_BASEDIR=${CCACHE_BASEDIR:-$root} CCACHE_NOHASHDIR=1
@@ -60,7 +60,7 @@ configure_and_build() {
   say "building in ${build#"$root"/} (the first time takes some minutes)"
   local targets=()
   if (($# > 0)); then targets=(--target "$@"); fi
-  cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
+  env -u LC_ALL -u LC_CTYPE -u LC_MESSAGES LANG=C.UTF-8 cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
 }
 
 # npm_packages FOLDER: installs what FOLDER/package-lock.json pins, unless that is there already.
