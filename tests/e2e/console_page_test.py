@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_page_test.py SOURCE PROGRAMS SCAN WORK: the console's page in a headless Chromium (console/drive.mjs): lists, three slices and
-a vertebra, holes, faults, recovery, emergency stop, playback, report; then what the recordings and pictures of that say. The bounds in
-seconds and frames hold where the processors are free and the machine wakes programs in time, and are only printed elsewhere."""
+a vertebra, holes, faults, recovery, emergency stop, playback, report; then what the recordings and pictures of that say. Seconds and
+frames a second are printed, with how free and how timely the machine was; TROCAR_JUDGE_TIMES=1 holds them against their bounds."""
 import csv
 import json
 import os
@@ -15,7 +15,7 @@ import time
 import numpy
 from PIL import Image
 
-from e2e import SANITIZED, check, outcome, run
+from e2e import check, outcome, run
 from machine_stalls import MachineStalls
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
@@ -141,7 +141,7 @@ def main():
         check(False, failure)
     figures = result["figures"]
     print(f"two programs got {share:.2f} of 1 s; {machine};", json.dumps(figures))
-    if share > 0.9 and machine.is_on_time and not SANITIZED:
+    if os.environ.get("TROCAR_JUDGE_TIMES"):
         check(figures.get("bone_shown_ms", 1e9) <= BONE_ms, f"the bone was shown after {figures.get('bone_shown_ms')} ms")
         check(figures.get("fps_surface", 0) >= FPS_SURFACE, f"{figures.get('fps_surface')} frames a second with surface and near slices")
         check(figures.get("fps_slices", 0) >= FPS_SLICES, f"{figures.get('fps_slices')} frames a second with 35 slices")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How late this machine wakes a program that only sleeps, at the highest realtime priority if that is granted.
 
-No machine of the tests guarantees realtime: a virtual one may stand still for tens of ms. What a test says of times is judged
-only where the machine itself is on time."""
+No machine of the tests guarantees realtime: a virtual one may stand still for tens of ms, longer than a drive's watchdog waits. What
+a standing machine explains is judged only where the machine was on time."""
 import json
 import os
 import signal
@@ -12,7 +12,7 @@ import time
 
 PERIOD_S = 0.002
 STALL_S = 0.005
-LATE_P99_S = 0.001  # of a machine whose times are judged
+MOST_STALLS_PER_S = 0.1  # of a machine that is on time
 
 
 class MachineStalls:
@@ -27,7 +27,7 @@ class MachineStalls:
         self.process.send_signal(signal.SIGTERM)
         told = json.loads(self.process.communicate(timeout=30)[0])
         self.p99_s, self.worst_s, self.stalls_per_s = told["p99_s"], told["worst_s"], told["stalls_per_s"]
-        self.is_on_time = self.p99_s <= LATE_P99_S
+        self.is_on_time = self.stalls_per_s <= MOST_STALLS_PER_S
 
     def __str__(self):
         return (f"this machine wakes a sleeping program late: p99 {1e3 * self.p99_s:.2f} ms, worst {1e3 * self.worst_s:.0f} ms, "
