@@ -284,16 +284,33 @@ def stalled_before_zero(row, kind, steps, moment_s, folder):
     return True
 
 
-def check_drive(row, kind, steps, first_step, recording, event, moment_s, folder):
-    """Checks by the drive's record how the torques went to zero."""
+def steps_to_zero(steps, first_step, recording, event, moment_s):
+    """The drive's steps in which a fault first shows and in which its torques are zero; the number of its steps if there is none."""
     times, _, applied, modes, _, _ = steps
-    step_s = times[1] - times[0]
     at = bisect.bisect_left(times, moment_s)
     k = round(event["t_s"] * RATE_HZ)
     ramp = [first_step[v] for v in recording.torque[k:k + 5] if v in first_step]
     own = next((i for i in range(at, len(times)) if modes[i] != "torque"), len(times))
     zero = next((i for i in range(at, len(times)) if applied[i] == 0), len(times))
-    found = min(ramp + [own, zero])
+    return min(ramp + [own, zero]), zero
+
+
+def stalled_in_ramp(kind, steps, first_step, recording, event, moment_s):
+    """True if the machine stalled the host while its torques went to zero: the drive got no command for longer than the ramp's
+    bound leaves, or its watchdog zeroed them."""
+    found, zero = steps_to_zero(steps, first_step, recording, event, moment_s)
+    times, _, _, modes, _, taken = steps
+    if kind.clock != "real" or zero == len(times) or times[zero] - times[found] <= TO_ZERO_S + 1e-9:
+        return False
+    new = [found] + [i for i in range(found + 1, zero + 1) if taken[i] != taken[i - 1]] + [zero]
+    return modes[zero] == "watchdog" or max(times[b] - times[a] for a, b in zip(new, new[1:])) > 2 / RATE_HZ
+
+
+def check_drive(row, kind, steps, first_step, recording, event, moment_s, folder):
+    """Checks by the drive's record how the torques went to zero."""
+    times, _, applied, modes, _, _ = steps
+    step_s = times[1] - times[0]
+    found, zero = steps_to_zero(steps, first_step, recording, event, moment_s)
     if zero == len(times) and "kill" not in (kind.plan(random.Random(0), 0) if kind.plan else ""):
         row.fail(f"{folder.name}: no zero torque at the drive after {event['fault']}")
         return
@@ -369,7 +386,8 @@ def check_moments(kind, row, moments, report, recording, steps, folder):
                 row.found += 1
             continue
         late = kind.clock == "real" and [e["fault"] for e in found] == ["deadline_missed"]  # the machine stalled first
-        if late or (len(found) == 1 and stalled_before_zero(row, kind, steps, moment_s, folder)):
+        if late or (len(found) == 1 and (stalled_before_zero(row, kind, steps, moment_s, folder) or
+                                         stalled_in_ramp(kind, steps, first_step, recording, found[0], moment_s))):
             row.machine += 1
             row.void += 1
             events.remove(found[0])
