@@ -120,7 +120,7 @@ def main():
     free = min(free, share_of_processors())
     are_judged = bool(os.environ.get("TROCAR_JUDGE_TIMES"))
     print(f"two programs got {free:.2f} of 2 s; {machine}")
-    check([e["seq"] for e in live.events] == expected and len(expected) > seconds, f"{len(expected)} events")
+    check([e["seq"] for e in live.events] == expected and len(expected) > seconds * (2 if are_judged else 1), f"{len(expected)} events")
     fresh, numbers, missed, connections = answers[0]
     check(numbers == expected and missed == 0, f"the stalled client got {len(numbers)} of {len(expected)} events, missed {missed}")
     check(connections >= 3 and len(fresh) >= 3, f"{connections} connections")

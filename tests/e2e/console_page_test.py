@@ -141,6 +141,7 @@ def main():
         check(False, failure)
     figures = result["figures"]
     print(f"two programs got {share:.2f} of 1 s; {machine};", json.dumps(figures))
+    check(figures.get("fps_surface", 0) > 0 and figures.get("fps_slices", 0) > 0, "no frame was drawn while frames were counted")
     if os.environ.get("TROCAR_JUDGE_TIMES"):
         check(figures.get("bone_shown_ms", 1e9) <= BONE_ms, f"the bone was shown after {figures.get('bone_shown_ms')} ms")
         check(figures.get("fps_surface", 0) >= FPS_SURFACE, f"{figures.get('fps_surface')} frames a second with surface and near slices")

@@ -9,7 +9,7 @@ import { colours_of, draw_legend, range_of } from "./hu.js";
 const kNearSlices = 3;            // on each side of the tip
 const kStub = 0.1;  // of the shaft, where the camera looks along it
 const kToolLength_m = 0.12, kArrow_m_per_N = 0.0008, kLeastArrow_N = 0.3;
-const kLeastScale = 0.4, kRest_ms = 400, kSlowFrame_ms = 30, kFastFrame_ms = 19;
+const kLeastScale = 0.5, kRest_ms = 400, kSlowFrame_ms = 30, kFastFrame_ms = 19;
 
 THREE.ColorManagement.enabled = false;  // colours of the HU map go to the screen as they are
 

@@ -110,11 +110,8 @@ const frames_of = async (seconds) => {
   const after = await get(page, "[trocar.frames, performance.now()]");
   return +(1000 * (after[0] - before[0]) / (after[1] - before[1])).toFixed(1);
 };
-for (let scale = 0, i = 0; i < 8 && scale !== await get(page, "trocar.scale"); ++i) {  // the resolution has followed
-  scale = await get(page, "trocar.scale");
-  await page.waitForTimeout(1500);
-}
-figures.fps_surface = await frames_of(3);
+await page.waitForTimeout(1200);  // the resolution has followed
+figures.fps_surface = await frames_of(2);
 figures.scale_surface = +(await get(page, "trocar.scale")).toFixed(2);
 await page.locator("#canvas-box").screenshot({ path: `${told.out}/bone_vertebra.png` });
 await page.selectOption("#shown", "all");
