@@ -132,6 +132,7 @@ function bounds(...lists) {
 }
 
 const kDash = [0.7, 0.4];
+const kTicks_ms = 1000;  // the histograms change slowly, and a chart costs as much as some frames where there is no GPU
 
 export class Charts {
   constructor() {
@@ -146,6 +147,7 @@ export class Charts {
   power_words(power) { return Number.isInteger(power) ? String(2 ** power) : ""; }
   set_theme() { for (const chart of [this.time, this.depth, this.hu, this.ticks]) chart.make(); }
 
+  /// True: the histograms are older than the rest.
   update(shown) {
     this.shown = shown;
     for (const [k, name] of this.names.entries()) {
@@ -161,7 +163,11 @@ export class Charts {
     const depth = bounds(history.depth, other?.depth ?? []);
     this.depth.set([depth, [null, null]], [Math.floor(depth[0]), Math.ceil(depth[1] + 0.5)], force);
     this.update_hu(shown);
+    const now = performance.now();
+    if (shown === this.ticks_of && now - this.ticks_at < kTicks_ms) return true;
+    Object.assign(this, { ticks_of: shown, ticks_at: now });
     this.update_ticks(shown);
+    return false;
   }
 
   draw_time(plot) {
@@ -202,6 +208,7 @@ export class Charts {
   update_hu(shown) {
     const { bone } = shown, tip = shown.values("tool_m");
     if (!bone || !bone.slices.some(({ hu }) => hu)) {
+      if (this.profile === null) return;
       this.profile = null;
       this.hu.set([[0, 1], [null, null]], [0, 1], [0, 1000]);
       return;
@@ -215,14 +222,27 @@ export class Charts {
       });
       this.profile = { bone, x, y, points, low: Math.min(0, ...points.map(({ hu }) => hu ?? 0)), high: Math.max(300, ...points.map(({ hu }) => hu ?? 0)) };
     }
+    const front = this.front_of(shown);
+    if (!moved && front?.text === this.front?.text) return;
+    this.front = front;
     const { points, low, high } = this.profile;
     const room = Math.max(2, 0.06 * points[points.length - 1].depth);
     this.hu.set([[0, 1], [null, null]], [-room, points[points.length - 1].depth + room], [low, 100 * Math.ceil(1.15 * high / 100)]);
   }
 
+  /// Where the law is cutting, else the tip; null without a row.
+  front_of(shown) {
+    const z = shown.value("front_z_m"), is_cutting = z !== 0 && !Number.isNaN(z);  // the column is there, or not 0, by that law only
+    const mm = is_cutting ? 1000 * (shown.bone.top_m - z) : shown.depth_mm();
+    if (Number.isNaN(mm) || !shown.row) return null;
+    const hu = shown.value("front_HU");
+    const text = is_cutting ? `front ${mm.toFixed(1)} mm${hu > -1000 ? `, ${hu.toFixed(0)} HU` : ""}` : `tip ${mm.toFixed(1)} mm`;
+    return { mm, text };
+  }
+
   draw_hu(plot) {
-    const { shown, profile } = this;
-    if (!shown || !profile) return;
+    const { profile } = this;
+    if (!profile) return;
     const ctx = clip(plot), px = rem() * devicePixelRatio, zero = plot.valToPos(Math.max(0, this.hu.y[0]), "y", true);
     const { points } = profile;
     const gaps = points.slice(1).map((point, k) => point.depth - points[k].depth);
@@ -233,12 +253,10 @@ export class Charts {
       const left = plot.valToPos(depth - half, "x", true), right = plot.valToPos(depth + half, "x", true);
       ctx.fillRect(left, Math.min(zero, plot.valToPos(hu, "y", true)), Math.max(0.35 * px, right - left - 1), Math.abs(plot.valToPos(hu, "y", true) - zero));
     }
-    const tip = shown.depth_mm(), z = shown.value("front_z_m"), is_cutting = z !== 0 && !Number.isNaN(z);  // the column is there, or not 0, by that law only
-    const front = is_cutting ? 1000 * (shown.bone.top_m - z) : tip;
-    if (!Number.isNaN(front) && shown.row) {
-      vertical(plot, ctx, front, css("--orange"), false);
-      const { left, width, top } = plot.bbox, at = Math.min(left + width, Math.max(left, plot.valToPos(front, "x", true))), hu = shown.value("front_HU");
-      const text = is_cutting ? `front ${front.toFixed(1)} mm${hu > -1000 ? `, ${hu.toFixed(0)} HU` : ""}` : `tip ${front.toFixed(1)} mm`;
+    if (this.front) {
+      const { mm, text } = this.front;
+      vertical(plot, ctx, mm, css("--orange"), false);
+      const { left, width, top } = plot.bbox, at = Math.min(left + width, Math.max(left, plot.valToPos(mm, "x", true)));
       ctx.font = label_font();
       const is_right = at + ctx.measureText(text).width + px > left + width;
       words(plot, ctx, text, at + (is_right ? -0.4 : 0.4) * px, top + 0.2 * px, css("--orange"), is_right ? "right" : "left");

@@ -11,7 +11,7 @@ import { View3d } from "./view3d.js";
 import { describe, kFault, kRecovering } from "./words.js";
 
 const by_id = (id) => document.getElementById(id);
-const kPanels_ms = 100, kRefresh_ms = 5000;
+const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000;
 
 const app = {
   role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
@@ -20,7 +20,7 @@ const app = {
   playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "", waiting: null,
 };
 
-/// The view is drawn in the next frame, the panels at the latest after kPanels_ms.
+/// The view is drawn in the next frame, the panels at the latest after kPanels_ms, or kSlowPanels_ms where frames are slow.
 function changed() {
   app.has_moved = app.panels_are_old = true;
 }
@@ -391,7 +391,7 @@ function frame(now) {
   if (source && app.has_moved) app.view?.update(source);
   app.has_moved = false;
   if (app.view?.frame(now)) app.panels_are_old = true;
-  if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(250, 4 * (app.view?.frame_ms ?? 0)))) return;
+  if (!app.panels_are_old || now - panels_at < Math.max(kPanels_ms, Math.min(kSlowPanels_ms, 8 * (app.view?.frame_ms ?? 0)))) return;
   app.panels_are_old = false;
   panels_at = now;
   draw_status();
@@ -399,7 +399,7 @@ function frame(now) {
   if (app.tab === "playback") draw_player();
   if (!source || app.tab === "folder") return;
   app.gauges.update(source);
-  app.charts.update(source);
+  app.panels_are_old = app.charts.update(source);
 }
 set_tab("folder");
 set_view("perspective");

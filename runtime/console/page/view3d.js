@@ -10,6 +10,7 @@ const kNearSlices = 3;            // on each side of the tip
 const kStub = 0.1;  // of the shaft, where the camera looks along it
 const kToolLength_m = 0.12, kArrow_m_per_N = 0.0008, kLeastArrow_N = 0.3;
 const kLeastScale = 0.5, kRest_ms = 400, kSlowFrame_ms = 30, kFastFrame_ms = 19;
+const kCoarseTriangles = 10000;  // about so many of the surface are drawn where the resolution is reduced
 
 THREE.ColorManagement.enabled = false;  // colours of the HU map go to the screen as they are
 
@@ -29,6 +30,35 @@ function boundary_of(triangles, vertices) {
   return new Uint32Array([...seen.values()].flat());
 }
 
+/// A mesh of about kCoarseTriangles for pictures of a reduced resolution: the vertices in each cell of a grid become their middle
+/// (vertex clustering, Rossignac and Borrel 1993).
+function coarse_of(geometry) {
+  const triangles = geometry.index.array, xyz = geometry.getAttribute("position"), triangle = new THREE.Triangle();
+  let area = 0;
+  for (let k = 0; k < triangles.length; k += 3)
+    area += triangle.setFromAttributeAndIndices(xyz, triangles[k], triangles[k + 1], triangles[k + 2]).getArea();
+  const cell = Math.sqrt((2 * area) / kCoarseTriangles), of_cell = (value) => Math.floor(value / cell);
+  const firsts = new Map(), first = new Uint32Array(xyz.count), counts = new Uint32Array(xyz.count), middles = new Float32Array(3 * xyz.count);
+  for (let i = 0; i < xyz.count; ++i) {
+    const key = of_cell(xyz.getX(i)) + 2 ** 17 * (of_cell(xyz.getY(i)) + 2 ** 17 * of_cell(xyz.getZ(i)));
+    if (!firsts.has(key)) firsts.set(key, i);
+    const at = (first[i] = firsts.get(key));
+    ++counts[at];
+    for (let k = 0; k < 3; ++k) middles[3 * at + k] += xyz.array[3 * i + k];
+  }
+  for (let i = 0; i < middles.length; ++i) middles[i] /= counts[Math.floor(i / 3)] || 1;
+  const kept = [];
+  for (let k = 0; k < triangles.length; k += 3) {
+    const a = first[triangles[k]], b = first[triangles[k + 1]], c = first[triangles[k + 2]];
+    if (a !== b && b !== c && c !== a) kept.push(a, b, c);
+  }
+  const coarse = new THREE.BufferGeometry();
+  coarse.setAttribute("position", new THREE.BufferAttribute(middles, 3));
+  coarse.setAttribute("color", geometry.getAttribute("color"));
+  coarse.setIndex(kept);
+  return coarse;
+}
+
 export class View3d {
   constructor(box, canvas) {
     this.box = box;
@@ -43,9 +73,12 @@ export class View3d {
     this.frame_ms = 0;
     this.bone_shown_ms = null;
     this.slices = [];
+    this.shows_surface = true;
     this.is_dirty = true;
     this.label = document.getElementById("force-label");
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: false, powerPreference: "high-performance" });
+    // Opaque, so that the browser need not blend it with what is behind: three.js always asks for an alpha channel.
+    const context = canvas.getContext("webgl2", { alpha: false, antialias: false, powerPreference: "high-performance" });
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     const gl = this.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
     this.renderer_name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
@@ -109,7 +142,7 @@ export class View3d {
     this.set_marks([]);
     this.bone = bone;
     this.slices = [];
-    this.surface = null;
+    this.surface = this.coarse_surface = null;
     this.is_dirty = true;
     if (!bone) return draw_legend(null);
     this.range = range_of([...bone.slices.map(({ hu }) => hu), bone.surface?.hu].filter(Boolean));
@@ -166,6 +199,20 @@ export class View3d {
     this.surface = new THREE.Mesh(geometry, this.surface_material);
     this.surface.renderOrder = 60;
     this.bone_group.add(this.surface);
+    this.coarse_surface = null;
+  }
+
+  /// All of the surface at full resolution, else a coarse one: without a GPU its triangles take more time than its pixels.
+  choose_surface() {
+    if (!this.surface) return;
+    const { geometry } = this.surface, is_coarse = this.drawn_scale < 1 && geometry.index.count > 3 * kCoarseTriangles;
+    if (is_coarse && !this.coarse_surface) {
+      this.coarse_surface = new THREE.Mesh(coarse_of(geometry), this.surface_material);
+      this.coarse_surface.renderOrder = this.surface.renderOrder;
+      this.bone_group.add(this.coarse_surface);
+    }
+    this.surface.visible = this.shows_surface && !is_coarse;
+    if (this.coarse_surface) this.coarse_surface.visible = this.shows_surface && is_coarse;
   }
 
   /// Light from the front and above goes into the colours of the vertices: without a GPU that costs less than light in each pixel.
@@ -403,7 +450,7 @@ export class View3d {
       slice.contour.renderOrder = 31 - 0.1 * k;
     }
     this.contour_material.opacity = is_section ? 0.95 : 0.4;
-    if (this.surface) this.surface.visible = has_surface && !is_section;
+    this.shows_surface = has_surface && !is_section;
     this.ring.visible = is_section && Boolean(tip);
     if (is_section) this.tool.visible = false;
     for (const tool of [this.tool, this.ghost]) tool.scale.z = this.view === "tool" ? kStub : 1;
@@ -483,6 +530,7 @@ export class View3d {
   }
 
   render() {
+    this.choose_surface();
     this.headlight.position.copy(this.camera.position);
     this.headlight.target.position.copy(this.turn.target);
     this.headlight.target.updateMatrixWorld();
