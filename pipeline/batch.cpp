@@ -12,7 +12,9 @@
 #include <map>
 #include <mutex>
 #include <new>
+#include <numeric>
 #include <set>
+#include <string>
 #include <utility>
 
 #include "formats/base/json_text.h"
@@ -20,6 +22,7 @@
 #include "pipeline/for_each_piece.h"
 #include "pipeline/no_material.h"
 #include "pipeline/report.h"
+#include "pipeline/stopwatch.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -48,6 +51,7 @@ struct FinishedSlice {
   std::set<int> labels;
   ValueTally values;
   double area_mm2 = 0;
+  json ms;  // by stage
 };
 
 // The set of labels that the label is joined with; null: none.
@@ -195,6 +199,7 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
                                const Result<DracoGrid>& grid) {
   auto meshed = mesh_slice(stack, index, options.mesh);
   if (!meshed) return meshed.error();
+  Stopwatch watch;
   if (!grid) return Error{grid.error().code, stack.name(index) + ": " + grid.error().message};
   const SlicePlane& plane = stack.plane(index);
   FinishedSlice out;
@@ -208,7 +213,6 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   std::vector<json> reports;
   for (const MeshedMaterial& material : meshed->materials)
     reports.push_back(slice_report(index, plane.z_mm, material, meshed->max_area_bound_mm2));
-  const auto start = std::chrono::steady_clock::now();
   for (MeshedMaterial& material : meshed->materials) {
     std::vector<float> hu;
     if (material.hu) hu = std::move(material.hu->values);
@@ -224,10 +228,50 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
     if (!encoded) return encoded.error();
     out.materials.push_back({material.first_label, std::move(*encoded), {}});
   }
-  reports[0]["ms"] = stage_times(meshed->times);
-  reports[0]["ms"]["encode"] = ms_since(start);
+  out.ms = stage_times(meshed->times);
+  out.ms["encode"] = watch.lap_ms();
+  reports[0]["ms"] = out.ms;
   for (std::size_t k = 0; k < reports.size(); ++k)
     out.materials[k].report = json::to_cbor(reports[k]);
+  return out;
+}
+
+// Where the time of a run went.
+class RunStages {
+ public:
+  explicit RunStages(Stopwatch::TimePoint start) : watch_(start) {}
+
+  // What has been done since the last lap.
+  void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
+
+  // What several threads have done since the last lap: each stage has the time of all threads,
+  // divided by their number. What is missing of `busy_ms` in `thread_ms` is missing here, too.
+  void lap_shared(int threads, double busy_ms, const std::map<std::string, double>& thread_ms) {
+    for (const auto& [stage, ms] : thread_ms)
+      ms_[stage] += ms / threads;
+    ms_["idle"] += std::max(0.0, watch_.lap_ms() - busy_ms / threads);
+  }
+
+  const std::map<std::string, double>& ms() const { return ms_; }
+
+ private:
+  Stopwatch watch_;
+  std::map<std::string, double> ms_;
+};
+
+// By stage, of all threads together; `piece_ms` begins with the digests of `files` files.
+std::map<std::string, double> thread_times(
+    const std::vector<double>& piece_ms, std::size_t files, double unpack_ms,
+    const std::vector<std::optional<Result<FinishedSlice>>>& slices) {
+  std::map<std::string, double> out;
+  for (std::size_t i = 0; i < files; ++i)
+    out["digest"] += piece_ms[i];
+  for (const auto& slice : slices) {
+    for (const auto& [stage, ms] : (**slice).ms.items())
+      out[stage] += ms.get<double>();
+  }
+  out["read"] -= unpack_ms;
+  out["unpack"] = unpack_ms;
   return out;
 }
 
@@ -369,6 +413,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
                                const json& parameters) {
   if (auto ok = check_ranges(stack, given); !ok) return ok.error();
   BatchOptions options = given;
+  RunStages stages(options.start);
   options.names.add_defaults(stack.label_names);
   const int first = options.slices ? options.slices->first : 0;
   const int last = options.slices ? options.slices->second : stack.size() - 1;
@@ -379,10 +424,12 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
 
   std::optional<SolidBone> solid;
   if (options.solid.any()) {
+    stages.lap("open");
     auto made = SolidBone::make(stack, options.mesh.segmentation, options.axis, options.solid);
     if (!made) return made.error();
     solid = std::move(*made);
     options.mesh.solid = &*solid;
+    stages.lap("solid");
   }
   Result<DracoGrid> grid = common_grid(stack, first, last, options.mesh);
   if (grid) grid->colours = options.colours;
@@ -397,9 +444,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   std::vector<Result<std::string>> digests(input_files.size(), std::string());
   std::vector<std::optional<Result<FinishedSlice>>> done(
       static_cast<std::size_t>(last - first + 1));
+  std::vector<double> piece_ms(input_files.size() + done.size());
   std::mutex mutex;
   int finished = 0;
-  const auto one_piece = [&](int piece) {
+  const auto do_piece = [&](int piece) {
     if (options.stop != nullptr && options.stop->load()) return;
     if (piece < files) {
       digests[static_cast<std::size_t>(piece)] =
@@ -417,6 +465,16 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
       options.progress(++finished, last - first + 1);
     }
   };
+  const auto one_piece = [&](int piece) {
+    Stopwatch watch;
+    do_piece(piece);
+    piece_ms[static_cast<std::size_t>(piece)] = watch.lap_ms();
+  };
+  const auto waited_ms = [&] {
+    return stack.waited_ms() + (options.mesh.hu != nullptr ? options.mesh.hu->waited_ms() : 0);
+  };
+  const double waited_before_ms = waited_ms();
+  stages.lap("open");
   for_each_piece(files + last - first + 1, one_piece);
 
   if (options.stop != nullptr && options.stop->load()) {
@@ -425,10 +483,14 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   for (const auto& result : done) {
     if (!*result) return result->error();
   }
+  stages.lap_shared(
+      threads, std::accumulate(piece_ms.begin(), piece_ms.end(), 0.0),
+      thread_times(piece_ms, input_files.size(), waited_ms() - waited_before_ms, done));
   for (const SliceStack* const read : {&stack, options.mesh.hu}) {
     if (read == nullptr) continue;
     if (const auto whole = read->finish(); !whole) return whole.error();
   }
+  stages.lap("unpack");
   BatchResult out;
   json used = parameters;  // with the labels found, if all are wanted
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
@@ -508,12 +570,14 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   }
 
   json surface;
+  stages.lap("collect");
   if (options.surface) {
     auto added =
         add_surfaces(stack, first, last, options,
                      materials_in_scan(places, options.mesh.segmentation), asset, warnings);
     if (!added) return added.error();
     surface = std::move(*added);
+    stages.lap("surface");
   }
 
   const auto assemble_start = std::chrono::steady_clock::now();
@@ -522,6 +586,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
   if (!glb) return glb.error();
   out.glb = std::move(*glb);
   const double assemble_ms = ms_since(assemble_start);
+  stages.lap("assemble");
 
   json slices = json::array();
   for (FinishedMaterial& one : finished_materials) {
@@ -532,6 +597,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
           asset.materials[static_cast<std::size_t>(places[one.first_label])].name;
     }
   }
+  stages.lap("collect");
   const auto per_triangle = [&sizes](std::size_t bytes) {
     return sizes.triangles == 0 ? 0.0
                                 : static_cast<double>(bytes) / static_cast<double>(sizes.triangles);
@@ -550,6 +616,7 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
                   {"json_bytes", sizes.json_bytes},
                   {"index_bytes", sizes.index_bytes}}},
                 {"assemble_ms", assemble_ms},
+                {"stages_ms", stages.ms()},
                 {"total_ms", ms_since(options.start)},
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},

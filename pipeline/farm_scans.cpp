@@ -160,7 +160,7 @@ json canonical(const Arguments& a, const BatchOptions& o, const OpenOptions& ope
 
 // Without what differs from run to run, and without what other things in the input's folder decide.
 std::string stored_report(json report, const SliceStack& stack) {
-  for (const char* key : {"total_ms", "assemble_ms", "threads", "peak_rss_bytes"})
+  for (const char* key : {"total_ms", "assemble_ms", "stages_ms", "threads", "peak_rss_bytes"})
     report.erase(key);
   for (json& slice : report["slices"])
     slice.erase("ms");

@@ -2,7 +2,6 @@
 #include "pipeline/mesh_slice.h"
 
 #include <algorithm>
-#include <chrono>
 #include <memory>
 #include <string>
 #include <utility>
@@ -17,22 +16,10 @@
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/regions.h"
 #include "pipeline/mesh/triangulation.h"
+#include "pipeline/stopwatch.h"
 
 namespace trocar::pipeline {
 namespace {
-
-class Stopwatch {
- public:
-  double lap_ms() {
-    const auto now = std::chrono::steady_clock::now();
-    const double ms = std::chrono::duration<double, std::milli>(now - start_).count();
-    start_ = now;
-    return ms;
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 Image cropped(Image image, const Crop& c) {
   Image out{c.x1 - c.x0 + 1, c.y1 - c.y0 + 1, {}};

@@ -68,6 +68,7 @@ class NiftiStack final : public SliceStack {
   }
 
   Result<void> finish() const override { return voxels_.finish(); }
+  double waited_ms() const override { return voxels_.waited_ms(); }
 
   // Converts what was read (one plane of the array, or one row of it) and writes it to its pixels.
   // `plane` is the index along the slowest axis, -1 if slices run along that axis.

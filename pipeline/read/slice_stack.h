@@ -75,6 +75,8 @@ class SliceStack {
   /// With OpenOptions::unpack_behind: what is wrong with a gzipped volume, also where no slice
   /// needed it, as its checksum.
   virtual Result<void> finish() const { return {}; }
+  /// The time that read() has waited so far, in all threads together, for a volume to be unpacked.
+  virtual double waited_ms() const { return 0; }
 
   std::vector<Warning> warnings;                ///< what was noticed on opening
   std::optional<SeriesInfo> series;             ///< that the slices are from; of DICOM input only

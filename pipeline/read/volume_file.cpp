@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <chrono>
 #include <condition_variable>
 #include <mutex>
 #include <optional>
@@ -90,8 +91,10 @@ class VolumeFile::Unpacking {
 
   /// Until `bytes` bytes are there, or there will be no more.
   Result<void> wait_for(std::int64_t bytes) {
+    const auto start = std::chrono::steady_clock::now();
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return done_ >= bytes || outcome_; });
+    waited_ += std::chrono::steady_clock::now() - start;
     if (done_ >= bytes) return {};
     return *outcome_;
   }
@@ -99,6 +102,10 @@ class VolumeFile::Unpacking {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return outcome_.has_value(); });
     return *outcome_;
+  }
+  double waited_ms() {
+    const std::lock_guard lock(mutex_);
+    return std::chrono::duration<double, std::milli>(waited_).count();
   }
 
  private:
@@ -134,6 +141,7 @@ class VolumeFile::Unpacking {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::int64_t done_ = 0;  // bytes of the volume
+  std::chrono::steady_clock::duration waited_{};
   std::optional<Result<void>> outcome_;
   std::thread thread_;
 };
@@ -206,6 +214,10 @@ Result<void> VolumeFile::read(std::int64_t at, std::span<char> to, const std::st
 
 Result<void> VolumeFile::finish() const {
   return unpacking_ == nullptr ? Result<void>() : unpacking_->finish();
+}
+
+double VolumeFile::waited_ms() const {
+  return unpacking_ == nullptr ? 0 : unpacking_->waited_ms();
 }
 
 VolumeFile::VolumeFile() = default;

@@ -41,6 +41,9 @@ class VolumeFile {
   /// Waits until all is unpacked; its error, if any. Thread-safe.
   Result<void> finish() const;
 
+  /// The time that read() has waited so far, in all threads together, for bytes to be unpacked.
+  double waited_ms() const;
+
   VolumeFile();
   VolumeFile(VolumeFile&& other) noexcept;
   VolumeFile& operator=(VolumeFile&& other) noexcept;
