@@ -361,14 +361,17 @@ Result<void> Supervisor::start_run() {
   Result<Process> process = Process::start(words, log_file());
   if (!process) return process.error();
   run_ = std::move(*process);
-  // Lets a later console find the device process.
+  return note_device();
+}
+
+Result<void> Supervisor::note_device() {
   json about = {{"schema", "trocar.console-session/1"}, {"device", request_.device}};
   if (device_) {
     about["device_pid"] = device_->pid();
     about["device_start_ticks"] = device_->start_ticks();
     about["device_endpoint"] = device_endpoint_;
   }
-  return write_file_atomically(file / "console.json", json_text(about, 2) + "\n");
+  return write_file_atomically(session_folder_ / "console.json", json_text(about, 2) + "\n");
 }
 
 void Supervisor::let_device_go(int signal) {
@@ -531,6 +534,7 @@ Result<void> Supervisor::command(LiveCommand command) {
   if (command == LiveCommand::kRecover && device_ && device_->has_ended()) {
     // The drive first; the command follows when it is ready.
     if (auto ok = start_device(device_endpoint_); !ok) return ok;
+    if (auto ok = note_device(); !ok) return ok;
     recover_when_ready_ = true;
     started_at_ = Clock::now();
     return {};

@@ -92,6 +92,8 @@ class Supervisor {
   };
 
   Result<void> start_run();
+  /// Lets a later console find the device process.
+  Result<void> note_device();
   Result<void> start_device(const std::string& endpoint);
   void look_for_session(Clock::time_point now);
   void attach(std::unique_ptr<LiveReader> reader);

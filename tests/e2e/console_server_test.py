@@ -273,7 +273,9 @@ def kill_device(console, folder):
     start(console, live, scene="scenes/outside.json", duration_s=120, device="sim")
     check(recover(console, live, lambda l: l.values and l.value("safety") == RUNNING and l.value("t_s") > 0.2), f"{live.states}, {live.events}")
     seen = live.events[-1]["seq"] if live.events else 0
-    os.kill(json.loads((newest(folder) / "console.json").read_text())["device_pid"], signal.SIGKILL)
+    device_of = lambda: json.loads((newest(folder) / "console.json").read_text())["device_pid"]
+    killed = device_of()
+    os.kill(killed, signal.SIGKILL)
     faults = lambda l: [e for e in l.events if e["kind"] == "fault" and e["seq"] > seen]
     if not live.until(faults, 5):
         check(False, f"no fault when the device process is killed: {live.events}")
@@ -287,6 +289,7 @@ def kill_device(console, folder):
         check(console.post("/api/command", {"command": "recover"})[0] == 200, "recover")
         check(recover(console, live, lambda l: l.kinds().count("recovered") > before),
               f"no recovery with a new device process: {[e['text'] for e in live.events]}")
+        check(device_of() != killed, "a later console would not find the new device process")
     console.post("/api/command", {"command": "stop"})
     check(live.until(lambda l: l.state() == "ended", 10), f"{live.states}")
     live.close()
