@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <iterator>
 #include <map>
@@ -18,21 +17,17 @@
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "pipeline/asset_surfaces.h"
 #include "pipeline/contour/label_pixels.h"
 #include "pipeline/for_each_piece.h"
 #include "pipeline/no_material.h"
 #include "pipeline/report.h"
-#include "pipeline/stopwatch.h"
+#include "pipeline/run_stages.h"
 
 namespace trocar::pipeline {
 namespace {
 
 using nlohmann::json;
-
-double ms_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-      .count();
-}
 
 // Skin and muscle have 20 to 80 HU.
 constexpr double kSkinHu = 100;
@@ -236,29 +231,6 @@ Result<FinishedSlice> mesh_one(const SliceStack& stack, int index, const BatchOp
   return out;
 }
 
-// Where the time of a run went.
-class RunStages {
- public:
-  explicit RunStages(Stopwatch::TimePoint start) : watch_(start) {}
-
-  // What has been done since the last lap.
-  void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
-
-  // What several threads have done since the last lap: each stage has the time of all threads,
-  // divided by their number. What is missing of `busy_ms` in `thread_ms` is missing here, too.
-  void lap_shared(int threads, double busy_ms, const std::map<std::string, double>& thread_ms) {
-    for (const auto& [stage, ms] : thread_ms)
-      ms_[stage] += ms / threads;
-    ms_["idle"] += std::max(0.0, watch_.lap_ms() - busy_ms / threads);
-  }
-
-  const std::map<std::string, double>& ms() const { return ms_; }
-
- private:
-  Stopwatch watch_;
-  std::map<std::string, double> ms_;
-};
-
 // By stage, of all threads together; `piece_ms` begins with the digests of `files` files.
 std::map<std::string, double> thread_times(
     const std::vector<double>& piece_ms, std::size_t files, double unpack_ms,
@@ -275,81 +247,6 @@ std::map<std::string, double> thread_times(
   return out;
 }
 
-json percentiles(const SurfaceDistance& d) {
-  return {{"p50", d.p50_mm}, {"p99", d.p99_mm}, {"max", d.max_mm}};
-}
-
-void warn_of_surface(const DisplaySurface& made, const SurfaceOptions& wanted, json& warnings) {
-  if (wanted.at_most &&
-      made.surface.triangles.size() > static_cast<std::size_t>(wanted.triangles)) {
-    warnings.push_back({{"code", "surface_triangles"},
-                        {"where", "--surface"},
-                        {"sentence", std::to_string(made.surface.triangles.size()) +
-                                         " triangles: with fewer it would intersect itself"}});
-  }
-  const bool is_far = made.distance.p99_mm > made.bound_mm;
-  if (!is_far && made.left_out.p99_mm <= made.bound_mm) return;
-  const bool averaged = made.coarsened != std::array<int, 3>{1, 1, 1};
-  const char* const advice = averaged ? "; the voxels were averaged for it: give --crop or --slices"
-                             : wanted.at_most ? "; give more --surface-triangles"
-                                              : "";
-  char sentence[250];
-  std::snprintf(sentence, sizeof sentence,
-                "1 %% of the %s is farther than %.2f mm from the %s (wanted: %.2f mm)%s",
-                is_far ? "surface" : "material's bound",
-                is_far ? made.distance.p99_mm : made.left_out.p99_mm,
-                is_far ? "material's bound" : "surface", made.bound_mm, advice);
-  warnings.push_back(
-      {{"code", "surface_distance"}, {"where", "--surface"}, {"sentence", sentence}});
-}
-
-// Adds the surface for display of one material to the asset, and its warnings; gives its part of
-// the report.
-Result<json> add_surface(const SliceStack& stack, int first, int last, const BatchOptions& options,
-                         int material, const Segmentation& segmentation, Asset& asset,
-                         json& warnings) {
-  const auto start = std::chrono::steady_clock::now();
-  MeshOptions mesh = options.mesh;
-  mesh.segmentation = segmentation;
-  auto volume = read_surface_volume(stack, first, last, mesh, asset.materials.size() > 1);
-  if (!volume) return volume.error();
-  json out = {{"material", material},
-              {"dropped",
-               {{"specks", volume->dropped.specks},
-                {"holes", volume->dropped.holes},
-                {"largest_mm3", volume->dropped.largest_mm3}}}};
-  if (volume->empty()) {
-    const std::string& name = asset.materials[static_cast<std::size_t>(material)].name;
-    if (asset.materials.size() == 1)
-      return refused(input_name(stack) + ": no piece of material is large enough for --surface");
-    warnings.push_back({{"code", "surface_absent"},
-                        {"where", name},
-                        {"sentence", "no piece is large enough for --surface"}});
-    return out;
-  }
-  const double read_ms = ms_since(start);
-  SurfaceOptions how = *options.surface;
-  how.stop = options.stop;
-  auto made = make_display_surface(*volume, how);
-  if (!made) return Error{made.error().code, input_name(stack) + ": " + made.error().message};
-  warn_of_surface(*made, how, warnings);
-  out.update({{"triangles", made->surface.triangles.size()},
-              {"vertices", made->surface.vertices.size()},
-              {"parts", made->parts},
-              {"mesher_triangles", made->mesher_triangles},
-              {"averaged_voxels", made->coarsened},
-              {"bound_mm", made->bound_mm},
-              {"distance_mm", percentiles(made->distance)},
-              {"left_out_mm", percentiles(made->left_out)},
-              {"ms",
-               {{"read", read_ms},
-                {"mesh", made->mesher_ms},
-                {"decimate", made->decimate_ms},
-                {"check", made->check_ms}}}});
-  asset.surfaces.push_back({material, std::move(made->surface), made->distance.p99_mm});
-  return out;
-}
-
 // Of each material of the asset: what it is in the scan.
 std::vector<Segmentation> materials_in_scan(const std::map<int, int>& first_labels,
                                             const Segmentation& segmentation) {
@@ -359,19 +256,6 @@ std::vector<Segmentation> materials_in_scan(const std::map<int, int>& first_labe
   for (const auto& [first_label, place] : first_labels) {
     const std::set<int>* const joined = joined_with(*wanted, first_label);
     out.emplace_back(Labels{joined == nullptr ? std::set{first_label} : *joined});
-  }
-  return out;
-}
-
-Result<json> add_surfaces(const SliceStack& stack, int first, int last, const BatchOptions& options,
-                          const std::vector<Segmentation>& materials, Asset& asset,
-                          json& warnings) {
-  json out = json::array();
-  for (std::size_t k = 0; k < materials.size(); ++k) {
-    auto one = add_surface(stack, first, last, options, static_cast<int>(k), materials[k], asset,
-                           warnings);
-    if (!one) return one.error();
-    out.push_back(std::move(*one));
   }
   return out;
 }
@@ -580,12 +464,10 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
     stages.lap("surface");
   }
 
-  const auto assemble_start = std::chrono::steady_clock::now();
   AssetSizes sizes;
   auto glb = assemble_asset(asset, std::move(encoded), &sizes);
   if (!glb) return glb.error();
   out.glb = std::move(*glb);
-  const double assemble_ms = ms_since(assemble_start);
   stages.lap("assemble");
 
   json slices = json::array();
@@ -615,9 +497,9 @@ Result<BatchResult> mesh_stack(const SliceStack& stack, const BatchOptions& give
                   {"outline_bytes", sizes.outline_bytes},
                   {"json_bytes", sizes.json_bytes},
                   {"index_bytes", sizes.index_bytes}}},
-                {"assemble_ms", assemble_ms},
+                {"assemble_ms", stages.ms().at("assemble")},
                 {"stages_ms", stages.ms()},
-                {"total_ms", ms_since(options.start)},
+                {"total_ms", Stopwatch(options.start).lap_ms()},
                 {"threads", threads},
                 {"peak_rss_bytes", peak_rss_bytes()},
                 {"warnings", std::move(warnings)}};

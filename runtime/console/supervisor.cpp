@@ -7,7 +7,6 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <initializer_list>
@@ -18,6 +17,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "runtime/console/messages.h"
 
 namespace trocar::runtime {
 namespace {
@@ -65,114 +65,6 @@ std::string folder_name(const std::filesystem::path& scene) {
       },
       '_');
   return date.data() + name;
-}
-
-template <typename Number>
-void append(std::string& bytes, Number number) {
-  std::array<char, sizeof(Number)> raw{};
-  std::memcpy(raw.data(), &number, sizeof number);
-  bytes.append(raw.data(), raw.size());
-}
-
-template <typename Number>
-void append(std::string& bytes, const std::vector<Number>& numbers) {
-  bytes.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(Number));
-}
-
-std::string mesh_frame(std::int32_t sheet, std::uint32_t cuts, std::int32_t slice,
-                       const std::vector<float>& places, std::size_t floats_of_vertex,
-                       const std::vector<float>& hu, const std::vector<std::uint32_t>& triangles) {
-  std::string bytes;
-  bytes.reserve(24 + 4 * (places.size() + hu.size() + triangles.size()));
-  append(bytes, sheet);
-  append(bytes, cuts);
-  append(bytes, slice);
-  append(bytes, static_cast<std::uint32_t>(places.size() / floats_of_vertex));
-  append(bytes, static_cast<std::uint32_t>(triangles.size() / 3));
-  append(bytes, static_cast<std::uint32_t>(hu.empty() ? 0 : 1));
-  append(bytes, places);
-  append(bytes, hu);
-  append(bytes, triangles);
-  return bytes;
-}
-
-std::string millimetres(double x_m) {
-  std::array<char, 32> text{};
-  std::snprintf(text.data(), text.size(), "%.2f mm", x_m * 1e3);
-  return text.data();
-}
-
-std::string in_seconds(double t_s) {
-  std::array<char, 32> text{};
-  std::snprintf(text.data(), text.size(), "%.3f s", t_s);
-  return text.data();
-}
-
-json describe(const LiveEvent& event) {
-  json out = {{"seq", event.number}, {"kind", to_string(event.kind)}, {"t_s", event.t_s}};
-  const std::string at = " at " + in_seconds(event.t_s);
-  const FaultWords& words = words_of(event.found.fault);
-  std::string text;
-  switch (event.kind) {
-    case LiveEventKind::kPuncture: {
-      out.update({{"sheet", event.sheet},
-                  {"slice", event.slice},
-                  {"cut", event.cut},
-                  {"tool_z_m", event.tool_z_m},
-                  {"penetration_m", event.penetration_m},
-                  {"force_N", event.force_N},
-                  {"judged_force_N", event.judged_force_N}});
-      std::array<char, 32> force{};
-      std::snprintf(force.data(), force.size(), "%.2f N", event.force_N);
-      text = "slice " + std::to_string(event.slice) + " punctured" + at + ": " + force.data() +
-             ", depth " + millimetres(event.penetration_m);
-      break;
-    }
-    case LiveEventKind::kFault:
-      out.update({{"fault", words.name},
-                  {"meaning", words.meaning},
-                  {"measured", measured(event.found)},
-                  {"advice", words.advice}});
-      text = describe(event.found, event.t_s);
-      break;
-    case LiveEventKind::kNotRecovered:
-      out.update({{"fault", words.name},
-                  {"meaning", words.still},
-                  {"measured", measured(event.found)},
-                  {"advice", words.advice},
-                  {"lift_m", event.lift_m}});
-      text = "not recovered" + at + ": ";
-      if (event.found.fault == Fault::kNone) {
-        text += "the tool is in material; lift it by " + millimetres(event.lift_m);
-      } else {
-        const std::string found = measured(event.found);
-        text += words.still + (found.empty() ? "" : " (" + found + ")") + "; " + words.advice;
-      }
-      break;
-    case LiveEventKind::kRecovered:
-      out["fault"] = words.name;
-      text = std::string("recovered from ") + words.name + at;
-      break;
-    case LiveEventKind::kCutShown:
-      out.update({{"sheet", event.sheet}, {"slice", event.slice}, {"cut", event.cut}});
-      text = "slice " + std::to_string(event.slice) + " has " + std::to_string(event.cut) +
-             (event.cut == 1 ? " hole" : " holes") + at;
-      break;
-    case LiveEventKind::kPaused:
-      text = "paused" + at;
-      break;
-    case LiveEventKind::kResumed:
-      text = "goes on" + at;
-      break;
-    case LiveEventKind::kEnded:
-      out.update({{"end", to_string(event.end)}, {"fault", words.name}});
-      text = "ended" + at;
-      if (event.end == LiveEnd::kInterrupted) text += ": stopped";
-      if (event.end == LiveEnd::kFault) text += std::string(": ") + words.meaning;
-      break;
-  }
-  out["text"] = std::move(text);
-  return out;
 }
 
 /// The endpoint that a device process says that it is ready on, after `from` bytes of its log.
@@ -486,7 +378,7 @@ void Supervisor::read_events() {
     if (next == LiveReader::Next::kNone) return;
     if (next == LiveReader::Next::kLost) continue;  // the next number shows it to pages
     last_event_ = event.number;
-    events_.push_back({event.number, json_text(describe(event))});
+    events_.push_back({event.number, event_message(event)});
     if (events_.size() > kMostEvents) events_.pop_front();
     has_ended_ = has_ended_ || event.kind == LiveEventKind::kEnded;
   }
@@ -501,7 +393,7 @@ void Supervisor::read_meshes() {
     ++read;
     sheets_[i].version = version;
     sheets_[i].frame = sheet.cuts == 0 ? nullptr
-                                       : std::make_shared<const std::string>(mesh_frame(
+                                       : std::make_shared<const std::string>(mesh_message(
                                              static_cast<std::int32_t>(i), sheet.cuts, slices_[i],
                                              sheet.xy_m, 2, sheet.hu, sheet.triangles));
   }
@@ -514,16 +406,14 @@ void Supervisor::read_meshes() {
             ? slices_[static_cast<std::size_t>(shape.sheet)]
             : -1;
     shape_.frame = std::make_shared<const std::string>(
-        mesh_frame(shape.sheet, shape.cuts, slice, shape.xyw, 3, {}, shape.triangles));
+        mesh_message(shape.sheet, shape.cuts, slice, shape.xyw, 3, {}, shape.triangles));
   }
 }
 
 Frame Supervisor::snapshot() {
   if (snapshot_made_ != snapshots_ || !snapshot_) {
     if (values_.empty()) return nullptr;
-    std::string bytes;
-    append(bytes, values_);
-    snapshot_ = std::make_shared<const std::string>(std::move(bytes));
+    snapshot_ = std::make_shared<const std::string>(snapshot_message(values_));
     snapshot_made_ = snapshots_;
   }
   return snapshot_;

@@ -132,7 +132,7 @@ function bounds(...lists) {
 }
 
 const kDash = [0.7, 0.4];
-const kTicks_ms = 1000;  // the histograms change slowly, and a chart costs as much as some frames where there is no GPU
+const kTicks_ms = 1000;  // between redraws of the histograms, which change slowly: without a GPU each delays the next frame
 
 export class Charts {
   constructor() {

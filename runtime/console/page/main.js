@@ -421,6 +421,10 @@ window.trocar = {
   get slices() { return app.view?.slices.map(({ slice, z_m, triangles, places, cuts }) => ({ slice, z_m, triangles: triangles.length / 3, vertices: places.length / 2, cuts: cuts ?? 0 })) ?? []; },
   get totals() { return app.gauges.totals; },
   get surface_triangles() { return (app.view?.surface?.geometry.index.count ?? 0) / 3; },
+  get drawn_surface_triangles() {
+    const drawn = [app.view?.surface, app.view?.coarse_surface].find((surface) => surface?.visible);
+    return (drawn?.geometry.index.count ?? 0) / 3;
+  },
   get bone_shown_ms() { return app.view?.bone_shown_ms ?? null; },
   get frames() { return app.view?.frames ?? 0; },
   get fps() { return app.view?.fps ?? 0; },

@@ -113,6 +113,9 @@ const frames_of = async (seconds) => {
 await page.waitForTimeout(1200);  // the resolution has followed
 figures.fps_surface = await frames_of(2);
 figures.scale_surface = +(await get(page, "trocar.scale")).toFixed(2);
+// The surface is coarse where the resolution is reduced, and only there.
+await until(page, `trocar.scale < 1 && trocar.surface_triangles > 10000 ? trocar.drawn_surface_triangles > 3000 && trocar.drawn_surface_triangles < 20000
+  : trocar.drawn_surface_triangles === trocar.surface_triangles`, "the surface, coarse at a reduced resolution", 2000);
 await page.locator("#canvas-box").screenshot({ path: `${told.out}/bone_vertebra.png` });
 await page.selectOption("#shown", "all");
 await page.waitForTimeout(1000);
@@ -134,6 +137,7 @@ await page.evaluate(() => {
 });
 await until(page, `trocar.row.t_s[0] > ${hidden_t} + 0.3 || trocar.state.state === "ended"`, "the present state after the page was hidden");
 await ended(page, "vertebra");
+await until(page, "trocar.drawn_surface_triangles === trocar.surface_triangles", "the whole surface when nothing moves");
 const numbers = await get(page, "trocar.events.map((event) => event.seq)");
 check(numbers.every((seq, k) => seq === k + 1) && await get(page, "trocar.missed") === 0, "events are missing or doubled after the page was hidden");
 
