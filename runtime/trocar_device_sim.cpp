@@ -184,9 +184,12 @@ class Server {
       periods_behind_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
       const double periods = std::clamp(std::round(periods_behind_), 0.0, kMaxCatchUpPeriods);
       periods_behind_ = std::min(periods_behind_ - periods, 1.0);
-      serve();
+      const std::int64_t now = now_ns();
+      const int missed = std::max(static_cast<int>(periods) - 1, 0);
+      drive_.catch_up(now - std::llround(period_s_ * 1e9), missed);
+      serve(now);
       Drive::Answer state;
-      drive_.tick(now_ns(), static_cast<int>(periods), state);
+      drive_.tick(now, static_cast<int>(periods) - missed, state);
       send(state, host_);
       kill_if_due();
       return !is_done();
@@ -196,7 +199,7 @@ class Server {
   void run_in_lock_step() {
     while (!stop_requested.load() && !is_done()) {
       socket_.wait(in_.holds_any() || out_.holds_any() ? 1e-3 : 0.1);
-      serve();
+      serve(now_ns());
     }
   }
 
@@ -207,8 +210,7 @@ class Server {
   static constexpr double kMaxCatchUpPeriods = 200;
   static constexpr int kMaxDatagrams = 512;
 
-  void serve() {
-    const std::int64_t now = now_ns();
+  void serve(std::int64_t now) {
     const auto handle = [&](const FaultyLink::Datagram& datagram) {
       Drive::Answer answer;
       bool from_host = false;

@@ -178,22 +178,30 @@ void Drive::zero_torques(DriveMode mode) noexcept {
 
 void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
   answer.size = 0;
-  if (session_) {
-    const double without_command_s = seconds(now_ns - session_->last_command_ns);
-    if (without_command_s > options_.session_s) {
-      end_session();
-    } else if (without_command_s > session_->watchdog_s && mode_ == DriveMode::kTorque) {
-      const auto& tau = command_.tau_motor_Nm;
-      if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; })) {
-        ++report_.watchdog_trips;
-      }
-      zero_torques(DriveMode::kWatchdog);
-    }
-  }
-  if (report_.sessions == 0) return;  // simulated time starts with the first session
-  for (int i = 0; i < periods; ++i)
-    advance(options_.period_s);
+  catch_up(now_ns, periods);
+  check_watchdog(now_ns);
   if (session_) send_state(answer);
+}
+
+void Drive::catch_up(std::int64_t until_ns, int periods) noexcept {
+  const auto period_ns = std::llround(options_.period_s * 1e9);
+  for (int left = periods - 1; left >= 0; --left) {
+    check_watchdog(until_ns - left * period_ns);
+    // Simulated time starts with the first session.
+    if (report_.sessions > 0) advance(options_.period_s);
+  }
+}
+
+void Drive::check_watchdog(std::int64_t now_ns) noexcept {
+  if (!session_) return;
+  const double without_command_s = seconds(now_ns - session_->last_command_ns);
+  if (without_command_s > options_.session_s) return end_session();
+  if (without_command_s <= session_->watchdog_s || mode_ != DriveMode::kTorque) return;
+  const auto& tau = command_.tau_motor_Nm;
+  if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; })) {
+    ++report_.watchdog_trips;
+  }
+  zero_torques(DriveMode::kWatchdog);
 }
 
 /// The injected emergency stop. It is also reported to a session that begins while it is pressed.

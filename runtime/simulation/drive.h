@@ -93,8 +93,12 @@ class Drive {
   LinkRefusal receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns, Answer& answer,
                       bool& from_host) noexcept;
 
-  /// Real clock: advances by `periods` of the drive's periods (several after a delay of the
-  /// process). `answer`: the state for the host, if there is a session.
+  /// Real clock: the `periods` up to `until_ns` that a delayed process slept through, with the
+  /// command that the drive had. To be called before the commands that have come meanwhile are
+  /// received, so that a fault of the link or the watchdog acts at its time.
+  void catch_up(std::int64_t until_ns, int periods) noexcept;
+  /// Real clock: advances by `periods` of the drive's periods, of which the last ends now.
+  /// `answer`: the state for the host, if there is a session.
   void tick(std::int64_t now_ns, int periods, Answer& answer) noexcept;
 
   bool in_session() const noexcept { return session_.has_value(); }
@@ -126,6 +130,7 @@ class Drive {
   void begin(LinkSession offered) noexcept;
   void take(const CommandPacket& command, std::int64_t now_ns, Answer& answer) noexcept;
   void end_session() noexcept;
+  void check_watchdog(std::int64_t now_ns) noexcept;
   void advance(double dt_s) noexcept;
   void check_emergency_stop() noexcept;
   void supervise(double dt_s) noexcept;

@@ -167,6 +167,30 @@ TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
   EXPECT_EQ(host.state().mode, DriveMode::kReady);
 }
 
+TEST_F(DriveLink, DelayedDriveCatchesUpWithItsOldCommandAndItsWatchdog) {
+  DriveOptions delayed = options(LinkClock::kReal);
+  delayed.record_steps = 1000;
+  Drive drive(delayed, held_device());
+  Host host(drive, key_);
+  Drive::Answer state;
+  ASSERT_TRUE(host.handshake(0));
+  ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+  drive.tick(0, 1, state);
+  // The process sleeps from 0 to 20 ms; a command came meanwhile.
+  drive.catch_up(20 * kMs, 80);
+  ASSERT_EQ(host.torque(0.5, 20 * kMs), LinkRefusal::kNone);
+  drive.tick(20 * kMs + kMs / 4, 1, state);
+  ASSERT_EQ(drive.report().steps.size(), 82U);
+  for (std::size_t i = 0; i < 82; ++i) {
+    const DriveStep& step = drive.report().steps[i];
+    EXPECT_EQ(step.mode, i <= 40 ? DriveMode::kTorque : DriveMode::kWatchdog) << i;
+    EXPECT_EQ(step.applied_max_Nm, i <= 40 ? 1 : 0) << i;
+    EXPECT_EQ(step.command_taken, i <= 80 ? 1U : 2U) << i;
+  }
+  EXPECT_EQ(host.state_in(state).mode, DriveMode::kWatchdog);
+  EXPECT_EQ(drive.report().watchdog_trips, 1U);
+}
+
 TEST_F(DriveLink, WatchdogZeroesTorquesUntilTheHostAcknowledges) {
   Drive drive(options(LinkClock::kReal), held_device());
   Host host(drive, key_);
