@@ -52,7 +52,7 @@ def check_sections():
     import main as report_main
     sections = sorted((importlib.import_module(f"sections.{name}") for name in report_main.SECTION_NAMES), key=lambda s: s.ORDER)
     names = [section.__name__.split(".")[1] for section in sections]
-    assert names == ["pipeline", "meshing", "deformation", "remeshing", "device", "loop", "cutting", "scenes", "conditioning"], names
+    assert names == ["pipeline", "path", "meshing", "deformation", "remeshing", "device", "loop", "cutting", "scenes", "conditioning"], names
     script = (SOURCE / "scripts" / "report").read_text()
     for section in sections:
         for program in re.findall(r'context\.programs / "([\w-]+)"', pathlib.Path(section.__file__).read_text()):

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""path_bounds_test.py PROGRAM SCAN REPORT_LIBRARY PLOTS: the stages of the sample's path and their bounds, and the report's page of
+them. Figures of bytes are checked; times only as far as they hold on any machine."""
+import gzip
+import json
+import pathlib
+import subprocess
+import sys
+
+PROGRAM, SCAN, LIBRARY, PLOTS = sys.argv[1:]
+sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
+SCAN = pathlib.Path(SCAN)
+
+
+def measured(plan):
+    return subprocess.run([PROGRAM], input=json.dumps(plan), stdout=subprocess.PIPE, text=True, check=False)
+
+
+def main():
+    spacing = json.loads((SCAN / "sample.json").read_text())["spacing_mm"]
+    plan = {"repetitions": 2, "inputs": [{"id": "DICOM", "path": str(SCAN / "dicom"), "threshold": 226},
+                                         {"id": ".nii.gz", "path": str(SCAN / "sample.nii.gz"), "threshold": 226},
+                                         {"id": "PNG", "path": str(SCAN / "png"), "threshold": 95.2, "spacing_mm": spacing}]}
+    done = measured(plan)
+    assert done.returncode == 0, done.returncode
+    data = json.loads(done.stdout)
+    assert data["copied_GB_per_s"] > 0
+    rows = {row["id"]: row for row in data["rows"]}
+    with gzip.open(SCAN / "sample.nii.gz") as volume:
+        unpacked = len(volume.read())
+    # Every row of a PNG has one byte before its pixels, which are red, green and blue.
+    inflated = {"DICOM": 0, ".nii.gz": unpacked, "PNG": 35 * 512 * (3 * 512 + 1)}
+    for name, row in rows.items():
+        assert row["slices"] == 35 and row["pixels"] == 35 * 512 * 512, row
+        assert row["inflated_bytes"] == inflated[name], (name, row["inflated_bytes"], inflated[name])
+        # Draco alone, on the meshes in their stored order, makes payloads of nearly the same size, so it does the same work.
+        assert abs(row["draco_alone_bytes"] / row["payload_bytes"] - 1) < 0.05, row
+        stages = {stage["id"]: stage for stage in row["stages"]}
+        with_bound = {id for id, stage in stages.items() if "bound_ms" in stage}
+        expected = {"read", "segment", "contour", "simplify", "triangulate", "refine", "check", "hu", "encode", "digest", "assemble"}
+        if name == "PNG":
+            assert stages["hu"]["ms"] >= 0
+        assert with_bound == expected | ({"unpack"} if name == ".nii.gz" else set()), (name, with_bound)
+        assert all(stage["bound_ms"] > 0 for stage in stages.values() if "bound_ms" in stage), row
+    assert measured({"repetitions": 0, "inputs": []}).returncode == 2
+    assert measured({"repetitions": 1, "inputs": [{"id": "x", "path": "/no/such", "threshold": 1}]}).returncode in (2, 3)
+
+    import page as html
+    import path as section
+    page = html.Page("t")
+    section.show(data, page)
+    assert "<svg" in page.text() and "over the bound" in page.text()
+    assert len(section.results(data)) == 2 + 3 + 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
