@@ -9,7 +9,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <numeric>
 #include <string_view>
 
 namespace trocar {
@@ -130,15 +129,8 @@ Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const Drac
   return payload.size() - wanted.size() + 2 * sizeof(float);
 }
 
-namespace {
-
-constexpr std::size_t kPrime = 7919;
-
-// Draco's traversal starts at the first corner of each piece's first triangle. The orders 0, 1, ...
-// take the triangles with another stride, from another corner.
-Result<std::vector<std::uint8_t>> encode_in_order(std::size_t order, const SliceMesh& mesh,
-                                                  const DracoGrid& grid,
-                                                  std::span<const float> hu) {
+Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
+                                               std::span<const float> hu) {
   if (mesh.triangles.empty()) return bug("Draco: empty mesh");
   if (grid.quantization_bits < 1 || grid.quantization_bits > 24) {
     return bug("Draco: " + std::to_string(grid.quantization_bits) + " quantisation bits");
@@ -186,9 +178,9 @@ Result<std::vector<std::uint8_t>> encode_in_order(std::size_t order, const Slice
   }
   out.SetNumFaces(mesh.triangles.size());
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& v = mesh.triangles[(1 + order * kPrime) * t % mesh.triangles.size()];
-    const auto corner = [&](std::size_t i) { return draco::PointIndex(v[(i + order) % 3]); };
-    out.SetFace(draco::FaceIndex(t), {corner(0), corner(1), corner(2)});
+    const Triangle& v = mesh.triangles[t];
+    out.SetFace(draco::FaceIndex(t),
+                {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
   }
 
   draco::ExpertEncoder encoder(out);
@@ -221,25 +213,6 @@ Result<std::vector<std::uint8_t>> encode_in_order(std::size_t order, const Slice
     return bug("Draco: " + status.error_msg_string());
   }
   return std::vector<std::uint8_t>(buffer.data(), buffer.data() + buffer.size());
-}
-
-}  // namespace
-
-Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
-                                               std::span<const float> hu) {
-  // In small meshes the size depends on where the traversal starts, by about 1 %.
-  constexpr std::size_t kTrianglesTried = 1000, kMostTries = 8;
-  const std::size_t size = mesh.triangles.size();
-  auto best = encode_in_order(0, mesh, grid, hu);
-  if (!best) return best;
-  const std::size_t tries = std::min(kMostTries, kTrianglesTried / size);
-  for (std::size_t i = 1; i < tries; ++i) {
-    if (std::gcd(1 + i * kPrime, size) != 1) continue;
-    auto other = encode_in_order(i, mesh, grid, hu);
-    if (!other) return other;
-    if (other->size() < best->size()) best = std::move(other);
-  }
-  return best;
 }
 
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
