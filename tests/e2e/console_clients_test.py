@@ -120,6 +120,8 @@ def main():
     free = min(free, share_of_processors())
     are_judged = bool(os.environ.get("TROCAR_JUDGE_TIMES"))
     print(f"two programs got {free:.2f} of 2 s; {machine}")
+    print("the machine alone, p99 of a moment's wait: " + ", ".join(f"{1e3 * x:.2f}" for x in [*machine.waits_s(1), *machine.waits_s(WINDOWS)])
+          + " ms (whole, thirds)")
     check([e["seq"] for e in live.events] == expected and len(expected) > seconds * (2 if are_judged else 1), f"{len(expected)} events")
     fresh, numbers, missed, connections = answers[0]
     check(numbers == expected and missed == 0, f"the stalled client got {len(numbers)} of {len(expected)} events, missed {missed}")
