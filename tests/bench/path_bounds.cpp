@@ -266,6 +266,7 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
                triangles = sum_of(report, "triangles"), vertices = sum_of(report, "vertices"),
                mesh_bytes = sizeof(Triangle) * triangles + sizeof(LatticePoint) * vertices,
                asset_bytes = static_cast<double>(run->batch.glb.size());
+  const bool has_hu = sum_of(report, "hu_pixels") > 0;
   const auto moved = [&](double bytes) { return Bound{"memory", bytes / bytes_per_ms}; };
   const auto bound = [&](const std::string& stage) -> std::optional<Bound> {
     if (stage == "unpack" && is_gzip) return Bound{"inflate", median(inflate_ms)};
@@ -273,12 +274,13 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
       return Bound{"inflate and memory",
                    median(inflate_ms) + moved(static_cast<double>(inflated) + pixel_bytes).ms};
     if (stage == "read") return moved(voxel_bytes + pixel_bytes);
-    if (stage == "segment") return moved(pixel_bytes);
+    // Without HU no mean is taken here; the threshold belongs to `contour`.
+    if (stage == "segment" && has_hu) return moved(pixel_bytes);
     if (stage == "contour") return moved(pixel_bytes + contour_bytes);
     if (stage == "simplify") return moved(contour_bytes + outline_bytes);
     if (stage == "triangulate") return moved(outline_bytes + sizeof(Triangle) * triangles);
     if (stage == "refine" || stage == "check") return moved(mesh_bytes);
-    if (stage == "hu")
+    if (stage == "hu" && has_hu)
       return moved(sizeof(float) * (sum_of(report, "hu_pixels") + vertices) + mesh_bytes);
     if (stage == "encode") return Bound{"Draco", median(draco_ms)};
     if (stage == "digest") return Bound{"BLAKE2b", median(digest_ms)};

@@ -44,7 +44,7 @@ def show(data, page):
     page.text_block(f"One thread, files in the page cache, medians. The bound of a stage is the least that it must do: inflate (ISA-L), Draco and BLAKE2b alone on "
                     f"the same bytes, or the bytes that it must read and write at the speed of memcpy, {data['copied_GB_per_s']:.1f} GB/s of both together. Bytes "
                     "of contour, outline and mesh are few, so that the bounds of the stages between are far below what any search among them takes; the section on "
-                    "meshing has CGAL's times for them. The digest is made only with a key, and is made here. A gzip is unpacked by a thread of its own: "
+                    "meshing has CGAL's times for them. `encode` also decodes what Draco wrote and proves it. The digest is made only with a key, and is made here. A gzip is unpacked by a thread of its own: "
                     "`unpack` is the time that meshing waits for it, which may be less than inflate alone.")
     page.plot(plots.stages(rows), "Bars: the stage; black lines: its bound. Stages of less than 1 % of their path are left out.")
     for row in rows:
