@@ -57,7 +57,7 @@ Result<std::size_t> GzipReader::read(std::span<char> to) {
       s.crc_flag = ISAL_GZIP;
     }
     const std::uint32_t in_before = s.avail_in, out_before = s.avail_out;
-    if (isal_inflate(&s) < 0) return refused(name_ + ": damaged gzip");
+    if (inflate_on(s) < 0) return refused(name_ + ": damaged gzip");
     if (s.block_state == ISAL_BLOCK_FINISH) continue;
     const bool stands_still = s.avail_out == out_before;
     if (s.avail_in == 0) {

@@ -2,8 +2,6 @@
 // A gzip file (RFC 1952) unpacked as a stream, by ISA-L: about twice as fast as zlib.
 #pragma once
 
-#include <isa-l/igzip_lib.h>
-
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -11,6 +9,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "pipeline/read/isal.h"
 
 namespace trocar::pipeline {
 

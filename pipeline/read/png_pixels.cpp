@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/png_pixels.h"
 
-#include <isa-l/crc.h>
-#include <isa-l/igzip_lib.h>
-
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -13,6 +10,8 @@
 #include <string_view>
 #include <utility>
 #include <vector>
+
+#include "pipeline/read/isal.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -40,7 +39,7 @@ class Chunks {
     return true;
   }
   bool is(std::string_view name) const { return std::memcmp(named_.data(), name.data(), 4) == 0; }
-  bool is_whole() const { return crc32_gzip_refl(0, named_.data(), named_.size()) == checksum_; }
+  bool is_whole() const { return gzip_checksum(named_) == checksum_; }
   Bytes data() const { return named_.subspan(4); }
 
  private:
@@ -69,7 +68,7 @@ bool unpack(Bytes file, std::span<std::uint8_t> to) {
     s.avail_in = static_cast<std::uint32_t>(chunks.data().size());
     while (s.avail_in > 0 && s.block_state != ISAL_BLOCK_FINISH) {
       const std::uint32_t in_before = s.avail_in, out_before = s.avail_out;
-      if (isal_inflate(&s) != ISAL_DECOMP_OK) return false;
+      if (inflate_on(s) != ISAL_DECOMP_OK) return false;
       if (s.avail_in == in_before && s.avail_out == out_before) return false;
     }
     if (s.block_state == ISAL_BLOCK_FINISH) return s.avail_out == 0;

@@ -8,7 +8,6 @@
 // One thread; files in the page cache; medians. Repetitions of a run and of its bounds alternate.
 #include <draco/compression/decode.h>
 #include <draco/compression/expert_encode.h>
-#include <isa-l/igzip_lib.h>
 #include <sodium.h>
 
 #include <algorithm>
@@ -25,6 +24,7 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/base/file_io.h"
 #include "pipeline/batch.h"
+#include "pipeline/read/isal.h"
 #include "pipeline/stopwatch.h"
 #include "tests/bench/sweep_main.h"
 
@@ -112,7 +112,7 @@ std::uint64_t inflate(const Packed& packed, Bytes& buffer) {
     state.next_out = buffer.data();
     state.avail_out = static_cast<std::uint32_t>(buffer.size());
     const std::uint32_t left = state.avail_in;
-    if (isal_inflate(&state) != ISAL_DECOMP_OK) break;
+    if (inflate_on(state) != ISAL_DECOMP_OK) break;
     out += buffer.size() - state.avail_out;
     if (state.avail_in == left && state.avail_out == buffer.size()) break;
   }
