@@ -12,40 +12,12 @@
 #include <vector>
 
 #include "pipeline/read/isal.h"
+#include "pipeline/read/png_chunks.h"
 
 namespace trocar::pipeline {
 namespace {
 
 using Bytes = std::span<const std::uint8_t>;
-
-std::uint32_t big_endian(const std::uint8_t* at) {
-  std::uint32_t value;
-  std::memcpy(&value, at, 4);
-  return __builtin_bswap32(value);
-}
-
-// A file's chunks, one after the other. Each is: length, name, data, checksum of name and data.
-class Chunks {
- public:
-  explicit Chunks(Bytes file) : left_(file.subspan(std::min<std::size_t>(file.size(), 8))) {}
-  /// False: there are no more whole chunks.
-  bool next() {
-    if (left_.size() < 12) return false;
-    const std::uint32_t length = big_endian(left_.data());
-    if (length > left_.size() - 12) return false;
-    named_ = left_.subspan(4, length + std::size_t{4});
-    checksum_ = big_endian(left_.data() + 8 + length);
-    left_ = left_.subspan(length + std::size_t{12});
-    return true;
-  }
-  bool is(std::string_view name) const { return std::memcmp(named_.data(), name.data(), 4) == 0; }
-  bool is_whole() const { return gzip_checksum(named_) == checksum_; }
-  Bytes data() const { return named_.subspan(4); }
-
- private:
-  Bytes left_, named_;
-  std::uint32_t checksum_ = 0;
-};
 
 // Unpacks the data of all IDAT chunks; false unless they fill `to` exactly.
 bool unpack(Bytes file, std::span<std::uint8_t> to) {
@@ -55,7 +27,7 @@ bool unpack(Bytes file, std::span<std::uint8_t> to) {
   s.crc_flag = ISAL_ZLIB;
   s.next_out = to.data();
   s.avail_out = static_cast<std::uint32_t>(to.size());
-  Chunks chunks(file);
+  PngChunks chunks(file);
   bool has_begun = false;
   while (chunks.next()) {
     if (!chunks.is("IDAT")) {

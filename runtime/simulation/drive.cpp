@@ -179,7 +179,7 @@ void Drive::zero_torques(DriveMode mode) noexcept {
 void Drive::tick(std::int64_t now_ns, int periods, Answer& answer) noexcept {
   answer.size = 0;
   catch_up(now_ns, periods);
-  check_watchdog(now_ns);
+  check_watchdog(now_ns);  // also where no period has passed
   if (session_) send_state(answer);
 }
 

@@ -11,11 +11,9 @@
 #include <sodium.h>
 
 #include <algorithm>
-#include <bit>
 #include <cstring>
 #include <filesystem>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
@@ -25,6 +23,7 @@
 #include "formats/base/file_io.h"
 #include "pipeline/batch.h"
 #include "pipeline/read/isal.h"
+#include "pipeline/read/png_chunks.h"
 #include "pipeline/stopwatch.h"
 #include "tests/bench/sweep_main.h"
 
@@ -49,8 +48,8 @@ struct Input {
 
 struct Run {
   BatchResult batch;
-  std::vector<Bytes> files;  // of the input
-  double pixels = 0;         // of all slices
+  std::vector<std::filesystem::path> files;  // of the input
+  double pixels = 0;                         // of all slices
 };
 
 Result<Run> run_once(const Input& input) {
@@ -66,14 +65,8 @@ Result<Run> run_once(const Input& input) {
   if (!stack) return stack.error();
   auto batch = mesh_stack(**stack, options, {});
   if (!batch) return batch.error();
-  Run out{std::move(*batch), {}, 0};
-  out.pixels = static_cast<double>((*stack)->size()) * (*stack)->width() * (*stack)->height();
-  for (const std::filesystem::path& file : (*stack)->files) {
-    auto bytes = read_file(file);
-    if (!bytes) return bytes.error();
-    out.files.push_back(std::move(*bytes));
-  }
-  return out;
+  return Run{std::move(*batch), (*stack)->files,
+             static_cast<double>((*stack)->size()) * (*stack)->width() * (*stack)->height()};
 }
 
 // The compressed part of a file: all of a gzip, the IDAT chunks of a PNG, nothing of another.
@@ -87,14 +80,9 @@ Packed packed_part(const Bytes& file) {
   if (file.size() > 2 && std::equal(kGzip.begin(), kGzip.end(), file.begin())) return {file};
   Packed out{{}, ISAL_ZLIB};
   if (file.size() < 8 || !std::equal(kPng.begin(), kPng.end(), file.begin())) return out;
-  for (std::size_t at = 8; at + 12 <= file.size();) {
-    std::uint32_t size = 0;
-    for (std::size_t k = 0; k < 4; ++k)
-      size = size << 8U | file[at + k];
-    if (size > file.size() - at - 12) break;
-    if (std::memcmp(&file[at + 4], "IDAT", 4) == 0)
-      out.bytes.insert(out.bytes.end(), &file[at + 8], &file[at + 8] + size);
-    at += size + 12;
+  for (PngChunks chunks(file); chunks.next();) {
+    if (chunks.is("IDAT"))
+      out.bytes.insert(out.bytes.end(), chunks.data().begin(), chunks.data().end());
   }
   return out;
 }
@@ -126,18 +114,11 @@ class DracoAlone {
     const auto asset = decode_asset(glb, "the asset");
     if (!asset) return asset.error();
     DracoAlone out;
-    LatticeBox box;
-    bool is_first = true;
-    for (const AssetSlice& slice : asset->slices) {
-      if (slice.mesh.triangles.empty()) continue;
-      const LatticeBox here = box_around(slice.mesh.vertices);
-      box = is_first ? here
-                     : LatticeBox{
-                           {std::min(box.low.x, here.low.x), std::min(box.low.y, here.low.y)},
-                           {std::max(box.high.x, here.high.x), std::max(box.high.y, here.high.y)}};
-      is_first = false;
-    }
-    const auto grid = asset_grid(asset->lattice, box);
+    std::vector<LatticePoint> all;
+    for (const AssetSlice& slice : asset->slices)
+      all.insert(all.end(), slice.mesh.vertices.begin(), slice.mesh.vertices.end());
+    if (all.empty()) return refused("no triangles");
+    const auto grid = asset_grid(asset->lattice, box_around(all));
     if (!grid) return grid.error();
     out.grid_ = *grid;
     for (const AssetSlice& slice : asset->slices) {
@@ -218,6 +199,8 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
   std::map<std::string, std::vector<double>> stages_ms;
   std::vector<double> total_ms, inflate_ms, digest_ms, draco_ms;
   std::optional<Run> run;
+  std::vector<Bytes> files;
+  std::vector<Packed> packed;
   std::uint64_t inflated = 0, draco_bytes = 0, payload_bytes = 0;
   for (int i = 0; i < repetitions; ++i) {
     auto made = run_once(input);
@@ -228,9 +211,11 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
     for (const auto& [stage, ms] : report["stages_ms"].items())
       stages_ms[stage].push_back(ms);
 
-    std::vector<Packed> packed;
-    for (const Bytes& file : run->files)
-      packed.push_back(packed_part(file));
+    for (; files.size() < run->files.size(); packed.push_back(packed_part(files.back()))) {
+      auto bytes = read_file(run->files[files.size()]);
+      if (!bytes) return bytes.error();
+      files.push_back(std::move(*bytes));
+    }
     Bytes buffer(1 << 20);
     Stopwatch watch;
     inflated = 0;
@@ -239,7 +224,7 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
     inflate_ms.push_back(watch.lap_ms());
 
     std::array<std::uint8_t, crypto_generichash_BYTES> hash{};
-    for (const Bytes& file : run->files)
+    for (const Bytes& file : files)
       crypto_generichash(hash.data(), hash.size(), file.data(), file.size(), nullptr, 0);
     digest_ms.push_back(watch.lap_ms());
 
@@ -255,10 +240,9 @@ Result<json> measured(const Input& input, int repetitions, double bytes_per_ms) 
 
   const json& report = run->batch.report;
   double input_bytes = 0;
-  for (const Bytes& file : run->files)
+  for (const Bytes& file : files)
     input_bytes += static_cast<double>(file.size());
-  const bool is_gzip = packed_part(run->files.front()).format == ISAL_GZIP &&
-                       !packed_part(run->files.front()).bytes.empty();
+  const bool is_gzip = packed.front().format == ISAL_GZIP;
   const double pixel_bytes = sizeof(float) * run->pixels,
                voxel_bytes = is_gzip ? static_cast<double>(inflated) : input_bytes,
                contour_bytes = sizeof(LatticePoint) * sum_of(report, "contour_vertices"),

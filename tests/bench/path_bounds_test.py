@@ -6,6 +6,7 @@ import json
 import pathlib
 import subprocess
 import sys
+import types
 
 PROGRAM, SCAN, LIBRARY, PLOTS = sys.argv[1:]
 sys.path[:0] = [LIBRARY, str(pathlib.Path(LIBRARY) / "sections"), PLOTS]
@@ -17,10 +18,10 @@ def measured(plan):
 
 
 def main():
-    spacing = json.loads((SCAN / "sample.json").read_text())["spacing_mm"]
-    plan = {"repetitions": 2, "inputs": [{"id": "DICOM", "path": str(SCAN / "dicom"), "threshold": 226},
-                                         {"id": ".nii.gz", "path": str(SCAN / "sample.nii.gz"), "threshold": 226},
-                                         {"id": "PNG", "path": str(SCAN / "png"), "threshold": 95.2, "spacing_mm": spacing}]}
+    import page as html
+    import path as section
+    plan = section.plan(types.SimpleNamespace(sample=SCAN, head_ct=None, full=False))
+    plan["repetitions"] = 2
     done = measured(plan)
     assert done.returncode == 0, done.returncode
     data = json.loads(done.stdout)
@@ -29,7 +30,7 @@ def main():
     with gzip.open(SCAN / "sample.nii.gz") as volume:
         unpacked = len(volume.read())
     # Every row of a PNG has one byte before its pixels, which are red, green and blue.
-    inflated = {"DICOM": 0, ".nii.gz": unpacked, "PNG": 35 * 512 * (3 * 512 + 1)}
+    inflated = {"sample, DICOM": 0, "sample, .nii.gz": unpacked, "sample, PNG": 35 * 512 * (3 * 512 + 1)}
     for name, row in rows.items():
         assert row["slices"] == 35 and row["pixels"] == 35 * 512 * 512, row
         assert row["inflated_bytes"] == inflated[name], (name, row["inflated_bytes"], inflated[name])
@@ -38,15 +39,13 @@ def main():
         stages = {stage["id"]: stage for stage in row["stages"]}
         with_bound = {id for id, stage in stages.items() if "bound_ms" in stage}
         expected = {"read", "contour", "simplify", "triangulate", "refine", "check", "encode", "digest", "assemble"}
-        expected |= {"unpack"} if name == ".nii.gz" else set()
-        expected |= {"segment", "hu"} if name != "PNG" else set()
+        expected |= {"unpack"} if name == "sample, .nii.gz" else set()
+        expected |= {"segment", "hu"} if name != "sample, PNG" else set()
         assert with_bound == expected, (name, with_bound)
         assert all(stage["bound_ms"] > 0 for stage in stages.values() if "bound_ms" in stage), row
     assert measured({"repetitions": 0, "inputs": []}).returncode == 2
     assert measured({"repetitions": 1, "inputs": [{"id": "x", "path": "/no/such", "threshold": 1}]}).returncode in (2, 3)
 
-    import page as html
-    import path as section
     page = html.Page("t")
     section.show(data, page)
     assert "<svg" in page.text() and "over the bound" in page.text()

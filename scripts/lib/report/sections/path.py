@@ -14,16 +14,20 @@ TITLE = "Path: each stage beside its bound"
 ORDER = 12
 
 
+BONE_HU = 226
+
+
 def plan(context):
-    inputs = [{"id": "sample, DICOM", "path": str(context.sample / "dicom"), "threshold": 226},
-              {"id": "sample, .nii.gz", "path": str(context.sample / "sample.nii.gz"), "threshold": 226},
-              # 226 HU in the samples' PNGs, whose levels are 5 HU wide from -250 HU.
-              {"id": "sample, PNG", "path": str(context.sample / "png"), "threshold": (226 + 250) / 5, "spacing_mm": [0.3125, 0.3125, 1]}]
+    geometry = json.loads((context.sample / "sample.json").read_text())
+    low, high = geometry["png_window_HU"]
+    inputs = [{"id": "sample, DICOM", "path": str(context.sample / "dicom"), "threshold": BONE_HU},
+              {"id": "sample, .nii.gz", "path": str(context.sample / "sample.nii.gz"), "threshold": BONE_HU},
+              {"id": "sample, PNG", "path": str(context.sample / "png"), "threshold": (BONE_HU - low) / (high - low) * 255, "spacing_mm": geometry["spacing_mm"]}]
     if context.head_ct is not None:
         plain = context.scratch / "head.nii"
         with gzip.open(context.head_ct) as packed, open(plain, "wb") as out:
             shutil.copyfileobj(packed, out)
-        inputs += [{"id": "head, .nii.gz", "path": str(context.head_ct), "threshold": 226}, {"id": "head, .nii", "path": str(plain), "threshold": 226}]
+        inputs += [{"id": "head, .nii.gz", "path": str(context.head_ct), "threshold": BONE_HU}, {"id": "head, .nii", "path": str(plain), "threshold": BONE_HU}]
     return {"repetitions": 15 if context.full else 5, "inputs": inputs}
 
 
