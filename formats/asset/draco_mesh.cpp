@@ -2,7 +2,6 @@
 #include "formats/asset/draco_mesh.h"
 
 #include <draco/compression/decode.h>
-#include <draco/compression/expert_encode.h>
 #include <draco/mesh/mesh.h>
 
 #include <algorithm>
@@ -10,6 +9,8 @@
 #include <cmath>
 #include <cstring>
 #include <string_view>
+
+#include "formats/asset/draco_settings.h"
 
 namespace trocar {
 namespace {
@@ -154,23 +155,21 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
     const float xyz[3] = {static_cast<float>(p.x), static_cast<float>(p.y), 0.0F};
     out.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(v), xyz);
   }
-  int hu_id = -1;
   if (!hu.empty()) {
     draco::GeometryAttribute scalar;
     scalar.Init(draco::GeometryAttribute::GENERIC, nullptr, 1, draco::DT_INT16, false,
                 sizeof(std::int16_t), 0);
-    hu_id = out.AddAttribute(scalar, true, static_cast<std::uint32_t>(hu.size()));
+    const int hu_id = out.AddAttribute(scalar, true, static_cast<std::uint32_t>(hu.size()));
     for (std::uint32_t v = 0; v < hu.size(); ++v) {
       if (!std::isfinite(hu[v])) return bug("Draco: HU that are not finite");
       const auto steps = static_cast<std::int16_t>(stored_hu(hu[v]) / kHuStep);
       out.attribute(hu_id)->SetAttributeValue(draco::AttributeValueIndex(v), &steps);
     }
   }
-  int colour_id = -1;
   if (grid.colours && !hu.empty()) {
     draco::GeometryAttribute colour;
     colour.Init(draco::GeometryAttribute::COLOR, nullptr, 3, draco::DT_UINT8, true, 3, 0);
-    colour_id = out.AddAttribute(colour, true, static_cast<std::uint32_t>(hu.size()));
+    const int colour_id = out.AddAttribute(colour, true, static_cast<std::uint32_t>(hu.size()));
     for (std::uint32_t v = 0; v < hu.size(); ++v) {
       const HuColour rgb = hu_colour(stored_hu(hu[v]));
       out.attribute(colour_id)->SetAttributeValue(draco::AttributeValueIndex(v), rgb.data());
@@ -184,34 +183,10 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
   }
 
   draco::ExpertEncoder encoder(out);
-  encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
-  // In the plane one parallelogram predicts better than Draco's slowest choice, the constrained
-  // average of several, whose flags cost more bits than they save. It also takes half the time.
-  encoder.SetSpeedOptions(2, 2);
-  // HU and colours have the connectivity of the positions: no seams of their own. Decoding takes a
-  // quarter less time.
-  encoder.options().SetGlobalBool("split_mesh_on_seams", true);
-  if (const auto status =
-          encoder.SetAttributePredictionScheme(id, draco::MESH_PREDICTION_PARALLELOGRAM);
-      !status.ok()) {
-    return bug("Draco: " + status.error_msg_string());
-  }
-  const float origin[3] = {static_cast<float>(grid.origin.x), static_cast<float>(grid.origin.y),
-                           0.0F};
-  encoder.SetAttributeExplicitQuantization(id, grid.quantization_bits, 3, origin,
-                                           static_cast<float>(max_q));
-  for (const int number : {hu_id, colour_id}) {
-    if (number < 0) continue;
-    if (const auto status =
-            encoder.SetAttributePredictionScheme(number, draco::PREDICTION_DIFFERENCE);
-        !status.ok()) {
-      return bug("Draco: " + status.error_msg_string());
-    }
-  }
+  draco::Status status = configure(encoder, out, grid);
   draco::EncoderBuffer buffer;
-  if (const draco::Status status = encoder.EncodeToBuffer(&buffer); !status.ok()) {
-    return bug("Draco: " + status.error_msg_string());
-  }
+  if (status.ok()) status = encoder.EncodeToBuffer(&buffer);
+  if (!status.ok()) return bug("Draco: " + status.error_msg_string());
   return std::vector<std::uint8_t>(buffer.data(), buffer.data() + buffer.size());
 }
 

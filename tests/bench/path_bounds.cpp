@@ -7,7 +7,6 @@
 //        "spacing_mm": [x, y, z] (of images)}, ..]}
 // One thread; files in the page cache; medians. Repetitions of a run and of its bounds alternate.
 #include <draco/compression/decode.h>
-#include <draco/compression/expert_encode.h>
 #include <sodium.h>
 
 #include <algorithm>
@@ -20,6 +19,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/draco_mesh.h"
+#include "formats/asset/draco_settings.h"
 #include "formats/base/file_io.h"
 #include "pipeline/batch.h"
 #include "pipeline/read/isal.h"
@@ -143,17 +143,7 @@ class DracoAlone {
     std::uint64_t out = 0;
     for (const auto& mesh : meshes_) {
       draco::ExpertEncoder encoder(*mesh);
-      encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
-      encoder.SetSpeedOptions(2, 2);
-      encoder.options().SetGlobalBool("split_mesh_on_seams", true);
-      const float origin[3] = {static_cast<float>(grid_.origin.x),
-                               static_cast<float>(grid_.origin.y), 0.0F};
-      encoder.SetAttributeExplicitQuantization(
-          0, grid_.quantization_bits, 3, origin,
-          static_cast<float>((std::int64_t{1} << grid_.quantization_bits) - 1));
-      auto ok = encoder.SetAttributePredictionScheme(0, draco::MESH_PREDICTION_PARALLELOGRAM);
-      for (int id = 1; ok.ok() && id < mesh->num_attributes(); ++id)
-        ok = encoder.SetAttributePredictionScheme(id, draco::PREDICTION_DIFFERENCE);
+      draco::Status ok = configure(encoder, *mesh, grid_);
       draco::EncoderBuffer buffer;
       if (ok.ok()) ok = encoder.EncodeToBuffer(&buffer);
       if (!ok.ok()) return bug("Draco: " + ok.error_msg_string());
