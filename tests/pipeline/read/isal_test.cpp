@@ -44,7 +44,7 @@ std::uint64_t upper_halves_in_use() {
 }
 #endif
 
-// Code for SSE that follows would take up to twice its time.
+// SSE code that follows would be slowed down.
 TEST(Isal, LeavesNoUpperHalvesOfVectorRegistersInUse) {
   if (!tells_what_is_in_use()) GTEST_SKIP() << "this processor does not tell";
   const std::vector<std::uint8_t> plain = bytes_of(1'000'000);
