@@ -12,6 +12,7 @@
 #include "formats/geometry/shared_borders.h"
 #include "pipeline/contour/label_network.h"
 #include "pipeline/graded_area.h"
+#include "pipeline/mesh/place_order.h"
 #include "pipeline/mesh/refined_network.h"
 #include "pipeline/mesh/refined_rings.h"
 #include "pipeline/mesh/regions.h"
@@ -97,6 +98,7 @@ Result<void> mesh_contours(const Lattice& lattice, const SimplificationOptions& 
   if (!cdt) return cdt.error();
   times.triangulate_ms = watch.lap_ms();
   out.refined = refine(*cdt, lattice, refinement);
+  order_by_place(out.refined);
   out.cdt = stored_cdt(std::move(cdt->mesh));
   times.refine_ms = watch.lap_ms();
 
@@ -151,6 +153,8 @@ Result<void> mesh_network(const LabelNetwork& network, const Lattice& lattice,
   if (!cdts) return cdts.error();
   times.triangulate_ms = watch.lap_ms();
   std::vector<Refined> refined = refine_regions(*cdts, lattice, refinement);
+  for (Refined& region : refined)
+    order_by_place(region);
   times.refine_ms = watch.lap_ms();
 
   std::vector<Pslg> stored;

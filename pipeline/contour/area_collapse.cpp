@@ -12,6 +12,7 @@
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_box.h"
+#include "pipeline/contour/contour_grid.h"
 #include "pipeline/contour/segment_distance.h"
 
 namespace trocar::pipeline {
@@ -33,6 +34,9 @@ struct Place {
 // are made first, in this order.
 constexpr std::array kSweeps = {1.0 / 64, 1.0 / 32, 1.0 / 16};
 
+// Of a ring, as many vertices are queued together.
+constexpr std::uint32_t kPart = 1024;
+
 // Before, up to this many edges in a row become two, where that moves them by less than this share.
 constexpr std::size_t kRun = 8;
 constexpr std::size_t kSkip = 4;
@@ -52,77 +56,6 @@ struct NodeState {
   Place place;                     // on the contour, within the tolerance of p
   double displacement = kUnknown;  // by the collapse of the edge to the next node
   double queued = kNever;          // the same when it was queued: the least of its tickets
-};
-
-// The contours by cells of a grid, built once: the outline stays within the tolerance of them.
-class ContourGrid {
- public:
-  // Contour edges first .. last of one ring. Numbers of different rings are not consecutive.
-  struct Run {
-    std::uint32_t first, last, next_in_cell;
-  };
-
-  ContourGrid(const LatticeBox& box, std::size_t edges) : low_(box.low) {
-    const double width = 1.0 + static_cast<double>(box.high.x) - box.low.x,
-                 height = 1.0 + static_cast<double>(box.high.y) - box.low.y;
-    const double cells = kCellsPerEdge * static_cast<double>(edges);
-    cell_ = std::max({1.0, std::sqrt(width * height / cells), width / cells, height / cells});
-    columns_ = 1 + static_cast<std::int32_t>(width / cell_);
-    rows_ = 1 + static_cast<std::int32_t>(height / cell_);
-    heads_.assign(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), kNone);
-    runs_.reserve(edges);
-  }
-
-  // Edges of one ring in its order.
-  void add(std::uint32_t edge, LatticePoint from, LatticePoint to, std::uint32_t first_of_ring) {
-    any_cell(box_around(from, to), [&](std::uint32_t& head) {
-      if (head != kNone && runs_[head].first >= first_of_ring && runs_[head].last + 1 >= edge) {
-        runs_[head].last = edge;
-      } else {
-        runs_.push_back({edge, edge, head});
-        head = static_cast<std::uint32_t>(runs_.size() - 1);
-      }
-      return false;
-    });
-  }
-
-  // Is there a run in the cells around the box for which is_wanted(run) holds?
-  template <typename Wanted>
-  bool any_near(const LatticeBox& box, const Wanted& is_wanted) {
-    return any_cell(box, [&](std::uint32_t head) {
-      for (; head != kNone; head = runs_[head].next_in_cell)
-        if (is_wanted(runs_[head])) return true;
-      return false;
-    });
-  }
-
- private:
-  static constexpr double kCellsPerEdge = 1;
-
-  // Points beyond the grid belong to its outermost cells.
-  template <typename Visit>
-  bool any_cell(const LatticeBox& box, const Visit& visit) {
-    const auto cell = [this](std::int32_t at, std::int32_t low, std::int32_t count) {
-      const double c = (static_cast<double>(at) - low) / cell_;
-      return static_cast<std::int32_t>(std::clamp(c, 0.0, static_cast<double>(count - 1)));
-    };
-    const std::int32_t x0 = cell(box.low.x, low_.x, columns_),
-                       x1 = cell(box.high.x, low_.x, columns_);
-    const std::int32_t y0 = cell(box.low.y, low_.y, rows_), y1 = cell(box.high.y, low_.y, rows_);
-    for (std::int32_t y = y0; y <= y1; ++y) {
-      for (std::int32_t x = x0; x <= x1; ++x)
-        if (visit(heads_[static_cast<std::size_t>(y) * static_cast<std::size_t>(columns_) +
-                         static_cast<std::size_t>(x)]))
-          return true;
-    }
-    return false;
-  }
-
-  LatticePoint low_;
-  double cell_ = 1;
-  std::int32_t columns_ = 1, rows_ = 1;
-  std::vector<std::uint32_t> heads_;
-  std::vector<Run> runs_;
 };
 
 // The edge bc between a and d, as node numbers and as points.
@@ -249,27 +182,8 @@ class Collapser {
       merge_runs(start);
     sweep(starts);
     is_queueing_ = true;
-    for (const RingState& ring : rings_) {
-      std::uint32_t i = ring.first;
-      do {
-        queue(i);
-        i = nodes_[i].next;
-      } while (i != ring.first);
-    }
-    while (!tickets_.empty()) {
-      std::pop_heap(tickets_.begin(), tickets_.end(), later_);
-      const Ticket ticket = tickets_.back();
-      tickets_.pop_back();
-      NodeState& node = states_[ticket.node];
-      if (ticket.displacement != node.queued) continue;
-      node.queued = kNever;
-      if (node.displacement == ticket.displacement) {
-        node.displacement = kNever;
-        collapse(ticket.node);
-      } else if (node.displacement != kNever) {
-        push(ticket.node);
-      }
-    }
+    for (const std::uint32_t start : starts)
+      collapse_by_queue(start);
     Pslg out;
     for (const RingState& ring : rings_) {
       out.rings.emplace_back();
@@ -420,6 +334,38 @@ class Collapser {
             start = i;
           i = nodes_[i].next;
         }
+      }
+    }
+  }
+
+  // By displacement, of one part of the ring after the other: collapses that are far apart do not
+  // matter to each other, and a part stays in the cache.
+  void collapse_by_queue(std::uint32_t start) {
+    std::uint32_t i = start;
+    for (std::uint32_t left = rings_[states_[start].ring].size; left > 0;) {
+      while (nodes_[i].next == kNone)
+        i = nodes_[i].previous;
+      for (std::uint32_t k = 0; k < kPart && left > 0; ++k, --left) {
+        queue(i);
+        i = nodes_[i].next;
+      }
+      empty_queue();
+    }
+  }
+
+  void empty_queue() {
+    while (!tickets_.empty()) {
+      std::pop_heap(tickets_.begin(), tickets_.end(), later_);
+      const Ticket ticket = tickets_.back();
+      tickets_.pop_back();
+      NodeState& node = states_[ticket.node];
+      if (ticket.displacement != node.queued) continue;
+      node.queued = kNever;
+      if (node.displacement == ticket.displacement) {
+        node.displacement = kNever;
+        collapse(ticket.node);
+      } else if (node.displacement != kNever) {
+        push(ticket.node);
       }
     }
   }

@@ -2,9 +2,10 @@
 // hausdorff_mm() of simplification.h.
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <utility>
 #include <vector>
 
+#include "pipeline/contour/edge_tree.h"
 #include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/simplification.h"
 
@@ -15,74 +16,34 @@ namespace {
 constexpr double kShare = 2e-10;
 constexpr int kMostHalvings = 40;
 
-// A ring, or a line, to which distances are measured, in groups of consecutive edges with a box
-// around each.
-class Target {
+// A ring, or a line, to which distances are measured.
+class Target : public EdgeTree {
  public:
-  Target(const Ring& ring, bool is_open) : is_open_(is_open) {
-    for (const LatticePoint p : ring)
-      points_.push_back(point(p));
-    if (!is_open) points_.push_back(points_.front());
-    group_ = std::max<std::size_t>(
-        4, static_cast<std::size_t>(std::sqrt(static_cast<double>(ring.size()))));
-    for (std::size_t i = 0; i < edges(); i += group_) {
-      Box box{points_[i], points_[i]};
-      for (std::size_t k = i; k <= std::min(i + group_, edges()); ++k) {
-        const Point p = points_[k];
-        box.low = {std::min(box.low.x, p.x), std::min(box.low.y, p.y)};
-        box.high = {std::max(box.high.x, p.x), std::max(box.high.y, p.y)};
-      }
-      boxes_.push_back(box);
-    }
-  }
+  Target(const Ring& ring, bool is_open) : EdgeTree(edges_of(ring, is_open)), is_open_(is_open) {}
 
-  std::size_t edges() const { return points_.size() - 1; }
-
-  struct Nearest {
-    double d2;
-    std::size_t edge;
-  };
-  // `guess` is looked at first: near the nearest edge, little else is.
-  Nearest nearest(Point p, std::size_t guess) const {
-    Nearest best{to_edge(p, guess), guess};
-    const auto look_at = [&](std::size_t group) {
-      const std::size_t end = std::min((group + 1) * group_, points_.size() - 1);
-      for (std::size_t i = group * group_; i < end; ++i) {
-        const double d2 = to_edge(p, i);
-        if (d2 < best.d2) best = {d2, i};
-      }
-    };
-    look_at(guess / group_);
-    for (std::size_t g = 0; g < boxes_.size(); ++g) {
-      const double x = std::max({boxes_[g].low.x - p.x, p.x - boxes_[g].high.x, 0.0}),
-                   y = std::max({boxes_[g].low.y - p.y, p.y - boxes_[g].high.y, 0.0});
-      if (g != guess / group_ && x * x + y * y < best.d2) look_at(g);
-    }
-    return best;
-  }
   // Are the vertices from edge i forwards to edge j all this near to the piece ab? If a is as near
   // to edge i and b to edge j, then so is the whole piece to the path between: the points of the
   // piece that are nearest to the path's run from one end of it to the other.
   bool is_path_near(std::size_t i, std::size_t j, Point a, Point b, double d2) const {
-    const std::size_t n = edges();
+    const std::size_t n = size();
     if (is_open_ && j < i) return false;
     for (std::size_t steps = 0; i != j; ++steps) {
       i = i + 1 < n ? i + 1 : 0;
-      if (2 * steps > n || segment_distance2(a, b, points_[i]) > d2) return false;
+      if (2 * steps > n || segment_distance2(a, b, edge(i)[0]) > d2) return false;
     }
     return true;
   }
-  double to_edge(Point p, std::size_t i) const {
-    return segment_distance2(points_[i], points_[i + 1], p);
-  }
 
  private:
-  struct Box {
-    Point low, high;
-  };
-  std::vector<Point> points_;
-  std::vector<Box> boxes_;
-  std::size_t group_;
+  static std::vector<Edge> edges_of(const Ring& ring, bool is_open) {
+    std::vector<Edge> out;
+    out.reserve(ring.size());
+    for (std::size_t i = 0; i + 1 < ring.size(); ++i)
+      out.push_back({point(ring[i]), point(ring[i + 1])});
+    if (!is_open) out.push_back({point(ring.back()), point(ring.front())});
+    return out;
+  }
+
   bool is_open_;
 };
 
@@ -124,13 +85,13 @@ void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2
 
 void raise_by_ring(const Ring& from, const Ring& ring, bool is_open, double& worst2) {
   const Target to(ring, is_open);
-  // Both rings run the same way round, so that the nearest edge is often the last one's or the
-  // next.
+  // Both rings run the same way round, so that the nearest edge is often the last one's or one of
+  // the next. An edge that is near enough will do, if it is not the nearest.
   const auto end_at = [&](LatticePoint at, std::size_t& edge) {
     const Point p = point(at);
     Target::Nearest near{to.to_edge(p, edge), edge};
-    for (int k = 0; k < 3; ++k) {
-      edge = edge + 1 < to.edges() ? edge + 1 : 0;
+    for (int k = 0; k < 3 && near.d2 > worst2; ++k) {
+      edge = edge + 1 < to.size() ? edge + 1 : 0;
       const double d2 = to.to_edge(p, edge);
       if (d2 < near.d2) near = {d2, edge};
     }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/segment_grid.h"
 
-#include <cmath>
 #include <utility>
 
 #include "formats/geometry/lattice_box.h"
@@ -13,29 +12,30 @@ namespace trocar::pipeline {
 // the reach. A step more, for rounding.
 template <typename Visit>
 void SegmentGrid::for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
+  const std::int64_t columns = cells_.columns, rows = cells_.rows;
   const auto cell = [this](double at, std::int64_t count) {
-    return std::clamp(static_cast<std::int64_t>(at / cell_), std::int64_t{0}, count - 1);
+    return std::clamp(static_cast<std::int64_t>(at / cells_.size), std::int64_t{0}, count - 1);
   };
   const auto relative = [this](LatticePoint p) {
-    return Point{static_cast<double>(p.x) - low_.x, static_cast<double>(p.y) - low_.y};
+    return Point{static_cast<double>(p.x) - cells_.low.x, static_cast<double>(p.y) - cells_.low.y};
   };
   Point a = relative(segment.a), b = relative(segment.b);
   if (a.y > b.y) std::swap(a, b);
   const double margin = reach_ + 1;
-  const std::int64_t last = cell(b.y + margin, rows_);
-  for (std::int64_t row = cell(a.y - margin, rows_); row <= last; ++row) {
+  const std::int64_t last = cell(b.y + margin, rows);
+  for (std::int64_t row = cell(a.y - margin, rows); row <= last; ++row) {
     const auto x_at = [&](double y) {
       return a.x + (b.x - a.x) * std::clamp((y - a.y) / (b.y - a.y), 0.0, 1.0);
     };
     double from = a.x, to = b.x;
     if (a.y != b.y) {
-      from = x_at(static_cast<double>(row) * cell_ - margin);
-      to = x_at(static_cast<double>(row + 1) * cell_ + margin);
+      from = x_at(static_cast<double>(row) * cells_.size - margin);
+      to = x_at(static_cast<double>(row + 1) * cells_.size + margin);
     }
     if (from > to) std::swap(from, to);
-    const std::int64_t end = cell(to + margin, columns_);
-    for (std::int64_t x = cell(from - margin, columns_); x <= end; ++x)
-      visit(static_cast<std::size_t>(row * columns_ + x));
+    const std::int64_t end = cell(to + margin, columns);
+    for (std::int64_t x = cell(from - margin, columns); x <= end; ++x)
+      visit(static_cast<std::size_t>(row * columns + x));
   }
 }
 
@@ -47,14 +47,8 @@ SegmentGrid::SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t 
     widen(box, s.a);
     widen(box, s.b);
   }
-  low_ = box.low;
-  const double width = 1.0 + static_cast<double>(box.high.x) - box.low.x,
-               height = 1.0 + static_cast<double>(box.high.y) - box.low.y,
-               cells = static_cast<double>(segments.size());
-  cell_ = std::max({1.0, std::sqrt(width * height / cells), width / cells, height / cells});
-  columns_ = 1 + static_cast<std::int64_t>(width / cell_);
-  rows_ = 1 + static_cast<std::int64_t>(height / cell_);
-  first_.assign(static_cast<std::size_t>(columns_ * rows_) + 1, 0);
+  cells_ = LatticeCells(box, static_cast<double>(segments.size()));
+  first_.assign(cells_.count() + 1, 0);
   for (const LatticeSegment& s : segments)
     for_each_cell(s, [this](std::size_t cell) { ++first_[cell + 1]; });
   for (std::size_t i = 1; i < first_.size(); ++i)

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "formats/geometry/lattice.h"
+#include "formats/geometry/lattice_cells.h"
 
 namespace trocar::pipeline {
 
@@ -37,9 +38,8 @@ class SegmentGrid {
   template <typename Visit>
   void for_each_cell(const LatticeSegment& segment, const Visit& visit) const;
 
-  LatticePoint low_;
-  double reach_, cell_ = 1;
-  std::int64_t columns_ = 1, rows_ = 1;
+  double reach_;
+  LatticeCells cells_;
   std::vector<std::size_t> first_;      // in numbers_, by cell; and the end
   std::vector<std::uint32_t> numbers_;  // of segments, ascending in each cell
 };

@@ -43,7 +43,7 @@ double left_for_refinement_steps(const Lattice& lattice, const SimplificationOpt
 
 /// Largest distance between each contour and the ring of the same index, either way, in mm, with
 /// any vertices. Accurate to 1e-10 of itself. Those for which `is_open` holds, if it is given, are
-/// lines, as in simplify_lines(). O(n sqrt(n)) typically.
+/// lines, as in simplify_lines(). O(n log n) typically.
 double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice,
                     const std::vector<bool>& is_open = {});
 

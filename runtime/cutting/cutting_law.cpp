@@ -104,6 +104,7 @@ CuttingState make_cutting_state(std::size_t slabs, std::size_t holes, std::size_
   state.holes.resize(holes);
   for (CuttingHole& hole : state.holes)
     hole.slabs.resize(slabs);
+  state.wall_points.resize(slabs * kWallPoints);
   state.layers.resize(layers);
   for (SoftLayerState& layer : state.layers)
     layer.holes.resize(holes);

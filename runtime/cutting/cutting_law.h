@@ -132,6 +132,9 @@ struct CuttingState {
   std::uint64_t tick = 0;
   std::vector<CuttingHole> holes;  ///< as many as can be remembered; then the oldest is forgotten
   std::vector<SoftLayerState> layers;
+  /// For the walls' sums (walls.h); no result depends on them but by rounding.
+  std::vector<std::uint32_t> wall_points;  ///< room for all of a hole
+  double wall_reach_m = 1e-6;
 };
 
 CuttingState make_cutting_state(std::size_t slabs, std::size_t holes, std::size_t layers = 0);

@@ -44,6 +44,44 @@ void enter(Tick& tick, int slab) noexcept {
   hole.last_used = tick.state.tick;
 }
 
+// Of a slab that the shaft now fills: walls that begin, get stiffer or have another free region.
+// They keep their force.
+void renew_walls(const Tick& tick, std::size_t i, double before_m, double stiffness,
+                 bool has_new_free, CuttingHoleSlab& s) noexcept {
+  const CuttingSlab& slab = tick.slabs[i];
+  // A rigid tool's wrench is the wall's own: held over the tick, it would not know another wall.
+  if (has_new_free && before_m > 0 && tick.options.coupling.is_rigid) {
+    for (std::size_t g = 0; g < kWallPoints; ++g)
+      has_new_free = has_new_free &&
+                     s.walls[g].reach(crossing(tick.tip, tick.axis, s.depth_m[g])).distance_m <= 0;
+  }
+  if (before_m > 0 && stiffness <= s.wall_N_per_m && !has_new_free) return;
+  // A tool that comes back beside its hole has left it: it is where the tool is now.
+  const bool is_new = before_m <= 0 && !is_near(tick, s, i);
+  if (is_new) s.cut_m = std::min(slab.top_m + s.embedded_m, slab.bottom_m);
+  for (std::size_t g = 0; g < kWallPoints; ++g) {
+    s.depth_m[g] = gauss_depth(slab, g);
+    const Vector2d at = crossing(tick.tip, tick.axis, s.depth_m[g]);
+    Slot& wall = s.walls[g];
+    if (is_new || has_new_free) {
+      const double pressed = before_m > 0 ? wall.reach(at).distance_m : 0;
+      if (has_new_free)
+        wall = *slab.free;
+      else
+        wall.open(at, slab.clearance_m);
+      const Slot::Reach r = wall.reach(at);
+      if (r.distance_m > pressed) wall.include(at - r.away * pressed);
+    }
+    if (before_m <= 0) {
+      wall.include(at);
+    } else {
+      const Slot::Reach r = wall.reach(at);
+      wall.include(at - r.away * (r.distance_m * s.wall_N_per_m / stiffness));
+    }
+  }
+  if (has_new_free) s.free_version = slab.free_version;
+}
+
 void embed(const Tick& tick, std::size_t i, double low, CuttingHoleSlab& s) noexcept {
   const CuttingSlab& slab = tick.slabs[i];
   const double before = s.embedded_m;
@@ -53,39 +91,9 @@ void embed(const Tick& tick, std::size_t i, double low, CuttingHoleSlab& s) noex
                                     : 0;
   s.wall_most_N = kPerPoint * slab.wall_strength_N_per_m * s.embedded_m;
   const double stiffness = kPerPoint * slab.wall_N_per_m2 * s.embedded_m;
-  bool has_new_free = slab.free != nullptr && s.free_version != slab.free_version;
-  // A rigid tool's wrench is the wall's own: held over the tick, it would not know another wall.
-  if (has_new_free && before > 0 && tick.options.coupling.is_rigid) {
-    for (std::size_t g = 0; g < kWallPoints; ++g)
-      has_new_free = has_new_free &&
-                     s.walls[g].reach(crossing(tick.tip, tick.axis, s.depth_m[g])).distance_m <= 0;
-  }
-  if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m || has_new_free)) {
-    // A tool that comes back beside its hole has left it: it is where the tool is now.
-    const bool is_new = before <= 0 && !is_near(tick, s, i);
-    if (is_new) s.cut_m = std::min(slab.top_m + s.embedded_m, slab.bottom_m);
-    for (std::size_t g = 0; g < kWallPoints; ++g) {
-      s.depth_m[g] = gauss_depth(slab, g);
-      const Vector2d at = crossing(tick.tip, tick.axis, s.depth_m[g]);
-      Slot& wall = s.walls[g];
-      if (is_new || has_new_free) {
-        const double pressed = before > 0 ? wall.reach(at).distance_m : 0;
-        if (has_new_free)
-          wall = *slab.free;
-        else
-          wall.open(at, slab.clearance_m);
-        const Slot::Reach r = wall.reach(at);
-        if (r.distance_m > pressed) wall.include(at - r.away * pressed);
-      }
-      if (before <= 0) {
-        wall.include(at);
-      } else {
-        const Slot::Reach r = wall.reach(at);
-        wall.include(at - r.away * (r.distance_m * s.wall_N_per_m / stiffness));
-      }
-    }
-  }
-  if (has_new_free && s.embedded_m > 0) s.free_version = slab.free_version;
+  const bool has_new_free = slab.free != nullptr && s.free_version != slab.free_version;
+  if (s.embedded_m > 0 && (before <= 0 || stiffness > s.wall_N_per_m || has_new_free))
+    renew_walls(tick, i, before, stiffness, has_new_free, s);
   s.wall_N_per_m = stiffness;
 }
 
@@ -172,6 +180,7 @@ void embed(Tick& tick) noexcept {
 
 double yield_walls(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexcept {
   double stored = 0;
+  tick.walls.forget();
   CuttingHole& hole = tick.hole_in_use();
   for (int i = tick.state.embedded_from; i < tick.state.embedded_to; ++i) {
     CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];

@@ -31,8 +31,4 @@ struct Evaluation {
 void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
               CuttingResult& out) noexcept;
 
-/// The walls' part of it (walls.cpp). `lever`: the tip from the plate's origin.
-void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
-               const Eigen::Vector3d& lever, bool majorise, Evaluation& e) noexcept;
-
 }  // namespace trocar::runtime

@@ -53,12 +53,12 @@ void Slot::open(const Eigen::Vector2d& at_m, double clearance_m) noexcept {
   size_ = 1;
   last_edge_ = 0;
   clearance_m_ = clearance_m;
-  disc2_m2_ = -1;
+  disc_m_ = 0;
 }
 
 void Slot::find_disc() noexcept {
   last_edge_ = 0;
-  disc2_m2_ = -1;
+  disc_m_ = 0;
   if (size_ < 3) return;
   middle_m_.setZero();
   for (int i = 0; i < size_; ++i)
@@ -70,7 +70,7 @@ void Slot::find_disc() noexcept {
     radius = std::min(radius, cross(edge, middle_m_ - corners_[i]) / edge.norm());
   }
   // Less than the whole, so that rounding cannot make it reach outside.
-  if (radius > 0) disc2_m2_ = 0.99 * radius * radius;
+  disc_m_ = 0.99 * std::max(radius, 0.0);
 }
 
 Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
@@ -83,7 +83,7 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
   };
   // Outside a convex polygon the strips beside the edges and the sectors beside the corners do not
   // overlap: the feature that was nearest last is so if the point lies in its strip or sector.
-  if (size_ > 2) {
+  {
     const int i = last_edge_;
     const Eigen::Vector2d& a = corners_[i];
     const Eigen::Vector2d edge = corners_[i + 1 < size_ ? i + 1 : 0] - a, to = p_m - a;
@@ -97,7 +97,7 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
   // All of the outline. A point is within only if it is so beyond rounding: beside a region that is
   // all but a line, signs are chance, but the distance from its outline is not.
   constexpr double kRounding = 1e-12;
-  bool within = size_ > 2;
+  bool within = true;
   double best2 = std::numeric_limits<double>::infinity();
   Offset best;
   for (int i = 0; i < size_; ++i) {
@@ -107,7 +107,7 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
     within = within && across > 0 &&
              across * across > kRounding * kRounding * length2 * to.squaredNorm();
     const bool beside_edge = along > 0 && along < length2;
-    if (along >= length2 && length2 > 0) continue;  // the next corner is nearer
+    if (along >= length2) continue;  // the next corner is nearer
     const Eigen::Vector2d from = beside_edge ? Eigen::Vector2d(to - edge * (along / length2)) : to;
     const double d2 = from.squaredNorm();
     if (d2 < best2) {
@@ -117,6 +117,26 @@ Slot::Offset Slot::offset_of_many(const Eigen::Vector2d& p_m) const noexcept {
     }
   }
   return within ? Offset{} : best;
+}
+
+Slot::Nearest Slot::nearest_of_many(const Eigen::Vector2d& p_m, double reach_m) const noexcept {
+  const double inside_m = disc_m_ - reach_m;
+  if (size_ == 0 || (inside_m > 0 && (p_m - middle_m_).squaredNorm() < inside_m * inside_m))
+    return {.part = Nearest::kInside};
+  const auto exceeds_reach = [&](double product, double length2) {
+    return product > 0 && product * product >= reach_m * reach_m * length2;
+  };
+  const int i = last_edge_;
+  const Eigen::Vector2d& a = corners_[i];
+  const Eigen::Vector2d edge = corners_[i + 1 < size_ ? i + 1 : 0] - a, to = p_m - a;
+  const double along = to.dot(edge), length2 = edge.squaredNorm();
+  if (exceeds_reach(along, length2) && exceeds_reach(length2 - along, length2) &&
+      exceeds_reach(-cross(edge, to), length2))
+    return {Nearest::kEdge, to - (along / length2) * edge, edge};
+  const Eigen::Vector2d before = a - corners_[i > 0 ? i - 1 : size_ - 1];
+  if (exceeds_reach(-along, length2) && exceeds_reach(to.dot(before), before.squaredNorm()))
+    return {.part = Nearest::kCorner, .offset_m = to};
+  return {};
 }
 
 Slot::Reach Slot::reach(const Eigen::Vector2d& p_m) const noexcept {

@@ -12,6 +12,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -44,8 +45,38 @@ class Slot {
   };
   Offset offset(const Eigen::Vector2d& p_m) const noexcept {
     if (size_ == 1) return {p_m.x() - corners_[0].x(), p_m.y() - corners_[0].y(), true};
-    if ((p_m - middle_m_).squaredNorm() <= disc2_m2_) return {};
+    if (size_ == 2) {
+      const Eigen::Vector2d edge = corners_[1] - corners_[0], to = p_m - corners_[0];
+      const double along = to.dot(edge) / edge.squaredNorm();
+      // In this order: corners that rounding has made one give 0 / 0, which is to count as 0.
+      const double share = std::min(1.0, std::max(0.0, along));
+      return {to.x() - share * edge.x(), to.y() - share * edge.y(), share != along};
+    }
+    if ((p_m - middle_m_).squaredNorm() < disc_m_ * disc_m_) return {};
     return offset_of_many(p_m);
+  }
+
+  /// Tells what of the hull is nearest to all points within `reach_m` of `p_m`, by its offset from
+  /// there to `p_m`: corner(offset), edge(offset, edge, its length squared), whose answer it gives,
+  /// or nothing and true where all those points are inside. False if several parts are nearest, or
+  /// if it would have to search.
+  template <class Corner, class Edge>
+  bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
+               Edge&& edge) const noexcept {
+    if (size_ == 1) return corner(p_m - corners_[0]);
+    if (size_ == 2) {
+      const Eigen::Vector2d to = p_m - corners_[0], side = corners_[1] - corners_[0];
+      const double along = to.dot(side), length2 = side.squaredNorm(), beyond = along - length2,
+                   reach2 = reach_m * reach_m * length2;
+      if (along * along < reach2 || beyond * beyond < reach2) return false;
+      if (along <= 0) return corner(to);
+      if (beyond >= 0) return corner(to - side);
+      return edge(to - (along / length2) * side, side, length2);
+    }
+    const Nearest n = nearest_of_many(p_m, reach_m);
+    if (n.part == Nearest::kCorner) return corner(n.offset_m);
+    if (n.part == Nearest::kEdge) return edge(n.offset_m, n.edge_m, n.edge_m.squaredNorm());
+    return n.part == Nearest::kInside;
   }
   double clearance_m() const noexcept { return clearance_m_; }
 
@@ -59,14 +90,20 @@ class Slot {
 
  private:
   Offset offset_of_many(const Eigen::Vector2d& p_m) const noexcept;
+  /// Looks only where the last point was.
+  struct Nearest {
+    enum { kInside, kCorner, kEdge, kSeveral } part = kSeveral;
+    Eigen::Vector2d offset_m = Eigen::Vector2d::Zero(), edge_m = Eigen::Vector2d::Zero();
+  };
+  Nearest nearest_of_many(const Eigen::Vector2d& p_m, double reach_m) const noexcept;
   void find_disc() noexcept;
 
-  // What a slot of one corner needs comes first, in one line of the cache.
+  // What a slot of one corner or two needs comes first.
   int size_ = 0;
   mutable int last_edge_ = 0;  // the edge, or the corner it begins with, nearest to the last point
   double clearance_m_ = 0;
   Eigen::Vector2d middle_m_ = Eigen::Vector2d::Zero();
-  double disc2_m2_ = -1;  // square of the radius of a disc around middle_m_ within the hull
+  double disc_m_ = 0;  // radius of a disc around middle_m_ within the hull
   std::array<Eigen::Vector2d, kMostCorners> corners_;  // counter-clockwise
 };
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "runtime/cutting/cutting_law.h"
+#include "runtime/cutting/walls.h"
 
 namespace trocar::runtime {
 
@@ -30,6 +31,7 @@ struct Tick {
   double friction_N = 0;                  ///< at which the shaft slides
   double viscous_N_s_per_m = 0;           ///< along the shaft
   double tip_friction_N = 0;              ///< at which the tip slides across its axis
+  mutable WallModel walls{};              ///< to be forgotten when a wall changes
 
   void start_at(const Pose& X) noexcept {
     start = X;

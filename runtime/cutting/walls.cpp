@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "runtime/cutting/walls.h"
+
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "runtime/cutting/potential.h"
 #include "runtime/cutting/yield_spring.h"
@@ -12,48 +15,76 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Sums over the Gauss points of forces and stiffnesses, each times a power of the distance t from
-// the tip along the shaft: all that the derivatives by the proxy's six coordinates are made of.
-class WallSums {
- public:
-  double energy = 0;
-
-  void add_force(double t, const Vector2d& force) noexcept {
-    force_[0] += force;
-    force_[1] += t * force;
-  }
-  void add_in_all_directions(double t, double k) noexcept {
-    k_[0] += k;
-    k_[1] += t * k;
-    k_[2] += t * t * k;
-  }
-  // `k` times the products of the unit vector's coordinates.
-  void add_along(double t, double k, const Vector2d& unit) noexcept {
-    const Vector2d scaled = k * unit, squares = scaled.cwiseProduct(unit);
-    const double mixed = scaled.x() * unit.y(), t2 = t * t;
-    squares_[0] += squares;
-    squares_[1] += t * squares;
-    squares_[2] += t2 * squares;
-    mixed_[0] += mixed;
-    mixed_[1] += t * mixed;
-    mixed_[2] += t2 * mixed;
-  }
-
-  const Vector2d& force(std::size_t power) const noexcept { return force_[power]; }
-  Eigen::Matrix2d stiffness(std::size_t power) const noexcept {
-    const Vector2d& squares = squares_[power];
-    Eigen::Matrix2d H;
-    H << k_[power] + squares.x(), mixed_[power], mixed_[power], k_[power] + squares.y();
-    return H;
-  }
-
- private:
-  std::array<double, 3> k_{}, mixed_{};
-  std::array<Vector2d, 2> force_{Vector2d::Zero(), Vector2d::Zero()};
-  std::array<Vector2d, 3> squares_{Vector2d::Zero(), Vector2d::Zero(), Vector2d::Zero()};
-};
+// The reach is so many times the shaft's largest displacement in recent ticks.
+constexpr double kReachPerStep = 2, kForgotten = 0.9, kLeastReach_m = 1e-9;
 
 }  // namespace
+
+WallSums WallModel::at(const Tick& tick, const ShaftLine& line) noexcept {
+  double& reach_m = tick.state.wall_reach_m;
+  if (is_known_) {
+    const ShaftLine by{line.at_m - line_.at_m, line.per_depth - line_.per_depth};
+    // It moves most at one end of the hole.
+    const double step_m = std::sqrt(
+        std::max(by.crossing(top_m_).squaredNorm(), by.crossing(bottom_m_).squaredNorm()));
+    reach_m = std::max(reach_m, kReachPerStep * step_m);
+    if (step_m < reach_m_) return sums_.moved(by);
+  } else {
+    reach_m = std::max(kForgotten * reach_m, kLeastReach_m);
+  }
+  learn(tick, line);
+  return sums_;
+}
+
+void WallModel::learn(const Tick& tick, const ShaftLine& line) noexcept {
+  const CuttingHole& hole = tick.hole_in_use();
+  const double reach_m = tick.state.wall_reach_m;
+  WallSums sums;
+  std::size_t others = 0;
+  double top_m = 0, bottom_m = 0;
+  bool is_first = true;
+  for (int i = tick.state.embedded_from; i < tick.state.embedded_to; ++i) {
+    const CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];
+    const double k = s.wall_N_per_m;
+    if (k <= 0) continue;
+    if (std::exchange(is_first, false)) top_m = s.depth_m.front();
+    bottom_m = s.depth_m.back();
+    const double elastic_m = s.wall_most_N / k - reach_m;
+    const double elastic2_m2 = elastic_m > 0 ? elastic_m * elastic_m : -1;
+    for (std::size_t g = 0; g < kWallPoints; ++g) {
+      const double depth = s.depth_m[g];
+      const Slot& wall = s.walls[g];
+      const auto add = [&](const Vector2d& offset, auto&& add_stiffness) {
+        const double d2 = offset.squaredNorm(), clear_m = wall.clearance_m();
+        // With clearance it is quadratic only where it is zero.
+        if (clear_m > 0) return clear_m > reach_m && d2 < (clear_m - reach_m) * (clear_m - reach_m);
+        if (d2 > elastic2_m2) return false;
+        sums.energy_J += 0.5 * k * d2;
+        sums.add_force(depth, k * offset);
+        add_stiffness();
+        return true;
+      };
+      const bool is_quadratic = wall.nearest(
+          line.crossing(depth), reach_m,
+          [&](const Vector2d& offset) {
+            return add(offset, [&] { sums.add_in_all_directions(depth, k); });
+          },
+          [&](const Vector2d& offset, const Vector2d& edge, double edge2) {
+            return add(offset, [&] { sums.add_along(depth, k / edge2, {-edge.y(), edge.x()}); });
+          });
+      if (!is_quadratic)
+        tick.state.wall_points[others++] =
+            static_cast<std::uint32_t>(kWallPoints * static_cast<std::size_t>(i) + g);
+    }
+  }
+  is_known_ = true;
+  line_ = line;
+  reach_m_ = reach_m;
+  top_m_ = top_m;
+  bottom_m_ = bottom_m;
+  sums_ = sums;
+  others_ = others;
+}
 
 // A crossing moves by N' (u + turn x (lever + t axis)).
 void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, const Vector3d& lever,
@@ -63,44 +94,29 @@ void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, cons
   if (tick.state.hole < 0) return;
   const CuttingHole& hole = tick.hole_in_use();
   const double per_z = -1 / axis.z(), mx = axis.x(), my = axis.y();
-  WallSums sums;
-  for (int i = tick.state.embedded_from; i < tick.state.embedded_to; ++i) {
-    const CuttingHoleSlab& s = hole.slabs[static_cast<std::size_t>(i)];
-    const double k = s.wall_N_per_m;
-    if (k <= 0) continue;
-    const double elastic_m = s.wall_most_N / k;
-    for (std::size_t g = 0; g < kWallPoints; ++g) {
-      const double t = (s.depth_m[g] + tip.z()) * per_z;
-      const Slot& wall = s.walls[g];
-      const Slot::Offset d = wall.offset({tip.x() + t * mx, tip.y() + t * my});
-      const double d2 = d.x_m * d.x_m + d.y_m * d.y_m, clearance = wall.clearance_m();
-      // A femtometre has no direction that could be computed.
-      if (d2 <= std::max(clearance * clearance, 1e-30)) continue;
-      if (clearance <= 0 && d2 <= elastic_m * elastic_m) {  // most ticks: no square root
-        sums.energy += 0.5 * k * d2;
-        sums.add_force(t, k * Vector2d(d.x_m, d.y_m));
-        if (d.beside_corner) {
-          sums.add_in_all_directions(t, k);
-        } else {
-          const double per = k / d2;
-          sums.add_along(t, per, {d.x_m, d.y_m});
-        }
-      } else {
-        const double whole = std::sqrt(d2), distance = whole - clearance;
-        const YieldSpring h = yield_spring(k, s.wall_most_N, distance, majorise);
-        e.walls_yield = e.walls_yield || distance > elastic_m;
-        sums.energy += h.energy;
-        const Vector2d unit(d.x_m / whole, d.y_m / whole);
-        sums.add_force(t, h.force * unit);
-        const double across = d.beside_corner ? h.across * distance / whole : 0;
-        sums.add_in_all_directions(t, across);
-        const double more = h.along - across;
-        sums.add_along(t, more, unit);
-      }
-    }
+  const Vector2d per_depth(per_z * mx, per_z * my);
+  const ShaftLine line{tip.head<2>() + tip.z() * per_depth, per_depth};
+  WallSums sums = tick.walls.at(tick, line);
+  for (std::size_t at = 0; at < tick.walls.others(); ++at) {
+    const std::size_t point = tick.state.wall_points[at], g = point % kWallPoints;
+    const CuttingHoleSlab& s = hole.slabs[point / kWallPoints];
+    const double k = s.wall_N_per_m, elastic_m = s.wall_most_N / k, depth = s.depth_m[g];
+    const Slot& wall = s.walls[g];
+    const Slot::Offset d = wall.offset(line.crossing(depth));
+    const double d2 = d.x_m * d.x_m + d.y_m * d.y_m, clearance = wall.clearance_m();
+    // A femtometre has no direction that could be computed.
+    if (d2 <= std::max(clearance * clearance, 1e-30)) continue;
+    const double whole = std::sqrt(d2), distance = whole - clearance;
+    const YieldSpring h = yield_spring(k, s.wall_most_N, distance, majorise);
+    e.walls_yield = e.walls_yield || distance > elastic_m;
+    sums.energy_J += h.energy;
+    const Vector2d unit(d.x_m / whole, d.y_m / whole);
+    sums.add_force(depth, h.force * unit);
+    const double across = d.beside_corner ? h.across * distance / whole : 0;
+    sums.add_in_all_directions(depth, across);
+    sums.add_along(depth, h.along - across, unit);
   }
-  e.wall_J = sums.energy;
-  if (sums.energy <= 0) return;
+  e.wall_J = sums.energy_J;
   Eigen::Matrix<double, 3, 2> N, C0, C1;
   N << 1, 0, 0, 1, mx * per_z, my * per_z;
   for (int c = 0; c < 2; ++c) {
@@ -108,8 +124,11 @@ void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, cons
     C0.col(c) = lever.cross(n);
     C1.col(c) = axis.cross(n);
   }
-  const Vector2d g0 = sums.force(0), g1 = sums.force(1);
-  const Eigen::Matrix2d H0 = sums.stiffness(0), H1 = sums.stiffness(1), H2 = sums.stiffness(2);
+  // In place of the depth, the distance from the tip along the shaft: t = (tip.z + depth) per_z.
+  const double t0 = tip.z() * per_z;
+  const Vector2d g0 = sums.force(0), g1 = t0 * g0 + per_z * sums.force(1);
+  const Eigen::Matrix2d H0 = sums.stiffness(0), S1 = per_z * sums.stiffness(1), H1 = t0 * H0 + S1,
+                        H2 = t0 * (H1 + S1) + per_z * per_z * sums.stiffness(2);
   e.g.head<3>() += N * g0;
   e.g.tail<3>() += C0 * g0 + C1 * g1;
   const Eigen::Matrix<double, 3, 2> NH0 = N * H0, NH1 = N * H1, CH0 = C0 * H0 + C1 * H1,

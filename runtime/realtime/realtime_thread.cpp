@@ -179,4 +179,13 @@ RealtimeReport run_realtime(const RealtimeOptions& options,
   return report;
 }
 
+void keep_off(int cpu) {
+  cpu_set_t set;
+  if (cpu < 0 || cpu >= CPU_SETSIZE ||
+      ::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) != 0)
+    return;
+  CPU_CLR(cpu, &set);
+  if (CPU_COUNT(&set) > 0) ::pthread_setaffinity_np(::pthread_self(), sizeof set, &set);
+}
+
 }  // namespace trocar::runtime

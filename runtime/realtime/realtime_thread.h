@@ -16,7 +16,7 @@ namespace trocar::runtime {
 struct RealtimeOptions {
   double rate_Hz = 1000;
   int priority = 80;                        ///< SCHED_FIFO, 1 to 99
-  int cpu = -1;                             ///< the processor to run on; -1: any
+  int cpu = -1;                             ///< the processor to run on, see keep_off(); -1: any
   const std::atomic<bool>* stop = nullptr;  ///< ends the thread before its next call
 };
 
@@ -53,5 +53,10 @@ struct TickTiming {
 RealtimeReport run_realtime(const RealtimeOptions& options,
                             const std::function<bool(const TickTiming&)>& tick,
                             const std::function<void()>& at_end = {});
+
+/// Takes a processor from the calling thread, and so from those that it starts from then on, unless
+/// it has no other; none for -1. A kernel that does not preempt itself would let their system calls
+/// hold up a realtime thread on that processor.
+void keep_off(int cpu);
 
 }  // namespace trocar::runtime

@@ -126,6 +126,7 @@ class SessionLoop {
   }
 
   void run_real() {
+    keep_off(options_.cpu);
     if (live_ != nullptr) live_->start();
     remesher_.start([this] {
       if (live_ != nullptr) live_->show_sheets(remesher_);
@@ -428,7 +429,8 @@ class SessionLoop {
     event.t_s = result_.row.t_s;
     event.tool_z_m = result_.contact.tip_device_m.z();
     event.penetration_m = result_.contact.penetration_m;
-    event.force_N = model_.body || last_active_sheet_ == cut.sheet ? last_force_N_ : 0;
+    const bool was_loaded = model_.body || last_active_sheet_ == cut.sheet;
+    event.force_N = was_loaded ? model_.force_scale * last_force_N_ : 0;
     event.judged_force_N = result_.contact.judged_force_N;
     if (live_ != nullptr) show(event);
     if (report_.punctures.size() == kMaxListedPunctures) {

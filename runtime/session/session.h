@@ -94,8 +94,8 @@ struct PunctureEvent {
   double t_s = 0;
   double tool_z_m = 0;
   double penetration_m = 0;   ///< at which the sheet was punctured
-  double force_N = 0;         ///< the last one rendered before
-  double judged_force_N = 0;  ///< the one that exceeded the threshold
+  double force_N = 0;         ///< at the tip, times force_scale: the last one before
+  double judged_force_N = 0;  ///< of the tissue: the one that exceeded the threshold
 };
 
 struct FaultEvent {

@@ -105,11 +105,13 @@ def main():
     with MachineStalls() as machine:
         while time.monotonic() < end:
             # Events at a steady rate, and a client of the operator's that is served meanwhile.
-            for command in ("zero", "recover"):
-                begin = time.monotonic()
+            # "zero" holds until "recover": a "zero" before the recovery is complete would undo it, without an event.
+            for command, kind in (("zero", "fault"), ("recover", "recovered")):
+                before, begin = live.kinds().count(kind), time.monotonic()
                 check(console.post("/api/command", {"command": command})[0] == 200, command)
                 check(time.monotonic() - begin < 1, f"{command} was answered after {time.monotonic() - begin:.2f} s")
-                live.until(lambda l: False, 0.25)
+                check(live.until(lambda l: l.kinds().count(kind) > before, 20), f"no event after {command}: {live.kinds()[-3:]}")
+                live.until(lambda l: False, begin + 0.25 - time.monotonic())
             memory.append(console.rss_kB())
     console.post("/api/command", {"command": "stop"})
     check(live.until(lambda l: l.state() == "ended", 20), f"{live.states[-1:]}")

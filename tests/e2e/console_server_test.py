@@ -230,7 +230,7 @@ def test_killed_console(program, page, console, folder):
     other = Console(program, folder, page=page)
     again = other.live(session=session, last_event=seen)
     check(again.until(lambda l: l.values, 5) and again.session == session, f"the new console shows {again.session}, not {session}")
-    check(again.value("t_s") > t_s + 0.2, "the session did not go on")
+    check(again.until(lambda l: l.value("t_s") > t_s + 0.2, 5), "the session did not go on")
     check(again.until(lambda l: l.kinds().count("puncture") > 0, 20) and again.events[0]["seq"] == seen + 1,
           f"events after {seen}: {[e['seq'] for e in again.events]}")
     check(again.until(lambda l: 0 in l.sheets, 5), "the sheet that was cut before is missing")

@@ -146,13 +146,14 @@ class Recording:
     def __init__(self, file):
         self.lines = file.read_text().splitlines()
         head = {name: i for i, name in enumerate(self.lines[0].split(","))}
-        self.torque, self.safety, self.fault, self.requested, self.t_s = [], [], [], [], []
+        self.torque, self.safety, self.fault, self.outside, self.requested, self.t_s = [], [], [], [], [], []
         first = head["tau_1_1_Nm"]
         for line in self.lines[1:]:
             cells = line.split(",")
             self.torque.append(max(abs(float(cell)) for cell in cells[first:first + 8]))
             self.safety.append(cells[head["safety"]])
             self.fault.append(cells[head["fault"]])
+            self.outside.append(cells[head["outside_fault"]])
             self.requested.append(cells[head["recovery_asked"]] == "1")
             self.t_s.append(float(cells[head["t_s"]]))
 
@@ -331,6 +332,21 @@ def check_drive(row, kind, steps, first_step, recording, event, moment_s, folder
         row.fail(f"{folder.name}: torques at the drive again at {times[again]} s, before the recovery")
 
 
+def stalled_in_recovery(kind, recording, event):
+    """True if the machine kept a session from recovering that had been asked to: it waits for 0.25 s without a fault and with the
+    tool in free space, which every cycle of the hand has, and no cycle long was it without a fault of the machine."""
+    if kind.clock != "real" or event["recovered_t_s"] is not None:
+        return False
+    stalls = quiet = 0
+    for k in range(round(event["t_s"] * RATE_HZ), len(recording.t_s)):
+        is_stalled = recording.outside[k] in STALLS
+        quiet = quiet + 1 if recording.safety[k] == "recovering" and not is_stalled else 0
+        stalls += recording.safety[k] == "recovering" and is_stalled
+        if quiet >= CYCLE_S * RATE_HZ:
+            return False
+    return stalls > 0
+
+
 def many(rig, name, kind, row, wanted):
     """One session with a fault in each of its cycles."""
     folder = rig.folder()
@@ -387,7 +403,8 @@ def check_moments(kind, row, moments, report, recording, steps, folder):
             continue
         late = kind.clock == "real" and [e["fault"] for e in found] == ["deadline_missed"]  # the machine stalled first
         if late or (len(found) == 1 and (stalled_before_zero(row, kind, steps, moment_s, folder) or
-                                         stalled_in_ramp(kind, steps, first_step, recording, found[0], moment_s))):
+                                         stalled_in_ramp(kind, steps, first_step, recording, found[0], moment_s) or
+                                         (i + 1 < len(moments) and stalled_in_recovery(kind, recording, found[0])))):
             row.machine += 1
             row.void += 1
             events.remove(found[0])
@@ -462,9 +479,9 @@ def killed_drive(rig, name, kind, row, _):
     for event in report["faults"]:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
     events = [e for e in report["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
-    if len(events) == 1 and events[0]["recovered_t_s"] is None and any(
-            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in report["faults"]):
-        row.void += 1  # the machine stalled a process during the recovery, and it recovered afterwards
+    if len(events) == 1 and events[0]["recovered_t_s"] is None and (stalled_in_recovery(kind, recording, events[0]) or any(
+            e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in report["faults"])):
+        row.void += 1  # the machine stalled a process during the recovery, which it recovered from afterwards or not at all
         row.machine += 1
         return 0
     if kind.clock == "real" and events and events[0]["fault"] == "deadline_missed":

@@ -3,11 +3,15 @@
 // phantom and of real scans, as stored after refinement; and against Douglas-Peucker.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
 #include <map>
+#include <numbers>
+#include <random>
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
@@ -298,6 +302,30 @@ TEST(AreaCollapse, KeepsRingsThatTouchAndVerticesInBays) {
     for (const double tolerance_mm : {0.5, 1.0, 2.0, 3.0, 5.0})
       expect_sound(full, simplify(full, kLattice, area_to(tolerance_mm)), tolerance_mm, true, "");
   }
+}
+
+// A ring is simplified part by part; all of it is, and alike.
+TEST(AreaCollapse, SimplifiesLongRingsThroughout) {
+  constexpr std::size_t kVertices = 32'768, kSectors = 16;
+  constexpr double kRadius = 400'000, kTolerance_mm = 0.2;
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> rough(-30, 30);
+  Ring ring;
+  for (std::size_t k = 0; k < kVertices; ++k) {
+    const double turn = 2 * std::numbers::pi * static_cast<double>(k) / kVertices,
+                 radius = kRadius + 60 * std::sin(3'000 * turn) + rough(random);
+    ring.push_back({static_cast<std::int32_t>(std::lround(radius * std::cos(turn))),
+                    static_cast<std::int32_t>(std::lround(radius * std::sin(turn)))});
+  }
+  const Pslg simple = simplify({{ring}}, kLattice, area_to(kTolerance_mm));
+  ASSERT_TRUE(check_pslg(simple));
+  std::array<int, kSectors> in_sector{};
+  for (const LatticePoint p : simple.rings[0]) {
+    const double turns = std::atan2(p.y, p.x) / (2 * std::numbers::pi) + 0.5;
+    ++in_sector[std::min(kSectors - 1, static_cast<std::size_t>(turns * kSectors))];
+  }
+  const auto [least, most] = std::minmax_element(in_sector.begin(), in_sector.end());
+  EXPECT_LT(*most, 1.1 * *least) << simple.rings[0].size() << " vertices";
 }
 
 // The farthest point of the long upper edge from the notched contour lies within the edge: at its

@@ -3,16 +3,20 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <numbers>
 #include <set>
+#include <utility>
+#include <vector>
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
 #include "pipeline/mesh/mesh_quality.h"
+#include "pipeline/mesh/place_order.h"
 #include "pipeline/mesh/refinement.h"
 #include "pipeline/mesh/triangulation.h"
 #include "pipeline/mesh_slice.h"
@@ -225,6 +229,49 @@ TEST(Refinement, GivesValidMeshesOnPixelChains) {
     expect_valid_refinement(simplify(full, kLattice, {0.4}), {},
                             "chains, seed " + std::to_string(seed));
   }
+}
+
+// The same triangles, origins and segments under other numbers; neighbours have numbers that are
+// near each other.
+TEST(PlaceOrder, OnlyNumbersAnew) {
+  const Pslg outline =
+      simplify(contours(noise_field(128, 2, 1), kGrid, ContourKind::kSubpixel), kLattice, {0.2});
+  const Refined before = refine(*triangulate(outline), kLattice, {});
+  Refined after = before;
+  order_by_place(after);
+  const auto at = [](const Refined& r, std::uint32_t v) { return r.mesh.vertices[v]; };
+  const auto triangles = [&](const Refined& r) {
+    std::vector<std::array<LatticePoint, 3>> out;
+    for (const Triangle& t : r.mesh.triangles)
+      out.push_back({at(r, t[0]), at(r, t[1]), at(r, t[2])});
+    std::sort(out.begin(), out.end());
+    return out;
+  };
+  EXPECT_EQ(triangles(after), triangles(before));
+  const auto origins = [&](const Refined& r) {
+    std::vector<std::pair<LatticePoint, std::int32_t>> out;
+    for (std::uint32_t v = 0; v < r.origins.size(); ++v)
+      out.emplace_back(at(r, v), r.origins[v].segment);
+    std::sort(out.begin(), out.end());
+    return out;
+  };
+  EXPECT_EQ(origins(after), origins(before));
+  ASSERT_EQ(after.segments.size(), before.segments.size());
+  for (std::size_t s = 0; s < before.segments.size(); ++s) {
+    EXPECT_EQ(at(after, after.segments[s].from), at(before, before.segments[s].from));
+    EXPECT_EQ(at(after, after.segments[s].to), at(before, before.segments[s].to));
+  }
+  EXPECT_TRUE(check_mesh(after.mesh));
+  const auto mean_gap = [](const Refined& r) {
+    double sum = 0;
+    for (const Triangle& t : r.mesh.triangles)
+      sum += std::max({t[0], t[1], t[2]}) - std::min({t[0], t[1], t[2]});
+    return sum / static_cast<double>(r.mesh.triangles.size());
+  };
+  EXPECT_LT(mean_gap(after), 0.2 * mean_gap(before));
+  Refined none;
+  order_by_place(none);
+  EXPECT_TRUE(none.mesh.vertices.empty());
 }
 
 // Up to 33 degrees refinement reaches the wanted angle; beyond, it reports the largest angle that

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -33,6 +34,20 @@ TEST(Slot, SegmentHasFlatSides) {
   EXPECT_EQ(beside.bend, 0);
   EXPECT_NEAR(slot.reach({3, 0}).bend, 1, 1e-15);
   EXPECT_EQ(slot.reach({0.5, 0}).distance_m, 0);
+}
+
+// Both corners of a segment may be the same by rounding.
+TEST(Slot, SegmentOfNoLength) {
+  Slot slot;
+  const double at = 0.05, x = 0.051;
+  slot.open({at, 0}, std::nextafter(x - at, 0));
+  slot.include({x, 0});
+  ASSERT_EQ(slot.corners(), 2);
+  ASSERT_EQ((slot.corner(1) - slot.corner(0)).norm(), 0);
+  const Slot::Reach r = slot.reach({at, 2e-3});
+  EXPECT_NEAR(r.distance_m, 1e-3, 1e-15);
+  EXPECT_NEAR((r.away - Vector2d(0, 1)).norm(), 0, 1e-15);
+  EXPECT_NEAR(r.bend, 0.5, 1e-12);
 }
 
 // Against the distance to the hull of all points by brute force: the region is never smaller, and
@@ -91,6 +106,57 @@ TEST(Slot, Derivatives) {
       EXPECT_NEAR(bend, r.bend, 2e-2) << run;
     }
   }
+}
+
+// What nearest() says holds for offset() wherever it says so, and it says so in most places.
+TEST(Slot, NearestPartStaysSoWithinReach) {
+  std::mt19937 random(8);
+  std::normal_distribution<double> normal(0, 1e-3);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  enum { kCorner, kEdge, kInside, kUnknown };
+  std::array<int, 4> seen{};
+  for (int run = 0; run < 20000; ++run) {
+    Slot slot;
+    const Vector2d at(0.02, -0.07);
+    slot.open(at, run % 2 ? 1e-4 : 0);
+    for (int k = 0; k < run % 7; ++k)
+      slot.include(at + Vector2d(normal(random), (run % 3 ? 1 : 1e-6) * normal(random)));
+    const double reach = std::pow(10.0, -3 - 6 * uniform(random));
+    const double spread = run % 5 == 0 ? 0.2 : 2;
+    const Vector2d p = at + spread * Vector2d(normal(random), normal(random));
+    slot.offset(p);
+    int part = kInside;
+    Vector2d from = Vector2d::Zero(), along = Vector2d::Zero();
+    const bool known = slot.nearest(
+        p, reach,
+        [&](const Vector2d& offset) {
+          part = kCorner;
+          from = offset;
+          return true;
+        },
+        [&](const Vector2d& offset, const Vector2d& edge, double length2) {
+          part = kEdge;
+          from = offset;
+          along = edge / std::sqrt(length2);
+          return true;
+        });
+    ++seen[known ? part : kUnknown];
+    if (!known) continue;
+    for (int k = 0; k < 20; ++k) {
+      const double turn = 6.2832 * uniform(random);
+      const Vector2d step =
+          (k == 0 ? 0 : reach * uniform(random)) * Vector2d(std::cos(turn), std::sin(turn));
+      Vector2d expected = from;
+      if (part == kCorner) expected += step;
+      if (part == kEdge) expected += step - along * along.dot(step);
+      const Slot::Offset found = slot.offset(p + step);
+      ASSERT_LE((Vector2d(found.x_m, found.y_m) - expected).norm(), 1e-14) << run;
+    }
+  }
+  EXPECT_GT(seen[kCorner], 5000);
+  EXPECT_GT(seen[kEdge], 1000);
+  EXPECT_GT(seen[kInside], 500);
+  EXPECT_LT(seen[kUnknown], 8000);
 }
 
 // A region that is all but a line, as a tool leaves that is pushed along one: beyond its end the

@@ -169,7 +169,7 @@ TEST(Accuracy, HoldsOnRealSlicesAgainstAVeryFineMesh) {
       ASSERT_TRUE(usual_membrane && fine_membrane);
       std::mt19937_64 random(8);
       std::vector<double> errors;
-      for (int i = 0; i < test::cases(60); ++i) {
+      for (int i = 0; i < test::cases(300); ++i) {
         const AssetSlice& slice = *scan.slices[random() % scan.slices.size()];
         const auto sheet = make_sheet_mesh(slice.mesh, 0, 0);
         ASSERT_TRUE(sheet);

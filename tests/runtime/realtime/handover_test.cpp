@@ -15,6 +15,7 @@
 #include <ctime>
 #include <memory>
 #include <random>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -212,6 +213,31 @@ TEST(RealtimeThread, ItsTimerSlackIsTheLeast) {
   EXPECT_GE(slack_ns, 0);
   EXPECT_LE(slack_ns, 1);
   EXPECT_EQ(report.timer_slack_ns, slack_ns);
+}
+
+TEST(RealtimeThread, OtherThreadsKeepOffItsProcessor) {
+  cpu_set_t before;
+  ASSERT_EQ(::pthread_getaffinity_np(::pthread_self(), sizeof before, &before), 0);
+  int cpu = CPU_SETSIZE - 1;
+  while (!CPU_ISSET(cpu, &before))
+    --cpu;
+  const bool has_others = CPU_COUNT(&before) > 1;
+  std::thread thread([&] {
+    keep_off(-1);
+    cpu_set_t now;
+    ::pthread_getaffinity_np(::pthread_self(), sizeof now, &now);
+    EXPECT_TRUE(CPU_EQUAL(&now, &before));
+    keep_off(cpu);
+    std::thread started([&] { ::pthread_getaffinity_np(::pthread_self(), sizeof now, &now); });
+    started.join();
+    EXPECT_EQ(CPU_ISSET(cpu, &now), !has_others);
+    EXPECT_EQ(CPU_COUNT(&now), CPU_COUNT(&before) - (has_others ? 1 : 0));
+    RealtimeOptions options;
+    options.cpu = cpu;
+    const RealtimeReport report = run_realtime(options, [](const TickTiming&) { return false; });
+    EXPECT_EQ(report.cpus, std::to_string(cpu));
+  });
+  thread.join();
 }
 
 // Each period is that of a call or of a missed deadline, and the longest run is one that a call

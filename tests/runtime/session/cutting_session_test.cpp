@@ -220,6 +220,8 @@ TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
     EXPECT_NEAR(felt_N, scale * most_N, 0.01 * scale * most_N) << "at the plate";
     EXPECT_EQ(run_.report.cutting->force_scale, scale);
     EXPECT_NEAR(run_.report.max_force_N, felt_N, 1e-9);
+    ASSERT_EQ(run_.report.punctures.size(), 1U);
+    EXPECT_NEAR(run_.report.punctures[0].force_N, felt_N, 0.01 * felt_N) << "of the puncture too";
   }
 }
 

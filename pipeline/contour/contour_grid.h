@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The edges of contours by the cells of a grid that their boxes meet, built once: which of them may
+// be near a place?
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "formats/geometry/lattice_box.h"
+#include "formats/geometry/lattice_cells.h"
+
+namespace trocar::pipeline {
+
+/// One cell for each edge.
+class ContourGrid {
+ public:
+  /// Contour edges first .. last of one ring. Numbers of different rings are not consecutive.
+  struct Run {
+    std::uint32_t first, last, next_in_cell;
+  };
+
+  ContourGrid(const LatticeBox& box, std::size_t edges) : cells_(box, static_cast<double>(edges)) {
+    heads_.assign(cells_.count(), kNone);
+    runs_.reserve(edges);
+  }
+
+  /// Edges of one ring in its order.
+  void add(std::uint32_t edge, LatticePoint from, LatticePoint to, std::uint32_t first_of_ring) {
+    any_cell(box_around(from, to), [&](std::uint32_t& head) {
+      if (head != kNone && runs_[head].first >= first_of_ring && runs_[head].last + 1 >= edge) {
+        runs_[head].last = edge;
+      } else {
+        runs_.push_back({edge, edge, head});
+        head = static_cast<std::uint32_t>(runs_.size() - 1);
+      }
+      return false;
+    });
+  }
+
+  /// Is there a run in the cells around the box for which is_wanted(run) holds?
+  template <typename Wanted>
+  bool any_near(const LatticeBox& box, const Wanted& is_wanted) {
+    return any_cell(box, [&](std::uint32_t head) {
+      for (; head != kNone; head = runs_[head].next_in_cell)
+        if (is_wanted(runs_[head])) return true;
+      return false;
+    });
+  }
+
+ private:
+  static constexpr std::uint32_t kNone = 0xffffffff;
+
+  // Points beyond the grid belong to its outermost cells.
+  template <typename Visit>
+  bool any_cell(const LatticeBox& box, const Visit& visit) {
+    const auto cell = [this](std::int32_t at, std::int32_t low, std::int32_t count) {
+      const double c = (static_cast<double>(at) - low) / cells_.size;
+      return static_cast<std::int32_t>(std::clamp(c, 0.0, static_cast<double>(count - 1)));
+    };
+    const std::int32_t x0 = cell(box.low.x, cells_.low.x, cells_.columns),
+                       x1 = cell(box.high.x, cells_.low.x, cells_.columns);
+    const std::int32_t y0 = cell(box.low.y, cells_.low.y, cells_.rows),
+                       y1 = cell(box.high.y, cells_.low.y, cells_.rows);
+    for (std::int32_t y = y0; y <= y1; ++y) {
+      for (std::int32_t x = x0; x <= x1; ++x)
+        if (visit(heads_[static_cast<std::size_t>(y) * static_cast<std::size_t>(cells_.columns) +
+                         static_cast<std::size_t>(x)]))
+          return true;
+    }
+    return false;
+  }
+
+  LatticeCells cells_;
+  std::vector<std::uint32_t> heads_;
+  std::vector<Run> runs_;
+};
+
+}  // namespace trocar::pipeline
