@@ -36,3 +36,11 @@ function(trocar_script_test name label script)
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 SKIP_RETURN_CODE 77
     ENVIRONMENT "TROCAR_REAL_CT=${TROCAR_REAL_CT};TROCAR_SANITIZE=${TROCAR_SANITIZE}")
 endfunction()
+
+# trocar_wall_clock(NAMES...): labels tests of this folder that run in real time or compare times. A machine that stands
+# still can make them fail, so .ci/run runs those that failed once more.
+function(trocar_wall_clock)
+  foreach(name ${ARGN})
+    set_property(TEST ${name} APPEND PROPERTY LABELS wall_clock)
+  endforeach()
+endfunction()
