@@ -118,7 +118,11 @@ struct UdpDevice::Attempt {
   }
 
   std::string why(int socket_error) const {
-    if (welcomed) return "the device answers but sends no states; restart it";
+    // Also where another host's session began between the welcome and the first command.
+    if (welcomed) {
+      return "the device answered but sends no states; end another host's session with it, or "
+             "restart it";
+    }
     if (wrong_key) {
       return "the device there has another key; --key-file must be a copy of the file that it was "
              "started with";
