@@ -41,7 +41,8 @@ inline bool contains(const LatticeBox& outer, const LatticeBox& inner) noexcept 
 
 /// Have the boxes no point in common?
 inline bool apart(const LatticeBox& a, const LatticeBox& b) noexcept {
-  return a.low.x > b.high.x || a.high.x < b.low.x || a.low.y > b.high.y || a.high.y < b.low.y;
+  // (Without branches, as it cannot be predicted.)
+  return (a.low.x > b.high.x) | (a.high.x < b.low.x) | (a.low.y > b.high.y) | (a.high.y < b.low.y);
 }
 
 }  // namespace trocar

@@ -26,18 +26,28 @@ inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, La
   const LatticePoint near{round_half_up(a.x, x), round_half_up(a.y, y)};
   const double off_x = x - (static_cast<double>(near.x) - a.x),
                off_y = y - (static_cast<double>(near.y) - a.y);
-  const LatticePoint beside_x{near.x + (off_x < 0 ? -1 : 1), near.y},
-      beside_y{near.x, near.y + (off_y < 0 ? -1 : 1)};
-  const bool x_first = std::abs(off_x) > std::abs(off_y);
-  const LatticePoint second = x_first ? beside_x : beside_y, third = x_first ? beside_y : beside_x,
-                     last{beside_x.x, beside_y.y};
-  // On which side of ab each lies cannot be predicted; the first on the right one is nearly always
+  // One step towards the place along each axis. Which of the four places lie on the right side of
+  // ab cannot be predicted, so nothing here branches on that; the first that does is nearly always
   // allowed.
-  LatticePoint first = last;
-  if (orient2d(a, b, third) >= 0) first = third;
-  if (orient2d(a, b, second) >= 0) first = second;
-  if (orient2d(a, b, near) >= 0) first = near;
-  if (may_split(a, b, c, first)) return first;
+  const std::int32_t step_x = 1 - 2 * static_cast<std::int32_t>(off_x < 0),
+                     step_y = 1 - 2 * static_cast<std::int32_t>(off_y < 0);
+  const auto x_first = static_cast<std::int32_t>(std::abs(off_x) > std::abs(off_y));
+  const std::int64_t dx = std::int64_t{b.x} - a.x, dy = std::int64_t{b.y} - a.y;
+  const std::int64_t side = orient2d(a, b, near), beside_x = side - step_x * dy,
+                     beside_y = side + step_y * dx;
+  const auto is_left = [](std::int64_t product) { return static_cast<std::int32_t>(product >= 0); };
+  const std::int32_t x_is_left = is_left(beside_x), y_is_left = is_left(beside_y),
+                     is_last = (x_is_left | y_is_left) ^ 1,
+                     prefers_x = (x_is_left & (x_first | (y_is_left ^ 1))),
+                     moves = is_left(side) ^ 1;
+  const std::int32_t goes_x = moves & (is_last | prefers_x), goes_y = moves & (prefers_x ^ 1);
+  const LatticePoint first{near.x + goes_x * step_x, near.y + goes_y * step_y};
+  if (may_split(a, b, c, first)) [[likely]]
+    return first;
+  const LatticePoint beside_in_x{near.x + step_x, near.y}, beside_in_y{near.x, near.y + step_y},
+      last{near.x + step_x, near.y + step_y};
+  const LatticePoint second = x_first != 0 ? beside_in_x : beside_in_y,
+                     third = x_first != 0 ? beside_in_y : beside_in_x;
   for (const LatticePoint m : {near, second, third, last}) {
     if (may_split(a, b, c, m)) return m;
   }

@@ -26,7 +26,10 @@ struct ShortestEdge {
 inline ShortestEdge shortest_edge(const TriangleCorners& v) noexcept {
   const std::array<std::int64_t, 3> d{distance2(v[0], v[1]), distance2(v[1], v[2]),
                                       distance2(v[2], v[0])};
-  const std::uint32_t edge = d[0] <= d[1] && d[0] <= d[2] ? 0 : d[1] <= d[2] ? 1 : 2;
+  // (Without branches, as it cannot be predicted.)
+  const std::uint32_t is_second = d[1] < d[0] ? 1 : 0,
+                      is_third = (d[2] < d[0]) & (d[2] < d[1]) ? 1 : 0;
+  const std::uint32_t edge = (is_second & (is_third ^ 1)) | is_third << 1;
   return {edge, d[edge]};
 }
 
@@ -47,7 +50,7 @@ struct TriangleShape {
   double shortest2;  ///< and of the shortest edge
   bool is_sharp;     ///< the smallest angle is below the wanted one
   bool is_large;
-  bool is_bad() const noexcept { return is_sharp || is_large; }
+  bool is_bad() const noexcept { return is_sharp | is_large; }
 };
 
 /// Of the triangle abc. The mesher's innermost function, so it is free of branches.

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <optional>
 
 #include "formats/geometry/canonical_rotation.h"
-#include "formats/geometry/lattice_box.h"
 #include "formats/geometry/split_places.h"
 #include "formats/geometry/steiner_places.h"
 #include "formats/geometry/triangle_shape.h"
@@ -74,7 +74,6 @@ struct Workspace {
   std::vector<VertexOrigin> origins;
   std::vector<EncroachedTicket> encroached, long_edges;
   std::vector<FillNode> nodes;
-  std::vector<std::uint32_t> fresh;
   Candidate best, trial;
   SharedEdges shared;
   Candidate best_beyond, trial_beyond;
@@ -92,7 +91,6 @@ class Refiner {
         encroached_(memory.encroached),
         long_edges_(memory.long_edges),
         nodes_(memory.nodes),
-        fresh_(memory.fresh),
         best_(memory.best),
         trial_(memory.trial),
         shared_(memory.shared),
@@ -116,10 +114,11 @@ class Refiner {
     limits_ = {sine * sine, 2 * options.max_area_mm2 / step2};
     doubled_per_mm2_ = 2 / step2;
     least_doubled_area_ = options.least_area_mm2 * doubled_per_mm2_;
+    rim_limits_ = {limits_.sine2, has_area_at_ ? std::min(least_doubled_area_, limits_.doubled_area)
+                                               : limits_.doubled_area};
     outline_.clear(from.mesh.vertices.size());
     mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
     outline_.close(mesh_.points);
-    if (!mesh_.points.empty()) box_ = box_around(mesh_.points);
     if (has_shared_) {
       outline_.find_twins(mesh_.points);
       shared_.clear();
@@ -203,6 +202,10 @@ class Refiner {
     }
   }
 
+  double shortest2(const WorkingTriangle& t) const {
+    const LatticePoint a = at(t.v[0]), b = at(t.v[1]), c = at(t.v[2]);
+    return static_cast<double>(std::min({distance2(a, b), distance2(b, c), distance2(c, a)}));
+  }
   void queue(std::uint32_t t, bool is_bad, double shortest2) {
     mesh_.triangles[t].is_bad = is_bad ? 1 : 0;
     if (is_bad) bad_.push(shortest2, {t, mesh_.triangles[t].generation});
@@ -212,34 +215,62 @@ class Refiner {
 
   using Rim = InsertionCavity::Rim;
 
-  // Are products of differences between p and the outline too large for view_narrow()? (A
-  // circumcentre may lie far from it.)
-  bool is_wide(LatticePoint p) const {
-    return (std::int64_t{box_.high.x} - box_.low.x > kNarrow) |
-           (std::int64_t{box_.high.y} - box_.low.y > kNarrow) | (p.x < box_.low.x) |
-           (p.x > box_.high.x) | (p.y < box_.low.y) | (p.y > box_.high.y);
-  }
-  [[gnu::always_inline]] static PairView view(const RimPair& r, Pair px, Pair py, bool is_wide) {
-    if (is_wide) [[unlikely]]
-      return view_wide(r, px, py);
-    return view_narrow(r, px, py);
-  }
-  [[gnu::always_inline]] PairMask is_bad(const PairView& v, const RimPair& r, LatticePoint o,
-                                         LatticePoint p, Pair sine2, Pair most) const {
-    const PairMask is_sharp = v.is_sharp(sine2);
-    if (!has_area_at_) [[likely]]
-      return r.is_edge & (is_sharp | (v.doubled_area > most));
-    PairMask is_large{};
-    for (std::size_t k = 0; k < 2; ++k) {
-      const auto from_origin = [o](double x, double y) {
-        return LatticePoint{o.x + static_cast<std::int32_t>(x), o.y + static_cast<std::int32_t>(y)};
-      };
-      if (v.doubled_area[k] > std::min(least_doubled_area_, limits_.doubled_area))
-        is_large[k] = -static_cast<std::int64_t>(
-            v.doubled_area[k] >
-            largest_doubled_area(from_origin(r.ax[k], r.ay[k]), from_origin(r.bx[k], r.by[k]), p));
+  // What is found in four triangles between edges of a rim and points, as masks.
+  struct Look {
+    Four is_bad, is_turned, is_near, is_obtuse_at_p, is_obtuse_at_a, is_obtuse_at_b;
+  };
+  using FourTriangles = std::array<TriangleCorners, 4>;
+  // In any case, but slow.
+  [[gnu::noinline]] Look look_at_each(const FourTriangles& triangles, double min_distance2) const {
+    Look out{};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const auto [a, b, p] = triangles[k];
+      const TriangleShape shape = measured(a, b, p);
+      const auto mask = [](bool is) { return is ? -1 : 0; };
+      out.is_bad[k] = mask(shape.is_bad());
+      out.is_turned[k] = mask(shape.doubled_area <= 0);
+      out.is_near[k] = mask(static_cast<double>(distance2(a, p)) < min_distance2);
+      out.is_obtuse_at_p[k] = mask(diametral_dot(a, b, p) < 0);
+      out.is_obtuse_at_a[k] = mask(diametral_dot(b, p, a) < 0);
+      out.is_obtuse_at_b[k] = mask(diametral_dot(p, a, b) < 0);
     }
-    return r.is_edge & (is_sharp | is_large);
+    return out;
+  }
+  [[gnu::noinline]] Four is_each_large(const FourTriangles& triangles) const {
+    Four out{};
+    for (std::size_t k = 0; k < 4; ++k)
+      out[k] = measured(triangles[k][0], triangles[k][1], triangles[k][2]).is_large ? -1 : 0;
+    return out;
+  }
+
+  // The least distance from other vertices, squared.
+  struct Clearance {
+    explicit Clearance(double distance2)
+        : exact(distance2), whole(static_cast<std::int32_t>(std::min(distance2, 0x1p30))) {
+      whole += whole < distance2 ? 1 : 0;
+    }
+    double exact;
+    std::int32_t whole;  // rounded up
+  };
+  // `triangles` gives the same four as `from`, `to` and `p`.
+  template <typename Triangles>
+  [[gnu::always_inline]] Look look(bool is_in_reach, FourPoints from, FourPoints to, FourPoints p,
+                                   const Clearance& clearance, Triangles triangles) const {
+    if (!is_in_reach) [[unlikely]]
+      return look_at_each(triangles(), clearance.exact);
+    const RimView v = rim_view(from, to, p);
+    const Sharpness sharp = sharpness(v, rim_limits_);
+    if (is_any(sharp.is_unsure)) [[unlikely]]
+      return look_at_each(triangles(), clearance.exact);
+    Four is_large = v.doubled_area > rim_limits_.doubled_area;
+    if (has_area_at_ && is_any(is_large)) [[unlikely]]
+      is_large = is_each_large(triangles());
+    return {sharp.is_sharp | is_large,
+            v.doubled_area <= 0,
+            v.pa2 < four_of(clearance.whole),
+            v.at_p < 0,
+            v.at_a < 0,
+            v.at_b < 0};
   }
 
   // What is found in all triangles between a rim and a point together.
@@ -250,65 +281,135 @@ class Refiner {
     bool is_blocked = false;  // it encroaches upon an edge of the outline
   };
   enum class Of { kFree, kSplit };
-  template <Of kOf, typename Keep>
-  [[gnu::always_inline]] Tally tally(std::span<RimPair> pairs, LatticePoint o, LatticePoint p,
-                                     double min_distance2, Keep keep) const {
-    const Pair px = pair_of(p.x - o.x), py = pair_of(p.y - o.y), zero = pair_of(0);
-    // (Kept here, or they would be read again after each write to a pair.)
-    const Pair sine2 = pair_of(limits_.sine2), most = pair_of(limits_.doubled_area);
-    const bool wide = is_wide(p);
-    PairMask flaws{}, is_turned{}, is_near{}, is_blocked{};
-    for (RimPair& r : pairs) {
-      const PairView v = view(r, px, py, wide);
-      const PairMask bad = is_bad(v, r, o, p, sine2, most),
-                     blocked = r.is_outline & (v.at_p < zero);
-      keep(r, v, bad);
-      flaws += bad;
-      if (kOf == Of::kSplit)
-        flaws += blocked + (r.is_before & (v.at_a < zero)) + (r.is_after & (v.at_b < zero));
-      is_turned |= v.is_turned();
-      is_near |= v.pa2 < pair_of(min_distance2);
-      is_blocked |= blocked;
-    }
-    return {count_of(flaws), is_any(is_turned), is_any(is_near), is_any(is_blocked)};
-  }
-
   // The mesh with the candidate.
   template <Of kOf>
   [[gnu::always_inline]] Tally look_ahead(Candidate& candidate, double min_distance2) const {
     InsertionCavity& cavity = candidate.cavity;
-    const Tally out = tally<kOf>(cavity.pairs(), cavity.origin, candidate.p, min_distance2,
-                                 [](RimPair& r, const PairView& v, PairMask bad) {
-                                   r.shortest2 = v.shortest2();
-                                   r.is_bad = bad;
-                                 });
+    const Clearance clearance(min_distance2);
+    Four flaws{}, is_turned{}, is_near{}, is_blocked{};
+    const std::span<RimQuad> quads = cavity.quads();
+    for (std::size_t k = 0; k < quads.size(); ++k) {
+      RimQuad& r = quads[k];
+      const FourPoints origin{};  // is the point
+      const Look seen = look(cavity.is_in_reach(), r.a, r.b, origin, clearance, [&] {
+        const Rim* const rim = cavity.rim_of_quad(k);
+        FourTriangles out;
+        for (std::size_t i = 0; i < 4; ++i)
+          out[i] = {at(rim[i].a), at(rim[i].b), candidate.p};
+        return out;
+      });
+      r.is_bad = seen.is_bad & r.is_edge;
+      if (kOf == Of::kSplit) {
+        const Four here = r.is_outline & r.is_edge & seen.is_obtuse_at_p,
+                   before = r.is_before & seen.is_obtuse_at_a,
+                   after = r.is_after & seen.is_obtuse_at_b;
+        r.is_blocked = here | before | after;
+        flaws += r.is_bad + here + before + after;
+      } else {
+        r.is_blocked = r.is_outline & r.is_edge & (seen.is_turned | seen.is_obtuse_at_p);
+        flaws += r.is_bad;
+      }
+      is_blocked |= r.is_blocked;
+      is_turned |= seen.is_turned;
+      is_near |= seen.is_near;
+    }
+    const Tally out{count_of(flaws), is_any(is_turned), is_any(is_near), is_any(is_blocked)};
     candidate.flaws = out.flaws;
     candidate.growth = out.flaws - cavity.bad_triangles();
     return out;
   }
 
-  // The number of bad triangles, and of encroached edges where an edge is split, if p were inserted
-  // into this cavity; `limit` if there are as many or more, or if p cannot have this cavity. Places
-  // close to each other have nearly the same cavity, so the cavity of the first is used to compare
-  // them.
+  // Places close to each other have nearly the same cavity, so four are compared by the cavity of
+  // another. (All four, even if the first is good enough: that cannot be predicted.)
+  using Places = std::array<LatticePoint, 4>;
+
+  // Of each place: the number of bad triangles, and of encroached edges where an edge is split, if
+  // it were inserted into this cavity; many if it cannot have this cavity.
+  static constexpr std::int32_t kMany = 1 << 20;
   template <Of kOf>
-  int flaws_of(LatticePoint p, InsertionCavity& cavity, int limit) const {
-    const Tally out =
-        tally<kOf>(cavity.pairs(), cavity.origin, p, 0, [](RimPair&, const PairView&, PairMask) {});
-    return out.is_turned ? limit : std::min(out.flaws, limit);
+  [[gnu::always_inline]] Four flaws_of(const Places& places, const InsertionCavity& cavity) const {
+    const auto [p, is_in_reach] = from_origin_of(cavity, places);
+    const Clearance clearance(0);
+    Four flaws{}, is_turned{};
+    const std::span<const RimQuad> quads = cavity.quads();
+    for (std::size_t k = 0; k < cavity.rim().size(); ++k) {
+      const RimQuad& r = quads[k / 4];
+      const Look seen =
+          look(is_in_reach, four_times(r.a, k % 4), four_times(r.b, k % 4), p, clearance, [&] {
+            const Rim& edge = cavity.rim()[k];
+            FourTriangles out;
+            for (std::size_t i = 0; i < 4; ++i)
+              out[i] = {at(edge.a), at(edge.b), places[i]};
+            return out;
+          });
+      flaws += seen.is_bad;
+      if (kOf == Of::kSplit)
+        flaws += (four_of(r.is_outline[k % 4]) & seen.is_obtuse_at_p) +
+                 (four_of(r.is_before[k % 4]) & seen.is_obtuse_at_a) +
+                 (four_of(r.is_after[k % 4]) & seen.is_obtuse_at_b);
+      is_turned |= seen.is_turned;
+    }
+    return -flaws | (is_turned & four_of(kMany));
+  }
+  // Of the places that the mask allows, the first with the fewest.
+  struct Fewest {
+    std::int32_t flaws;
+    std::size_t place;
+  };
+  static Fewest fewest_of(Four flaws, Four is_place) {
+    const Four keys = 4 * (flaws | (~is_place & four_of(kMany))) + Four{0, 1, 2, 3};
+    const std::int32_t key = std::min(std::min(keys[0], keys[1]), std::min(keys[2], keys[3]));
+    return {key >> 2, static_cast<std::size_t>(key & 3)};
+  }
+  struct FromOrigin {
+    FourPoints p;
+    bool is_in_reach;
+  };
+  [[gnu::always_inline]] static FromOrigin from_origin_of(const InsertionCavity& cavity,
+                                                          const Places& p) {
+    const LatticePoint o = cavity.origin;
+    const FourPoints away = narrowed(from_origin(p[0], p[1], o), from_origin(p[2], p[3], o));
+    return {away, cavity.is_in_reach() && !is_any(is_beyond_rim_reach(away))};
   }
 
-  // A quick test with the cavity of a neighbouring place: is p too near to a vertex, or does it
-  // encroach?
-  bool is_excluded_by(const InsertionCavity& seen, LatticePoint p, double min_distance2) const {
-    const Pair px = pair_of(p.x - seen.origin.x), py = pair_of(p.y - seen.origin.y);
-    const bool wide = is_wide(p);
-    PairMask is_excluded{};
-    for (const RimPair& r : seen.pairs()) {
-      const PairView v = view(r, px, py, wide);
-      is_excluded |= (v.pa2 < pair_of(min_distance2)) | (r.is_outline & (v.at_p < pair_of(0)));
+  // Which of the places are not too near to a vertex and do not encroach, as a mask.
+  [[gnu::always_inline]] Four allowed_by(const InsertionCavity& cavity, const Places& places,
+                                         double min_distance2) const {
+    const auto [p, is_in_reach] = from_origin_of(cavity, places);
+    if (!is_in_reach) [[unlikely]]
+      return allowed_by_each(cavity, places, min_distance2);
+    const Four clearance = four_of(Clearance(min_distance2).whole);
+    Four is_excluded{};
+    for (const RimQuad& r : cavity.quads()) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        const FourPoints a = four_times(r.a, k) - p, b = four_times(r.b, k) - p;
+        is_excluded |= (dots(a, a) < clearance) | (four_of(r.is_outline[k]) & (dots(a, b) < 0));
+      }
     }
-    return is_any(is_excluded);
+    return ~is_excluded;
+  }
+  [[gnu::noinline]] Four allowed_by_each(const InsertionCavity& cavity, const Places& places,
+                                         double min_distance2) const {
+    Four out = four_of(-1);
+    for (const Rim& r : cavity.rim()) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        if (static_cast<double>(distance2(at(r.a), places[k])) < min_distance2 ||
+            (r.is_outline() && diametral_dot(at(r.a), at(r.b), places[k]) < 0))
+          out[k] = 0;
+      }
+    }
+    return out;
+  }
+
+  // Calls visit(k) for the edges of the rim for which the mask is set.
+  template <typename Visit>
+  [[gnu::always_inline]] static void for_each_edge(const InsertionCavity& cavity,
+                                                   Four RimQuad::*mask, Visit visit) {
+    const std::span<const RimQuad> quads = cavity.quads();
+    for (std::size_t k = 0; k < quads.size(); ++k) {
+      for (unsigned bits = bits_of(quads[k].*mask); bits != 0; bits &= bits - 1)
+        visit(4 * k + static_cast<std::size_t>(std::countr_zero(bits)));
+    }
   }
 
   // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
@@ -316,7 +417,7 @@ class Refiner {
   bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
     if (!mesh_.circumcircle_contains(t, p)) return false;
     out.p = p;
-    mesh_.find_cavity(t, p, kNoEdge, out.cavity);
+    mesh_.find_cavity(t, p, out.cavity);
     const Tally seen = look_ahead<Of::kFree>(out, min_distance2);
     return !(seen.is_turned | seen.is_near | seen.is_blocked);
   }
@@ -325,17 +426,17 @@ class Refiner {
   // lies beyond; kNoEdge if there is none.
   EdgeId find_in_the_way(std::uint32_t t, LatticePoint p, Candidate& out) {
     out.p = p;
-    mesh_.find_cavity(t, p, kNoEdge, out.cavity);
+    mesh_.find_cavity(t, p, out.cavity);
     const Tally seen = look_ahead<Of::kFree>(out, 0);
     if (seen.is_turned) out.growth = kImpossible;
     if (!seen.is_turned && !seen.is_blocked) return kNoEdge;
     EdgeId longest = kNoEdge;
     std::int64_t length2 = 0;
-    for (const Rim& r : out.cavity.rim()) {
-      if (!r.is_outline() || !blocks(at(r.a), at(r.b), p)) continue;
+    for_each_edge(out.cavity, &RimQuad::is_blocked, [&](std::size_t k) {
+      const Rim& r = out.cavity.rim()[k];
       const std::int64_t ab2 = distance2(at(r.a), at(r.b));
       if (ab2 > length2) length2 = ab2, longest = r.inside;
-    }
+    });
     return longest;
   }
 
@@ -353,41 +454,58 @@ class Refiner {
   // The mesh with the edge split at p.
   bool look_at_split(EdgeId s, LatticePoint p, Candidate& out) {
     out.p = p;
-    mesh_.find_cavity(triangle_of(s), p, s, out.cavity);
+    mesh_.find_split_cavity(s, p, out.cavity);
     return !look_ahead<Of::kSplit>(out, 0).is_turned;
   }
 
-  // Each split is rounded inwards, so repeated splits move away from the input segment.
-  bool is_far_from_segment(LatticePoint p, std::uint32_t segment) const {
+  // An input segment, and how far its splits may lie from it: each is rounded inwards, so repeated
+  // splits move away.
+  struct Segment {
+    LatticePoint from, to;
+    double farthest_area2;
+    bool is_far(LatticePoint p) const {
+      const auto area = static_cast<double>(orient2d(from, to, p));
+      return area * area >= farthest_area2;
+    }
+  };
+  Segment segment_at(std::uint32_t segment) const {
     const Refined::Segment& input = outline_.segments()[segment];
-    const LatticePoint a = at(input.from), b = at(input.to);
-    const auto area = static_cast<double>(orient2d(a, b, p));
-    return area * area >= farthest2_ * static_cast<double>(distance2(a, b));
+    const LatticePoint from = at(input.from), to = at(input.to);
+    return {from, to, farthest2_ * static_cast<double>(distance2(from, to))};
   }
 
-  // Where to split the edge ab of the triangle abc (t) of the mesh at this fraction.
-  std::optional<LatticePoint> split_place(std::uint32_t t, std::uint32_t segment, LatticePoint a,
-                                          LatticePoint b, LatticePoint c, double fraction) {
+  // Where to split the edge ab of the triangle abc (t) of the mesh at this fraction; false if
+  // nowhere.
+  bool find_split_place(std::uint32_t t, std::uint32_t segment, const Segment& input,
+                        const TriangleCorners& v, double fraction, LatticePoint& out) {
+    const auto [a, b, c] = v;
     const std::optional<LatticePoint> inside = split_near(a, b, c, fraction);
-    if (!keep_area_ || (inside && orient2d(a, b, *inside) == 0) || !outline_.has_room(segment))
-      return inside;
-    const std::optional<LatticePoint> outside = split_outside(t, segment, a, b, fraction);
-    if (!inside || !outside) return inside ? inside : outside;
-    if (is_far_from_segment(*inside, segment)) return outside;
-    if (is_far_from_segment(*outside, segment)) return inside;
-    const std::int64_t lost = outline_.lost_of_loop(segment);
-    return std::abs(lost + orient2d(a, b, *outside)) < std::abs(lost + orient2d(a, b, *inside))
-               ? outside
-               : inside;
+    if (!keep_area_ || (inside && orient2d(a, b, *inside) == 0) || !outline_.has_room(segment)) {
+      if (!inside) return false;
+      out = *inside;
+      return !input.is_far(out);
+    }
+    const std::optional<LatticePoint> outside = split_outside(t, input, a, b, fraction);
+    if (!inside && !outside) return false;
+    // Either, where both are allowed, so that the loop keeps its area: which one cannot be
+    // predicted.
+    const LatticePoint p = inside ? *inside : *outside, q = outside ? *outside : p;
+    const std::int64_t lost = outline_.lost_of_loop(segment),
+                       lost_at_p = std::abs(lost + orient2d(a, b, p)),
+                       lost_at_q = std::abs(lost + orient2d(a, b, q));
+    const bool p_is_far = input.is_far(p), q_is_far = input.is_far(q);
+    const auto takes_q =
+        static_cast<std::int32_t>(p_is_far | (!q_is_far & (lost_at_q < lost_at_p)));
+    out = {p.x + takes_q * (q.x - p.x), p.y + takes_q * (q.y - p.y)};
+    return !(p_is_far & q_is_far);
   }
 
   // Of the lattice points around the one at this fraction from a to b: the nearest that lies on the
   // void's side of the edge, no more than a step from the input segment, and in the circumcircle of
   // the triangle, so that the mesh stays Delaunay.
-  std::optional<LatticePoint> split_outside(std::uint32_t t, std::uint32_t segment, LatticePoint a,
+  std::optional<LatticePoint> split_outside(std::uint32_t t, const Segment& input, LatticePoint a,
                                             LatticePoint b, double fraction) const {
-    const Refined::Segment& input = outline_.segments()[segment];
-    const LatticePoint from = at(input.from), to = at(input.to);
+    const LatticePoint from = input.from, to = input.to;
     const double farthest = edge_length(from, to);
     const double x = fraction * (static_cast<double>(b.x) - a.x),
                  y = fraction * (static_cast<double>(b.y) - a.y);
@@ -405,7 +523,7 @@ class Refiner {
                        bx = std::int64_t{b.x} - low.x, by = std::int64_t{b.y} - low.y;
     std::array<LatticePoint, 4> places;
     std::array<double, 4> far{};
-    constexpr double kNever = std::numeric_limits<double>::max();
+    constexpr std::array kForbidden{1e300, 0.0};
     for (std::size_t k = 0; k < 4; ++k) {
       const std::int32_t i = right[k / 2], j = up[k % 2];
       const double off_x = low_x + i - x, off_y = low_y + j - y;
@@ -413,20 +531,21 @@ class Refiner {
           (side + j * dx - i * dy < 0) & ((ax - i) * (bx - i) + (ay - j) * (by - j) < 0) &
           (static_cast<double>(input_side + j * input_dx - i * input_dy) >= -farthest);
       places[k] = {low.x + i, low.y + j};
-      far[k] = is_allowed ? off_x * off_x + off_y * off_y : kNever;
+      far[k] = off_x * off_x + off_y * off_y + kForbidden[is_allowed ? 1 : 0];
     }
     while (true) {
-      const auto least =
-          static_cast<std::size_t>(std::min_element(far.begin(), far.end()) - far.begin());
-      if (far[least] == kNever) return std::nullopt;
+      const std::size_t low_least = far[1] < far[0] ? 1 : 0, high_least = far[3] < far[2] ? 3 : 2;
+      const std::size_t is_high = far[high_least] < far[low_least] ? 1 : 0,
+                        least = low_least + is_high * (high_least - low_least);
+      if (far[least] >= kForbidden[0]) return std::nullopt;
       if (mesh_.circumcircle_contains(t, places[least])) return places[least];
-      far[least] = kNever;
+      far[least] = kForbidden[0];
     }
   }
   // Of a number within the lattice's bounds. (std::floor would be a function call.)
   static double floor_of(double x) {
-    const auto whole = static_cast<double>(static_cast<std::int32_t>(x));
-    return whole - (whole > x ? 1 : 0);
+    const auto whole = static_cast<std::int32_t>(x);
+    return whole - static_cast<std::int32_t>(whole > x);
   }
 
   // At this fraction, or at the best place if it is 0.
@@ -440,31 +559,46 @@ class Refiner {
     if (distance2(a, b) < 4 * kShortestEdge * kShortestEdge) return false;
     const std::uint32_t segment = mesh_.beyond(s) ^ kOutline;
     const bool has_shells = outline_.has_shells(segment);
-    bool is_found = false;
-    std::optional<LatticePoint> better;
-    int fewest = 0;
-    for (std::size_t k = 0; k < (has_shells || wanted > 0 ? 1 : kSplits.size()); ++k) {
-      const double fraction = has_shells   ? outline_.shell_fraction(segment, a, b, mesh_.points)
-                              : wanted > 0 ? wanted
-                                           : kSplits[k];
-      const std::optional<LatticePoint> p = split_place(triangle_of(s), segment, a, b, c, fraction);
-      if (!p || is_far_from_segment(*p, segment)) continue;
-      if (!is_found) {
-        is_found = look_at_split(s, *p, best_);
-        fewest = best_.flaws;
-      } else if (const int flaws = flaws_of<Of::kSplit>(*p, best_.cavity, fewest); flaws < fewest) {
-        fewest = flaws, better = p;
+    const Segment input = segment_at(segment);
+    const auto find_place = [&](double fraction, LatticePoint& p) {
+      return find_split_place(triangle_of(s), segment, input, {a, b, c}, fraction, p);
+    };
+    const auto look_at = [&](double fraction) {
+      LatticePoint p;
+      return find_place(fraction, p) && look_at_split(s, p, best_);
+    };
+    if (has_shells || wanted > 0) {
+      if (!look_at(wanted > 0 && !has_shells
+                       ? wanted
+                       : outline_.shell_fraction(segment, a, b, mesh_.points)))
+        return false;
+    } else {
+      std::size_t k = 0;
+      while (!look_at(kSplits[k])) {
+        if (++k == kSplits.size()) return false;
       }
-      if (is_found && fewest == 0) break;
+      if (best_.flaws > 0) {
+        Places places;
+        Four is_place{};
+        places.fill(best_.p);
+        for (std::size_t i = 0; i < 4; ++i)
+          is_place[i] =
+              -static_cast<std::int32_t>(find_place(kSplits[i + 1], places[i]) & (i >= k));
+        const Fewest best = fewest_of(flaws_of<Of::kSplit>(places, best_.cavity), is_place);
+        if (best.flaws < best_.flaws && look_at_split(s, places[best.place], trial_) &&
+            trial_.growth < best_.growth)
+          std::swap(best_, trial_);
+      }
     }
-    if (!is_found) return false;
-    if (better && look_at_split(s, *better, trial_) && trial_.growth < best_.growth)
-      std::swap(best_, trial_);
     if (!insert(best_, {static_cast<std::int32_t>(segment)}, s)) return false;
     if (keep_area_) outline_.lost_of_loop(segment) += orient2d(a, b, best_.p);
-    for (const std::uint32_t t : fresh_)
-      note_encroached_edges(t);
+    note_encroached_edges(best_);
     return true;
+  }
+  // After its insertion.
+  [[gnu::always_inline]] void note_encroached_edges(const Candidate& split) {
+    for_each_edge(split.cavity, &RimQuad::is_blocked,
+                  [&](std::size_t k) { note_encroached_edges(split.cavity.fresh_triangle(k)); });
   }
 
   // ---- splitting edges that two regions share ----
@@ -487,6 +621,7 @@ class Refiner {
     if (distance2(a, b) < 4 * kShortestEdge * kShortestEdge) return false;
     const std::uint32_t segment = mesh_.beyond(s) ^ kOutline, twin = mesh_.beyond(t) ^ kOutline;
     const bool has_shells = outline_.has_shells(segment);
+    const Segment input = segment_at(segment);
     bool is_found = false;
     std::optional<LatticePoint> better;
     int fewest = 0;
@@ -495,16 +630,15 @@ class Refiner {
           has_shells ? outline_.shell_fraction(segment, a, b, mesh_.points) : kSplits[k];
       for (const std::optional<LatticePoint>& p :
            shared_places(a, b, c, d, fraction, outline_.lost_of_loop(segment))) {
-        if (!p || is_far_from_segment(*p, segment)) continue;
+        if (!p || input.is_far(*p)) continue;
         if (!is_found) {
           is_found = look_at_shared_split(s, t, *p, best_, best_beyond_);
           fewest = best_.flaws + best_beyond_.flaws;
           if (is_found) break;
         } else {
-          const int here = flaws_of<Of::kSplit>(*p, best_.cavity, fewest);
-          const int flaws =
-              here < fewest ? here + flaws_of<Of::kSplit>(*p, best_beyond_.cavity, fewest - here)
-                            : here;
+          const Places place{*p, *p, *p, *p};
+          const int flaws = flaws_of<Of::kSplit>(place, best_.cavity)[0] +
+                            flaws_of<Of::kSplit>(place, best_beyond_.cavity)[0];
           if (flaws < fewest) fewest = flaws, better = p;
         }
       }
@@ -518,28 +652,26 @@ class Refiner {
     }
     const auto v = static_cast<std::uint32_t>(mesh_.points.size());
     insert(best_, {static_cast<std::int32_t>(segment)}, s);
-    for (const std::uint32_t fresh : fresh_)
-      note_encroached_edges(fresh);
+    note_encroached_edges(best_);
     insert(best_beyond_, {static_cast<std::int32_t>(twin)}, t);
-    for (const std::uint32_t fresh : fresh_)
-      note_encroached_edges(fresh);
+    note_encroached_edges(best_beyond_);
     shared_.add_copies(v, v + 1);
     outline_.lost_of_loop(segment) += orient2d(a, b, best_.p);
     outline_.lost_of_loop(twin) -= orient2d(a, b, best_.p);
     return true;
   }
 
-  [[gnu::always_inline]] bool insert(const Candidate& candidate, VertexOrigin origin,
-                                     EdgeId split) {
-    if (!mesh_.fill_cavity(candidate.cavity, candidate.p, split, fresh_)) return false;
+  [[gnu::always_inline]] bool insert(Candidate& candidate, VertexOrigin origin, EdgeId split) {
+    if (!mesh_.fill_cavity(candidate.cavity, candidate.p, split)) return false;
     origins_.push_back(origin);
     if (has_shared_) {
-      for (const std::uint32_t t : fresh_)
-        shared_.note(mesh_, t);
+      for (std::size_t k = 0; k < candidate.cavity.rim().size(); ++k)
+        shared_.note(mesh_, candidate.cavity.fresh_triangle(k));
     }
-    for (std::size_t k = 0; k < fresh_.size(); ++k)
-      queue(fresh_[k], candidate.cavity.pairs()[k / 2].is_bad[k % 2] != 0,
-            candidate.cavity.pairs()[k / 2].shortest2[k % 2]);
+    for_each_edge(candidate.cavity, &RimQuad::is_bad, [&](std::size_t k) {
+      const std::uint32_t t = candidate.cavity.fresh_triangle(k);
+      queue(t, true, shortest2(mesh_.triangles[t]));
+    });
     return true;
   }
 
@@ -595,19 +727,24 @@ class Refiner {
     if (shape.is_large) return in_the_way == kNoEdge && find_more_even(t, v);
     int growth = in_the_way == kNoEdge ? best_.growth : 0;
     bool is_found = false;
+    if (growth < -1) return false;
     const LatticePoint a = at(v[shortest]), b = at(v[next_corner(shortest)]);
     const double allowance = rounding_allowance(std::sqrt(shape.shortest2));
-    for (const Place& place : aside_) {
-      if (growth < -1) break;
-      const LatticePoint p = point_over(a, b, {place.along * allowance, place.away * allowance});
-      // Like the off-centre, they keep the shortest edge's length as a distance from other
-      // vertices, so that refinement ends as it does without them.
-      if (is_excluded_by(best_.cavity, p, shape.shortest2) ||
-          !is_allowed(t, p, shape.shortest2, trial_) || trial_.growth >= growth)
-        continue;
+    Places places;
+    for (std::size_t k = 0; k < 4; ++k)
+      places[k] = point_over(a, b, {aside_[k].along * allowance, aside_[k].away * allowance});
+    // Like the off-centre, they keep the shortest edge's length as a distance from other vertices,
+    // so that refinement ends as it does without them.
+    unsigned left = bits_of(allowed_by(best_.cavity, places, shape.shortest2));
+    while (left != 0) {
+      const auto k = static_cast<unsigned>(std::countr_zero(left));
+      left &= left - 1;
+      if (!is_allowed(t, places[k], shape.shortest2, trial_) || trial_.growth >= growth) continue;
       growth = trial_.growth;
       is_found = true;
       std::swap(best_, trial_);
+      if (growth < -1) break;
+      left = bits_of(allowed_by(best_.cavity, places, shape.shortest2)) & (14U << k);
     }
     return is_found;
   }
@@ -618,21 +755,32 @@ class Refiner {
     const double most = largest_doubled_area(at(v[0]), at(v[1]), at(v[2]));
     const double even_edge = kEvenEdge * std::sqrt(2 / std::numbers::sqrt3 * most);
     const double even2 = even_edge * even_edge, min_distance2 = 0.25 * even2;
-    std::optional<LatticePoint> better;
-    int fewest = best_.flaws;
+    // The first and the second edge; the third.
+    Places two_edges, one_edge;
+    Four is_in_two{-1, -1, -1, -1}, is_in_one{-1, -1, 0, 0};
     for (std::uint32_t i = 0; i < 3; ++i) {
       const LatticePoint a = at(v[i]), b = at(v[next_corner(i)]);
       const auto edge2 = static_cast<double>(distance2(a, b));
       const double leg2 = std::max(even2, 0.49 * edge2);
-      const bool is_inside = (mesh_.triangles[t].beyond[i] & kOutline) == 0;
-      for (const double away : {std::sqrt(leg2 / edge2 - 0.25), 0.0}) {
-        const LatticePoint p = point_over(a, b, {0, away});
-        if ((away == 0 && !is_inside) || is_excluded_by(best_.cavity, p, min_distance2)) continue;
-        const int flaws = flaws_of<Of::kFree>(p, best_.cavity, fewest);
-        if (flaws < fewest) fewest = flaws, better = p;
-      }
+      const LatticePoint apex = point_over(a, b, {0, std::sqrt(leg2 / edge2 - 0.25)}),
+                         middle = point_over(a, b, {0, 0});
+      const std::int32_t is_inside = ~static_cast<std::int32_t>(mesh_.triangles[t].beyond[i]) >> 31;
+      const std::size_t k = 2 * (i & 1);
+      (i < 2 ? two_edges : one_edge)[k] = apex;
+      (i < 2 ? two_edges : one_edge)[k + 1] = middle;
+      (i < 2 ? is_in_two : is_in_one)[k + 1] = is_inside;
     }
-    if (!better || !is_allowed(t, *better, min_distance2, trial_) || trial_.growth >= best_.growth)
+    one_edge[2] = one_edge[3] = one_edge[0];
+    const auto fewest = [&](const Places& places, Four is_place) {
+      return fewest_of(flaws_of<Of::kFree>(places, best_.cavity),
+                       is_place & allowed_by(best_.cavity, places, min_distance2));
+    };
+    const Fewest of_two = fewest(two_edges, is_in_two), of_one = fewest(one_edge, is_in_one);
+    const bool is_third = of_one.flaws < of_two.flaws;
+    if (std::min(of_one.flaws, of_two.flaws) >= best_.flaws ||
+        !is_allowed(t, is_third ? one_edge[of_one.place] : two_edges[of_two.place], min_distance2,
+                    trial_) ||
+        trial_.growth >= best_.growth)
       return false;
     std::swap(best_, trial_);
     return true;
@@ -714,8 +862,8 @@ class Refiner {
       const auto [a, b] = mesh_.ends(ticket.edge);
       const double n = parts(a, b);
       if (!split_edge(ticket.edge, std::floor(n / 2) / n)) continue;
-      for (const std::uint32_t t : fresh_)
-        note(t);
+      for (std::size_t k = 0; k < best_.cavity.rim().size(); ++k)
+        note(best_.cavity.fresh_triangle(k));
     }
   }
 
@@ -783,7 +931,6 @@ class Refiner {
   std::vector<VertexOrigin>& origins_;
   std::vector<EncroachedTicket>&encroached_, &long_edges_;
   std::vector<FillNode>& nodes_;
-  std::vector<std::uint32_t>& fresh_;
   Candidate &best_, &trial_;
   SharedEdges& shared_;
   Candidate &best_beyond_, &trial_beyond_;
@@ -793,11 +940,11 @@ class Refiner {
   double farthest2_;
   const std::function<double(LatticePoint)>& area_mm2_at_;
   bool has_area_at_;
-  LatticeBox box_;  // around the outline
   double doubled_per_mm2_ = 0, least_doubled_area_ = 0;
   AngleCircle circle_;  // for the wanted angle
   std::array<Place, kAside_deg.size()> aside_{};
   ShapeLimits limits_{};
+  RimLimits rim_limits_;
   Refined out_;
 };
 

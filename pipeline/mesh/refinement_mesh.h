@@ -89,30 +89,39 @@ class InsertionCavity {
   };
 
   std::span<const Rim> rim() const { return {rim_.data(), edges_}; }
-  /// The same edges from `origin`, in pairs.
-  std::span<const RimPair> pairs() const { return {pairs_.data(), (edges_ + 1) / 2}; }
-  std::span<RimPair> pairs() { return {pairs_.data(), (edges_ + 1) / 2}; }
+  /// The same edges in fours.
+  std::span<const RimQuad> quads() const { return {quads_.data(), (edges_ + 3) / 4}; }
+  std::span<RimQuad> quads() { return {quads_.data(), (edges_ + 3) / 4}; }
+  /// The ends of the four edges, as vertices.
+  const Rim* rim_of_quad(std::size_t k) const { return rim_.data() + 4 * k; }
   std::uint32_t size() const { return triangles_; }
-  std::uint32_t triangle(std::uint32_t k) const { return triangle_of(entries_[k]); }
+  /// Once it is filled: the new triangle on edge k of the rim.
+  std::uint32_t fresh_triangle(std::size_t k) const { return triangle_of(entries_[k]); }
   int bad_triangles() const { return bad_; }
+  /// Does the rim lie within kRimReach of the origin?
+  bool is_in_reach() const { return is_in_reach_; }
 
-  LatticePoint origin;
+  LatticePoint origin;  ///< the new point
 
  private:
   friend class RefinementMesh;
 
-  std::size_t room() const { return rim_.size(); }
+  std::size_t room() const { return room_; }
+  // For so many triangles and edges, and a few more.
   [[gnu::noinline]] void make_room() {
-    const std::size_t room = 2 * rim_.size() + 64;
-    entries_.resize(room), sides_.resize(room), rim_.resize(room), pairs_.resize(room / 2);
+    room_ = 2 * room_ + 64;
+    entries_.resize(room_ + 3), sides_.resize(room_ + 3), rim_.resize(room_ + 3);
+    quads_.resize(room_ / 4 + 1);
   }
 
+  std::size_t room_ = 0;
   std::uint32_t triangles_ = 0, edges_ = 0;
   int bad_ = 0;
+  bool is_in_reach_ = false;
   std::vector<EdgeId> entries_;       // by triangle: the edge by which it was reached
   std::vector<std::uint64_t> sides_;  // of the rim: what is beyond, and the inside edge
   std::vector<Rim> rim_;
-  std::vector<RimPair> pairs_;
+  std::vector<RimQuad> quads_;
 };
 
 class RefinementMesh {
@@ -129,11 +138,23 @@ class RefinementMesh {
     for (std::uint32_t t = 0; t < triangles.size(); ++t) {
       set(t, from.mesh.triangles[t], from.beyond[t]);
       triangles[t].visit = triangles[t].generation = triangles[t].is_bad = 0;
-      for (std::uint32_t i = 0; i < 3; ++i) {
-        if (from.beyond[t][i] == kNoEdge) {
-          const auto [a, b] = ends(edge_id(t, i));
-          triangles[t].beyond[i] = kOutline | segment(a, b);
+    }
+    // Edges on the outline. (Where they are cannot be predicted: those of some triangles are listed
+    // first.)
+    constexpr std::uint32_t kBlock = 64;
+    std::array<EdgeId, 3 * kBlock + 1> outline;
+    for (std::uint32_t first = 0; first < triangles.size(); first += kBlock) {
+      const auto end = std::min(first + kBlock, static_cast<std::uint32_t>(triangles.size()));
+      std::size_t edges = 0;
+      for (std::uint32_t t = first; t < end; ++t) {
+        for (std::uint32_t i = 0; i < 3; ++i) {
+          outline[edges] = edge_id(t, i);
+          edges += from.beyond[t][i] == kNoEdge ? 1 : 0;
         }
+      }
+      for (std::size_t k = 0; k < edges; ++k) {
+        const auto [a, b] = ends(outline[k]);
+        triangles[triangle_of(outline[k])].beyond[index_of(outline[k])] = kOutline | segment(a, b);
       }
     }
     visits_ = 0;
@@ -173,10 +194,28 @@ class RefinementMesh {
   }
 
   /// `start`, and all triangles connected with it whose circumcircles contain p; and the edges
-  /// around them, without `except`. p lies in `start` or in its circumcircle. Whether a neighbour
-  /// belongs to it cannot be predicted, so nothing here branches on that.
-  [[gnu::noinline]] void find_cavity(std::uint32_t start, LatticePoint p, EdgeId except,
-                                     InsertionCavity& cavity) {
+  /// around them. p lies in `start` or in its circumcircle. Whether a neighbour belongs to it
+  /// cannot be predicted, so nothing here branches on that.
+  void find_cavity(std::uint32_t start, LatticePoint p, InsertionCavity& cavity) {
+    find<false>(start, kNoEdge, p, cavity);
+  }
+  /// The same for a point that splits an edge of the outline, which is left out.
+  void find_split_cavity(EdgeId split, LatticePoint p, InsertionCavity& cavity) {
+    find<true>(triangle_of(split), split, p, cavity);
+  }
+
+  /// Replaces the cavity by the star of a new vertex p that lies to the left of all edges of the
+  /// rim. The rim is a closed loop, or, where p splits an edge on the outline, open at that edge
+  /// (`split`, else kNoEdge). Edge k of the rim becomes edge 0 of cavity.fresh_triangle(k). False,
+  /// and nothing done, if the rim is not one loop.
+  bool fill_cavity(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
+    return split == kNoEdge ? fill<false>(cavity, p, split) : fill<true>(cavity, p, split);
+  }
+
+ private:
+  template <bool kIsSplit>
+  [[gnu::noinline]] void find(std::uint32_t start, EdgeId split, LatticePoint p,
+                              InsertionCavity& cavity) {
     // What is found is written before it is known whether it counts, so there is always room for
     // the edges of one triangle more.
     constexpr std::size_t kMargin = 3;
@@ -204,9 +243,10 @@ class RefinementMesh {
     all[start].visit = visit;
     entries[0] = edge_id(start, 0);
     int bad = all[start].is_bad;
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      if (edge_id(start, i) != except) look_beyond(start, i);
-    }
+    const std::uint32_t first = kIsSplit ? index_of(split) : 0;
+    if (!kIsSplit) look_beyond(start, 0);
+    look_beyond(start, (first - 1) >> 31);
+    look_beyond(start, 2 - (first >> 1));
     for (std::size_t k = 1; k < reached; ++k) {
       if (std::max(reached, edges) + kMargin > cavity.room()) [[unlikely]] {
         cavity.make_room();
@@ -223,68 +263,60 @@ class RefinementMesh {
     cavity.bad_ = bad;
     cavity.origin = p;
     if (edges == 0) return;
-    if (except == kNoEdge) {
-      list_rim<false>(except, cavity);
-    } else {
-      list_rim<true>(except, cavity);
-    }
+    list_rim<kIsSplit>(split, cavity);
   }
 
-  /// Replaces the cavity by the star of a new vertex p that lies to the left of all edges of the
-  /// rim. The rim is a closed loop, or, where p splits an edge on the outline, open at that edge
-  /// (`split`, else kNoEdge). Edge k of the rim becomes edge 0 of triangle fresh[k]. False, and
-  /// nothing done, if the rim is not one loop.
-  bool fill_cavity(const InsertionCavity& cavity, LatticePoint p, EdgeId split,
-                   std::vector<std::uint32_t>& fresh) {
-    const std::span<const InsertionCavity::Rim> rim = cavity.rim();
+  template <bool kIsSplit>
+  [[gnu::noinline]] bool fill(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
     // A loop around n triangles has n + 2 edges, an open one n + 1.
-    if (rim.size() != cavity.size() + (split == kNoEdge ? 2 : 1)) return false;
-    constexpr std::uint32_t kEnd = 0xffffffff;
-    std::uint32_t open = 0;
-    if (split != kNoEdge) {
-      open = beyond(split);
-      star_[ends(split).first] = kEnd;
-    }
+    constexpr std::uint32_t kMore = kIsSplit ? 1 : 2;
+    const std::uint32_t kept = cavity.size(), n = kept + kMore;
+    if (cavity.rim().size() != n) return false;
+    const InsertionCavity::Rim* const rim = cavity.rim().data();
+    std::uint32_t open = 0, first = 0, last = 0;
+    if (kIsSplit) open = beyond(split), std::tie(last, first) = ends(split);
     const auto v = static_cast<std::uint32_t>(points.size());
     points.push_back(p);
     star_.push_back(0);
-    const std::size_t n = rim.size(), kept = cavity.size();
-    fresh.resize(n);
-    const auto made = static_cast<std::uint32_t>(triangles.size());
-    if (n > kept) triangles.resize(made + (n - kept));
-    for (std::uint32_t k = 0; k < std::min(n, kept); ++k)
-      fresh[k] = cavity.triangle(k);
-    for (std::size_t k = kept; k < n; ++k)
-      fresh[k] = made + static_cast<std::uint32_t>(k - kept);
-    const std::uint32_t* const numbers = fresh.data();
+    for (std::uint32_t k = 0; k < kMore; ++k) {
+      cavity.entries_[kept + k] = edge_id(static_cast<std::uint32_t>(triangles.size()), 0);
+      triangles.emplace_back();
+    }
     const LatticePoint* const at = points.data();
     WorkingTriangle* const all = triangles.data();
     std::uint32_t* const star = star_.data();
-    // No edge of the rim on the outline has a neighbour to be told: a place of no meaning is told.
-    std::uint32_t nowhere = 0;
-    for (std::size_t k = 0; k < n; ++k) {
+    for (std::uint32_t k = 0; k < n; ++k) {
       const InsertionCavity::Rim& r = rim[k];
-      const std::uint32_t t = numbers[k];
+      const std::uint32_t t = cavity.fresh_triangle(k);
       WorkingTriangle& tri = all[t];
       tri.circle = {at[r.a], at[r.b], p};
       tri.v = {r.a, r.b, v};
-      tri.beyond = {r.beyond, open, open};
       ++tri.generation;
+      tri.is_bad = 0;
       star[r.a] = t;
-      std::uint32_t* const told =
-          r.is_outline() ? &nowhere : &all[triangle_of(r.beyond)].beyond[index_of(r.beyond)];
-      *told = edge_id(t, 0);
+      // No edge of the rim on the outline has a neighbour to be told: its own triangle is, and
+      // forgets it.
+      const std::uint32_t is_outline = r.beyond >> 31,
+                          told = (r.beyond & (is_outline - 1)) | (edge_id(t, 0) & -is_outline);
+      all[triangle_of(told)].beyond[index_of(told)] = edge_id(t, 0);
+      tri.beyond = {r.beyond, open, open};
     }
-    for (std::size_t k = 0; k < n; ++k) {
-      const std::uint32_t next = star[rim[k].b];  // the one that starts where this one ends
-      if (next == kEnd) continue;
-      all[numbers[k]].beyond[1] = edge_id(next, 2);
-      all[next].beyond[2] = edge_id(numbers[k], 1);
+    // The triangle of each edge is joined to that of the edge that starts where this one ends;
+    // where the rim is open, as if it were closed, and parted again.
+    if (kIsSplit) star[last] = star[first];
+    for (std::uint32_t k = 0; k < n; ++k) {
+      const std::uint32_t t = cavity.fresh_triangle(k), next = star[rim[k].b];
+      all[t].beyond[1] = edge_id(next, 2);
+      all[next].beyond[2] = edge_id(t, 1);
+    }
+    if (kIsSplit) {
+      std::uint32_t& closed = all[star[first]].beyond[2];
+      all[triangle_of(closed)].beyond[1] = open;
+      closed = open;
     }
     return true;
   }
 
- private:
   // From the sides that were found. `split`: the edge of the outline that is to be split, or
   // kNoEdge.
   template <bool kIsSplit>
@@ -297,10 +329,12 @@ class RefinementMesh {
     const LatticePoint o = cavity.origin;
     std::uint64_t* const sides = cavity.sides_.data();
     InsertionCavity::Rim* rim = cavity.rim_.data();
-    RimPair* pair = cavity.pairs_.data();
-    sides[n] = sides[n - 1];
-    for (std::uint32_t k = 0; k < n; k += 2, rim += 2, ++pair) {
-      for (std::uint32_t i = 0; i < 2; ++i) {
+    RimQuad* quad = cavity.quads_.data();
+    for (std::uint32_t k = 0; k < 3; ++k)
+      sides[n + k] = sides[n - 1];
+    Four is_beyond{};
+    for (std::uint32_t k = 0; k < n; k += 4, rim += 4, ++quad) {
+      for (std::uint32_t i = 0; i < 4; ++i) {
         const std::uint64_t side = sides[k + i];
         const std::uint32_t corner = index_of(static_cast<EdgeId>(side));
         const WorkingTriangle& tri = all[triangle_of(static_cast<EdgeId>(side))];
@@ -309,24 +343,28 @@ class RefinementMesh {
         rim[i].beyond = static_cast<std::uint32_t>(side >> 32);
         rim[i].inside = static_cast<EdgeId>(side);
       }
-      set_pair(at[rim[0].a], at[rim[1].a], o, pair->ax, pair->ay);
-      set_pair(at[rim[0].b], at[rim[1].b], o, pair->bx, pair->by);
-      pair->is_edge = PairMask{-1, -1};
-      pair->is_outline = PairMask{static_cast<std::int64_t>(sides[k]),
-                                  static_cast<std::int64_t>(sides[k + 1])} < 0;
+      quad->a = narrowed(from_origin(at[rim[0].a], at[rim[1].a], o),
+                         from_origin(at[rim[2].a], at[rim[3].a], o));
+      quad->b = narrowed(from_origin(at[rim[0].b], at[rim[1].b], o),
+                         from_origin(at[rim[2].b], at[rim[3].b], o));
+      is_beyond |= is_beyond_rim_reach(quad->a) | is_beyond_rim_reach(quad->b);
+      const auto left = static_cast<std::int32_t>(n - k);
+      quad->is_edge = Four{0, 1, 2, 3} < four_of(left);
+      quad->is_outline =
+          Four{static_cast<std::int32_t>(rim[0].beyond), static_cast<std::int32_t>(rim[1].beyond),
+               static_cast<std::int32_t>(rim[2].beyond),
+               static_cast<std::int32_t>(rim[3].beyond)} < 0;
       if (kIsSplit) {
-        pair->is_before =
-            PairMask{-std::int64_t{rim[0].b == from}, -std::int64_t{rim[1].b == from}};
-        pair->is_after = PairMask{-std::int64_t{rim[0].a == to}, -std::int64_t{rim[1].a == to}};
+        const auto equal = [](std::uint32_t p, std::uint32_t q, std::uint32_t r, std::uint32_t s,
+                              std::uint32_t v) {
+          using Unsigned = std::uint32_t __attribute__((vector_size(16)));
+          return Unsigned{p, q, r, s} == Unsigned{v, v, v, v};
+        };
+        quad->is_before = equal(rim[0].b, rim[1].b, rim[2].b, rim[3].b, from) & quad->is_edge;
+        quad->is_after = equal(rim[0].a, rim[1].a, rim[2].a, rim[3].a, to) & quad->is_edge;
       }
     }
-    if ((n & 1) != 0) {
-      --pair;
-      const PairMask first{-1, 0};
-      pair->is_edge = first;
-      pair->is_outline &= first;
-      if (kIsSplit) pair->is_before &= first, pair->is_after &= first;
-    }
+    cavity.is_in_reach_ = !is_any(is_beyond);
   }
 
   [[gnu::noinline]] bool far_circle_contains(const WorkingTriangle& t, LatticePoint p) const {

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -135,8 +137,19 @@ TEST(SplitPlaces, LeaveTwoPositiveTrianglesAndNeverMoveTheEdgeOutwards) {
   int near = 0, beside = 0;
   for (int k = 0; k < 20'000; ++k) {
     const auto [a, b, c] = points.triangle();
-    if (const auto m = split_near(a, b, c, 0.42)) {
-      ASSERT_TRUE(may_split(a, b, c, *m));
+    const auto nearby = split_near(a, b, c, 0.42);
+    const double x = a.x + 0.42 * (static_cast<double>(b.x) - a.x),
+                 y = a.y + 0.42 * (static_cast<double>(b.y) - a.y);
+    double nearest = std::numeric_limits<double>::max();
+    for (const double u : {std::floor(x), std::floor(x) + 1}) {
+      for (const double v : {std::floor(y), std::floor(y) + 1}) {
+        const LatticePoint q{static_cast<std::int32_t>(u), static_cast<std::int32_t>(v)};
+        if (may_split(a, b, c, q)) nearest = std::min(nearest, std::hypot(u - x, v - y));
+      }
+    }
+    ASSERT_EQ(nearby.has_value(), nearest < 2);
+    if (nearby) {
+      ASSERT_NEAR(std::hypot(nearby->x - x, nearby->y - y), nearest, 1e-6);
       ++near;
     }
     if (const auto m = split_beside_edge(a, b, c, {0.5, false, false})) {
