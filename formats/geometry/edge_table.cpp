@@ -1,32 +1,58 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/geometry/edge_table.h"
 
-#include <algorithm>
-#include <tuple>
+#include <memory>
 
 namespace trocar {
+namespace {
+
+struct Ends {
+  std::uint32_t low, high;
+};
+Ends ends(const Triangle& t, std::size_t i) {
+  // (Which one is lower cannot be predicted.)
+  const std::uint32_t a = t[i], b = t[i == 2 ? 0 : i + 1], difference = a ^ b,
+                      mask = -static_cast<std::uint32_t>(a < b);
+  return {b ^ (difference & mask), a ^ (difference & mask)};
+}
+
+}  // namespace
 
 EdgeTable edge_table(const SliceMesh& mesh) {
+  // By counting, first by the higher vertex and then by the lower one: no comparisons, which could
+  // not be predicted.
   EdgeTable out;
+  std::vector<std::uint32_t> next(mesh.vertices.size() + 1, 0);
   out.first.assign(mesh.vertices.size() + 1, 0);
-  const auto for_each = [&mesh](const auto& f) {
-    std::uint32_t edge = 0;
-    for (const Triangle& t : mesh.triangles) {
-      for (std::size_t i = 0; i < 3; ++i, ++edge)
-        f(std::min(t[i], t[(i + 1) % 3]), EdgeTable::Entry{std::max(t[i], t[(i + 1) % 3]), edge});
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const auto [low, high] = ends(t, i);
+      ++out.first[low + 1];
+      ++next[high + 1];
     }
-  };
-  for_each([&out](std::uint32_t low, EdgeTable::Entry) { ++out.first[low + 1]; });
-  for (std::size_t v = 1; v < out.first.size(); ++v)
+  }
+  for (std::size_t v = 1; v < next.size(); ++v) {
     out.first[v] += out.first[v - 1];
-  out.entries.resize(mesh.triangles.size() * 3);
-  std::vector<std::uint32_t> next(out.first.begin(), out.first.end() - 1);
-  for_each([&](std::uint32_t low, EdgeTable::Entry e) { out.entries[next[low]++] = e; });
-  for (std::size_t v = 0; v + 1 < out.first.size(); ++v) {
-    std::sort(out.entries.begin() + out.first[v], out.entries.begin() + out.first[v + 1],
-              [](const EdgeTable::Entry& a, const EdgeTable::Entry& b) {
-                return std::tie(a.high, a.edge) < std::tie(b.high, b.edge);
-              });
+    next[v] += next[v - 1];
+  }
+  struct Edge {
+    std::uint32_t low, edge;
+  };
+  const std::size_t edges = mesh.triangles.size() * 3;
+  const auto by_high = std::make_unique_for_overwrite<Edge[]>(edges);
+  std::uint32_t edge = 0;
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i, ++edge) {
+      const auto [low, high] = ends(t, i);
+      by_high[next[high]++] = {low, edge};
+    }
+  }
+  out.entries.resize(edges);
+  std::vector<std::uint32_t> next_of_low(out.first.begin(), out.first.end());
+  std::uint32_t k = 0;
+  for (std::uint32_t high = 0; high < mesh.vertices.size(); ++high) {
+    for (; k < next[high]; ++k)
+      out.entries[next_of_low[by_high[k].low]++] = {high, by_high[k].edge};
   }
   return out;
 }

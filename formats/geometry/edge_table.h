@@ -37,7 +37,7 @@ struct EdgeTable {
 };
 
 /// Every index of `mesh` is in range, and every triangle has three different vertices.
-/// O(n log n).
+/// O(n).
 EdgeTable edge_table(const SliceMesh& mesh);
 
 }  // namespace trocar

@@ -10,7 +10,7 @@
 //  3. Both are exact for all coordinates with |x|,|y| <= kMaxCoordinate.
 #pragma once
 
-#include <cmath>
+#include <bit>
 #include <compare>
 #include <cstdint>
 
@@ -38,15 +38,23 @@ inline bool is_on_lattice(LatticePoint p) {
 /// The step is 2^-bits mm.
 struct Lattice {
   int bits = 8;
-  double step_mm() const { return std::ldexp(1.0, -bits); }
+  double step_mm() const { return power_of_two(-bits); }
   double step_m() const { return step_mm() * 1e-3; }
   /// Nearest lattice coordinate (ties to even) of a coordinate in mm; the
   /// caller has checked that it is finite and |mm| / step <= kMaxCoordinate.
   std::int32_t snap_mm(double mm) const {
-    return static_cast<std::int32_t>(std::lrint(std::ldexp(mm, bits)));
+    // Beyond 2^52 a double has no fractions, so the sum is rounded to a whole number.
+    constexpr double kWhole = 0x1.8p52;
+    return static_cast<std::int32_t>((mm * power_of_two(bits) + kWhole) - kWhole);
   }
-  double to_mm(std::int64_t c) const { return std::ldexp(static_cast<double>(c), -bits); }
+  double to_mm(std::int64_t c) const { return static_cast<double>(c) * power_of_two(-bits); }
   friend bool operator==(const Lattice&, const Lattice&) = default;
+
+ private:
+  // std::ldexp(1, exponent) without a call: products with it are exact. Of exponents from -1022 on.
+  static double power_of_two(int exponent) {
+    return std::bit_cast<double>(static_cast<std::uint64_t>(1023 + exponent) << 52);
+  }
 };
 inline constexpr int kMinLatticeBits = 0;
 inline constexpr int kMaxLatticeBits = 14;

@@ -2,10 +2,14 @@
 #include "formats/geometry/outline_sweep.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <numeric>
 #include <set>
 #include <tuple>
 #include <utility>
+
+#include "formats/geometry/lattice_box.h"
 
 namespace trocar {
 namespace {
@@ -23,6 +27,7 @@ namespace {
 // set, and the order stays.
 struct Met {
   mutable LatticePoint left, right;
+  mutable const Met *below = nullptr, *above = nullptr;  // its neighbours
   mutable std::uint32_t edge;
   mutable std::int32_t winding_below;
   mutable bool is_forwards;  // it runs from left to right: the material is above it
@@ -47,8 +52,22 @@ class Below {
     if (e.left == f.left) return side(e, f.right) > 0;
     return e.left < f.left ? side(e, f.left) > 0 : side(f, e.left) < 0;
   }
+  // Are the two in this order at the right end of the one that ends first? They do not end in one
+  // point. (Which one it is cannot be predicted.)
+  bool is_in_order_at_end(const Met& lower, const Met& upper) const {
+    const bool lower_ends = place_of(lower.right) < place_of(upper.right);
+    const std::array<const Met*, 2> both{&lower, &upper};
+    const std::int64_t turn = side(*both[lower_ends ? 1 : 0], both[lower_ends ? 0 : 1]->right);
+    return (lower_ends ? -turn : turn) > 0;
+  }
 
  private:
+  // In the order of the points.
+  static std::int64_t place_of(LatticePoint p) {
+    return static_cast<std::int64_t>(static_cast<std::uint64_t>(static_cast<std::uint32_t>(p.x))
+                                         << 32 |
+                                     (static_cast<std::uint32_t>(p.y) ^ 0x80000000U));
+  }
   std::uint64_t* tests_;
 };
 
@@ -97,8 +116,8 @@ class Sweeper {
     const bool is_forwards = from < p;
     const Line::iterator at = place_[is_forwards ? in : vertex];
     replace(at, p, is_forwards ? to : from, is_forwards ? vertex : in);
-    if (at != line_.begin()) look_at(*std::prev(at), *at);
-    if (const auto above = std::next(at); above != line_.end()) look_at(*at, *above);
+    if (at->below != nullptr) look_at(*at->below, *at);
+    if (at->above != nullptr) look_at(*at, *at->above);
     return true;
   }
 
@@ -113,7 +132,7 @@ class Sweeper {
         if (other < p) {
           ends_.push_back(edge);
         } else {
-          begin_.push_back({p, other, edge, 0, edge == v});
+          begin_.push_back({p, other, nullptr, nullptr, edge, 0, edge == v});
         }
       }
     }
@@ -125,8 +144,10 @@ class Sweeper {
         return found(*above, begin_.front());
     } else {
       // What ends in one point is side by side.
-      for (const std::uint32_t edge : ends_)
+      for (const std::uint32_t edge : ends_) {
+        join(place_[edge]->below, place_[edge]->above);
         above = line_.erase(place_[edge]);
+      }
     }
     std::sort(begin_.begin(), begin_.end(),
               [this](const Met& e, const Met& f) { return line_.key_comp().side(e, f.right) > 0; });
@@ -150,9 +171,17 @@ class Sweeper {
       met.winding_below = winding;
       winding = met.winding_above();
       const Line::iterator at = line_.insert(above, met);
+      join(below, &*at);
+      join(&*at, above == line_.end() ? nullptr : &*above);
+      below = &*at;
       place_[met.edge] = at;
       note(*at);
     }
+  }
+
+  static void join(const Met* lower, const Met* upper) {
+    if (lower != nullptr) lower->above = upper;
+    if (upper != nullptr) upper->below = lower;
   }
 
   void replace(Line::iterator at, LatticePoint left, LatticePoint right, std::uint32_t edge) {
@@ -173,9 +202,7 @@ class Sweeper {
   // end.
   void look_at(const Met& lower, const Met& upper) {
     if (lower.right == upper.right) return;
-    const bool stays = lower.right < upper.right ? line_.key_comp().side(upper, lower.right) < 0
-                                                 : line_.key_comp().side(lower, upper.right) > 0;
-    if (!stays) found(lower, upper);
+    if (!line_.key_comp().is_in_order_at_end(lower, upper)) found(lower, upper);
   }
 
   void found(const Met& one, const Met& other) {
@@ -193,6 +220,9 @@ class Sweeper {
   std::vector<Met> begin_;             // of pass()
   std::vector<std::uint32_t> ends_;
 };
+
+// Counts of digits of so many bits stay in the nearest cache.
+constexpr int kMostDigitBits = 11;
 
 }  // namespace
 
@@ -213,20 +243,40 @@ void EdgeLoops::add(std::span<const LatticePoint> ring) {
 }
 
 std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points) {
+  // By counting, from the lowest digits on: no comparisons, which could not be predicted. Digits in
+  // which all points agree are left out.
   struct Key {
     std::uint64_t point;
     std::uint32_t number;
   };
-  std::vector<Key> keys;
-  keys.reserve(points.size());
-  const auto unsigned_of = [](std::int32_t c) {
-    return static_cast<std::uint32_t>(c) ^ 0x80000000U;  // in the same order
+  if (points.empty()) return {};
+  const LatticeBox box = box_around(points);
+  const auto above = [](std::int32_t c, std::int32_t low) {
+    return static_cast<std::uint32_t>(c) - static_cast<std::uint32_t>(low);
   };
+  const auto width = [](auto n) { return static_cast<int>(std::bit_width(n)); };
+  const int y_bits = width(above(box.high.y, box.low.y)),
+            bits = y_bits + width(above(box.high.x, box.low.x));
+  std::vector<Key> keys(points.size()), sorted(points.size());
   for (std::uint32_t i = 0; i < points.size(); ++i)
-    keys.push_back({std::uint64_t{unsigned_of(points[i].x)} << 32U | unsigned_of(points[i].y), i});
-  std::sort(keys.begin(), keys.end(), [](const Key& a, const Key& b) {
-    return a.point != b.point ? a.point < b.point : a.number < b.number;
-  });
+    keys[i] = {
+        std::uint64_t{above(points[i].x, box.low.x)} << y_bits | above(points[i].y, box.low.y), i};
+  // About as many digits as points, as they are counted too.
+  const int most_bits = std::clamp(width(points.size()), 6, kMostDigitBits),
+            passes = std::max(1, (bits + most_bits - 1) / most_bits),
+            digit_bits = (bits + passes - 1) / passes;
+  const std::uint64_t digits = (std::uint64_t{1} << digit_bits) - 1;
+  std::vector<std::uint32_t> next;
+  for (int shift = 0; shift < bits; shift += digit_bits) {
+    next.assign(digits + 2, 0);
+    for (const Key& k : keys)
+      ++next[(k.point >> shift & digits) + 1];
+    for (std::size_t d = 1; d < next.size(); ++d)
+      next[d] += next[d - 1];
+    for (const Key& k : keys)
+      sorted[next[k.point >> shift & digits]++] = k;
+    keys.swap(sorted);
+  }
   std::vector<std::uint32_t> out(keys.size());
   std::transform(keys.begin(), keys.end(), out.begin(), [](const Key& k) { return k.number; });
   return out;

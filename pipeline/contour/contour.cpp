@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -88,12 +89,18 @@ class MarchingSquares {
           x += 7;  // seven cells between eight equal columns
           continue;
         }
-        for (const int end = std::min(x + 7, columns_ - 1); x < end; ++x) {
-          const auto i = static_cast<std::size_t>(x);
-          const unsigned in = unsigned{below[i]} | unsigned{below[i + 1]} << 1 |
-                              unsigned{above[i + 1]} << 2 | unsigned{above[i]} << 3;
-          if (in != 0 && in != 15) cell(x, y, in);
+        // By byte: do the cell's corners differ? The last column has no cell.
+        const int cells = std::min(7, columns_ - 1 - x);
+        for (std::uint64_t mixed = ((lower ^ upper) | (lower ^ lower >> 8) | (upper ^ upper >> 8)) &
+                                   ((std::uint64_t{1} << (8 * cells)) - 1);
+             mixed != 0; mixed &= mixed - 1) {
+          const int byte = std::countr_zero(mixed) & ~7;
+          const auto in =
+              static_cast<unsigned>((lower >> byte & 1) | (lower >> (byte + 8) & 1) << 1 |
+                                    (upper >> (byte + 8) & 1) << 2 | (upper >> byte & 1) << 3);
+          cell(x + byte / 8, y, in);
         }
+        x += cells;
       }
       std::swap(below, above);
     }
@@ -113,25 +120,22 @@ class MarchingSquares {
   // Corners a b c d counter-clockwise from (x, y). In this order a segment starts on the edge that
   // leaves the material and ends on the one that enters it: material is on its left.
   void cell(int x, int y, unsigned in) {
-    const std::array<float, 4> f = {value(x, y), value(x + 1, y), value(x + 1, y + 1),
-                                    value(x, y + 1)};
     const std::array<std::uint32_t, 4> edge = {horizontal(x, y), vertical(x + 1, y),
                                                horizontal(x, y + 1), vertical(x, y)};
-    const auto inside = [in](unsigned k) { return (in >> (k & 3)) & 1; };
-    const bool saddle = in == 5 || in == 10;
-    for (unsigned k = 0; k < 4; ++k) {
-      if (!inside(k) || inside(k + 1)) continue;
-      if (saddle) {
-        // Material joined through the middle: the segment cuts off the outside corner k+1;
-        // separate: the inside corner k.
-        segments_.push_back({edge[k], edge[(joined(f) ? k + 1 : k + 3) & 3]});
-      } else {
-        unsigned j = k + 1;
-        while (inside(j) || !inside(j + 1))
-          ++j;
-        segments_.push_back({edge[k], edge[j & 3]});
-      }
+    if (in != 5 && in != 10) {
+      // By the corners that are inside: from the edge after the last of them, to the edge before
+      // the first.
+      constexpr std::array<std::uint8_t, 16> kFrom{0, 0, 1, 1, 2, 0, 2, 2, 3, 0, 0, 1, 3, 0, 3, 0},
+          kTo{0, 3, 0, 3, 1, 0, 0, 3, 2, 2, 0, 2, 1, 1, 0, 0};
+      segments_.push_back({edge[kFrom[in]], edge[kTo[in]]});
+      return;
     }
+    // A saddle. Material joined through the middle: a segment cuts off the outside corner k+1;
+    // separate: the inside corner k.
+    const bool is_joined =
+        joined({value(x, y), value(x + 1, y), value(x + 1, y + 1), value(x, y + 1)});
+    for (unsigned k = in == 5 ? 0 : 1; k < 4; k += 2)
+      segments_.push_back({edge[k], edge[(is_joined ? k + 1 : k + 3) & 3]});
   }
 
   // Is the bilinear interpolant's saddle value inside?
@@ -155,9 +159,16 @@ class MarchingSquares {
     const int at = out.along_v ? y : x, end = (out.along_v ? rows_ : columns_) - 2;
     line.first = std::max(0, 4 - at);
     line.last = std::min(7, 3 + end - at);
-    for (int i = line.first; i <= line.last; ++i) {
+    const auto put = [&](int i) {
       line.value[static_cast<std::size_t>(i)] =
           double{image_.at(x - 1 + dx * (i - 3), y - 1 + dy * (i - 3))} - iso_;
+    };
+    if (line.first == 0 && line.last == 7) [[likely]] {
+      for (int i = 0; i < 8; ++i)
+        put(i);
+    } else {
+      for (int i = line.first; i <= line.last; ++i)
+        put(i);
     }
     out.t = crossing(line);
     return out;

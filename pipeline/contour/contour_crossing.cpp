@@ -2,6 +2,7 @@
 #include "pipeline/contour/contour_crossing.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <vector>
@@ -15,9 +16,10 @@ std::optional<double> jump_between_flats(const GridLine& line) {
   int from = 2, to = 5;
   while (from > line.first && f[from] != f[from - 1])
     --from;
+  if (from <= line.first) return std::nullopt;
   while (to < line.last && f[to] != f[to + 1])
     ++to;
-  if (from <= line.first || to >= line.last) return std::nullopt;
+  if (to >= line.last) return std::nullopt;
   const double low = f[from], high = f[to], rise = high - low;
   // If the iso-value is not near the middle, its crossing depends on how blurred the edge is.
   if (!(std::abs(low + high) < 0.2 * std::abs(rise))) return std::nullopt;
@@ -45,15 +47,17 @@ double crossing(const GridLine& line) {
   const double m3 = line.first <= 2 ? slope(f[3] - f[2], rise) : rise;
   const double m4 = line.last >= 5 ? slope(rise, f[5] - f[4]) : rise;
   const double c2 = 3 * rise - 2 * m3 - m4, c3 = m3 + m4 - 2 * rise;
-  // Newton's method inside a bracket that shrinks with every value.
-  double low = 0, high = 1, t = f[3] / (f[3] - f[4]);
+  // Newton's method inside a bracket that shrinks with every value. (At which end it does cannot be
+  // predicted.)
+  std::array<double, 2> bracket{0, 1};
+  double t = f[3] / (f[3] - f[4]);
   for (int i = 0; i < 32; ++i) {
     const double value = f[3] + t * (m3 + t * (c2 + t * c3));
-    ((value >= 0) == (f[3] >= 0) ? low : high) = t;
+    bracket[(value >= 0) == (f[3] >= 0) ? 0 : 1] = t;
     const double step = value / (m3 + t * (2 * c2 + t * 3 * c3));
     const double next = t - step;
     if (std::abs(step) < 1e-6) break;
-    t = next > low && next < high ? next : 0.5 * (low + high);
+    t = next > bracket[0] && next < bracket[1] ? next : 0.5 * (bracket[0] + bracket[1]);
   }
   return t;
 }
@@ -70,10 +74,26 @@ void restore_chord_areas(std::span<Crossing> ring) {
     double squared() const { return u * u + v * v; }
     double length() const { return std::sqrt(squared()); }
   };
-  const auto step = [&ring](const std::size_t from, const std::size_t to) {
-    const Crossing &a = ring[from], &b = ring[to];
-    return Offset{b.x - a.x + ((b.along_v ? 0 : b.t) - (a.along_v ? 0 : a.t)),
-                  b.y - a.y + ((b.along_v ? b.t : 0) - (a.along_v ? a.t : 0))};
+  // By crossing, the neighbours within the reach before the first and after the last one too.
+  const auto wrap = [n, reach](auto* values) {
+    std::copy(values + n, values + n + reach, values);
+    std::copy(values + reach, values + 2 * reach, values + n + reach);
+  };
+  // The pixel before it on the grid, and how far it lies beyond that.
+  struct Place {
+    double x, y, u, v;
+  };
+  thread_local std::vector<Place> all_places;
+  all_places.resize(n + 2 * reach);
+  Place* const places = all_places.data() + reach;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double v = ring[i].along_v ? 1 : 0;
+    places[i] = {static_cast<double>(ring[i].x), static_cast<double>(ring[i].y),
+                 (1 - v) * ring[i].t, v * ring[i].t};
+  }
+  wrap(all_places.data());
+  const auto step = [](const Place& a, const Place& b) {
+    return Offset{b.x - a.x + (b.u - a.u), b.y - a.y + (b.v - a.v)};
   };
   // For each crossing: half of the area that its two chords cut off, from the curvature of the
   // circle through it and its third neighbours on either side (nearer ones would make the curvature
@@ -82,30 +102,31 @@ void restore_chord_areas(std::span<Crossing> ring) {
   struct Share {
     double missing = 0, gain = 0;
   };
-  thread_local std::vector<Share> shares;
-  shares.assign(n, {});
-  const auto wrapped = [n](std::size_t i) { return i < n ? i : i - n; };
+  thread_local std::vector<Share> all_shares;
+  all_shares.assign(n + 2 * reach, {});
+  Share* const shares = all_shares.data() + reach;
   for (std::size_t i = 0; i < n; ++i) {
     if (ring[i].fixed) continue;
-    const Offset in = step(wrapped(i + n - reach), i), out = step(i, wrapped(i + reach));
+    const Place* const at = places + i;
+    const Offset in = step(*(at - reach), *at), out = step(*at, *(at + reach));
     const double sides =
         std::sqrt(in.squared() * out.squared() * Offset{in.u + out.u, in.v + out.v}.squared());
     if (!(sides > 1e-9)) continue;
     const double curvature =
         std::clamp(2 * (in.u * out.v - in.v * out.u) / sides, -kMaxCurvature, kMaxCurvature);
-    const Offset before = step(wrapped(i + n - 1), i), after = step(i, wrapped(i + 1));
+    const Offset before = step(*(at - 1), *at), after = step(*at, *(at + 1));
     const double c1 = before.length(), c2 = after.length();
     shares[i].missing = curvature * (c1 * c1 * c1 + c2 * c2 * c2) / 24;
     shares[i].gain = ring[i].along_v ? -0.5 * (before.u + after.u) : 0.5 * (before.v + after.v);
   }
+  wrap(all_shares.data());
   // The area missing within the reach is spread over its crossings, in proportion to what moving
   // each of them gains: a crossing whose grid line runs along the outline hardly moves.
   for (std::size_t i = 0; i < n; ++i) {
     double missing = 0, squares = 0;
-    for (std::size_t k = i + n - reach; k <= i + n + reach; ++k) {
-      const Share& share = shares[k % n];
-      missing += share.missing;
-      squares += share.gain * share.gain;
+    for (const Share* share = shares + i - reach; share <= shares + i + reach; ++share) {
+      missing += share->missing;
+      squares += share->gain * share->gain;
     }
     if (squares > 1e-9)
       ring[i].t += std::clamp(shares[i].gain * missing / squares, -kMaxShift, kMaxShift);

@@ -15,6 +15,9 @@ namespace {
 // Of squared distances: a piece that may exceed the largest found by less than this share is left.
 constexpr double kShare = 2e-10;
 constexpr int kMostHalvings = 40;
+// So many edges after the last one are looked at before a search: a contour has some six edges for
+// one of its simplified ring.
+constexpr int kMostSteps = 16;
 
 // A ring, or a line, to which distances are measured.
 class Target : public EdgeTree {
@@ -58,6 +61,7 @@ struct End {
 // nor the path between theirs, the piece is halved.
 void raise_by_piece(const Target& to, End a, End b, int halvings, double& worst2) {
   const auto bound2 = [&] {
+    if (a.near.edge == b.near.edge) return std::max(a.near.d2, b.near.d2);
     return std::min(std::max(a.near.d2, to.to_edge(b.p, a.near.edge)),
                     std::max(b.near.d2, to.to_edge(a.p, b.near.edge)));
   };
@@ -90,7 +94,7 @@ void raise_by_ring(const Ring& from, const Ring& ring, bool is_open, double& wor
   const auto end_at = [&](LatticePoint at, std::size_t& edge) {
     const Point p = point(at);
     Target::Nearest near{to.to_edge(p, edge), edge};
-    for (int k = 0; k < 3 && near.d2 > worst2; ++k) {
+    for (int k = 0; k < kMostSteps && near.d2 > worst2; ++k) {
       edge = edge + 1 < to.size() ? edge + 1 : 0;
       const double d2 = to.to_edge(p, edge);
       if (d2 < near.d2) near = {d2, edge};

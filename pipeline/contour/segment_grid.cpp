@@ -22,8 +22,14 @@ void SegmentGrid::for_each_cell(const LatticeSegment& segment, const Visit& visi
   Point a = relative(segment.a), b = relative(segment.b);
   if (a.y > b.y) std::swap(a, b);
   const double margin = reach_ + 1;
-  const std::int64_t last = cell(b.y + margin, rows);
-  for (std::int64_t row = cell(a.y - margin, rows); row <= last; ++row) {
+  const std::int64_t first = cell(a.y - margin, rows), last = cell(b.y + margin, rows);
+  if (first == last) {
+    const std::int64_t end = cell(std::max(a.x, b.x) + margin, columns);
+    for (std::int64_t x = cell(std::min(a.x, b.x) - margin, columns); x <= end; ++x)
+      visit(static_cast<std::size_t>(first * columns + x));
+    return;
+  }
+  for (std::int64_t row = first; row <= last; ++row) {
     const auto x_at = [&](double y) {
       return a.x + (b.x - a.x) * std::clamp((y - a.y) / (b.y - a.y), 0.0, 1.0);
     };

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
 
@@ -38,10 +40,12 @@ std::optional<double> mean_of_material(const Field& field, const Image& of) {
   const float iso = field.iso;
   std::size_t i = 0;
   for (; i + kLanes <= values.size(); i += kLanes) {
+    // (By masks, or the compiler makes branches.)
     for (std::size_t k = 0; k < kLanes; ++k) {
-      const bool is_material = levels[i + k] >= iso;
-      sum[k] += is_material ? static_cast<double>(values[i + k]) : 0.0;
-      count[k] += is_material ? 1 : 0;
+      const std::uint32_t mask = levels[i + k] >= iso ? ~std::uint32_t{0} : 0;
+      sum[k] += static_cast<double>(
+          std::bit_cast<float>(std::bit_cast<std::uint32_t>(values[i + k]) & mask));
+      count[k] += static_cast<std::int32_t>(mask & 1);
     }
   }
   for (; i < values.size(); ++i) {

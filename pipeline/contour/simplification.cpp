@@ -8,7 +8,9 @@
 #include <numeric>
 #include <optional>
 
+#include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/lattice_box.h"
+#include "formats/geometry/lattice_cells.h"
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/outline_sweep.h"
 #include "pipeline/contour/area_collapse.h"
@@ -31,8 +33,10 @@ struct Simplified {
   // The vertex of the open span (i, j), j may exceed the size, that is farthest from the chord.
   std::pair<std::uint32_t, double> farthest(std::uint32_t i, std::uint32_t j) const {
     std::pair<std::uint32_t, double> best{i, -1.0};
+    const Point a = point(at(i)), b = point(at(j));
+    const std::uint32_t n = size();
     for (std::uint32_t k = i + 1; k < j; ++k) {
-      const double d = segment_distance2(point(at(i)), point(at(j)), point(at(k)));
+      const double d = segment_distance2(a, b, point((*contour)[k < n ? k : k - n]));
       if (d > best.second) best = {k, d};
     }
     return best;
@@ -224,6 +228,80 @@ bool mark_jumps(const std::vector<Simplified>& rings, const Around& before,
   return true;
 }
 
+// Is p neither on the closed line from vertex i of the contour to vertex j and back along the
+// chord, nor between the two?
+bool is_beside_span(const Simplified& s, std::uint32_t i, std::uint32_t j, LatticePoint p) {
+  bool is_between = false;
+  for (std::uint32_t k = i; k <= j; ++k) {
+    const LatticePoint a = s.at(k), b = s.at(k < j ? k + 1 : i);
+    if (is_on_segment(a, b, p)) return false;
+    if ((a.y > p.y) != (b.y > p.y) && (orient2d(a, b, p) > 0) == (b.y > a.y))
+      is_between = !is_between;
+  }
+  return !is_between;
+}
+
+// Rings that do not cross, before simplification and after it, jump only if a vertex that both have
+// lies between a span and its chord. True if, for one vertex of each ring, that is so nowhere;
+// false does not tell, as this is no more than a quick test.
+bool is_free_of_jumps(const std::vector<Simplified>& rings) {
+  // The vertices by the cells of a grid.
+  std::vector<LatticePoint> points;
+  std::size_t spans = 0;
+  for (const Simplified& s : rings) {
+    points.push_back(s.at(s.kept[0]));
+    spans += s.spans();
+  }
+  if (points.size() < 2) return true;
+  const LatticeCells cells(box_around(points), static_cast<double>(points.size()));
+  const auto cell = [&cells](std::int32_t at, std::int32_t low, std::int32_t count) {
+    const double number = (static_cast<double>(at) - low) / cells.size;
+    return static_cast<std::int32_t>(std::clamp(number, -1.0, static_cast<double>(count)));
+  };
+  const auto column = [&](std::int32_t x) { return cell(x, cells.low.x, cells.columns); };
+  const auto row = [&](std::int32_t y) { return cell(y, cells.low.y, cells.rows); };
+  const auto number = [&cells](std::int32_t x, std::int32_t y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(cells.columns) +
+           static_cast<std::size_t>(x);
+  };
+  std::vector<std::uint32_t> first(cells.count() + 1, 0), ring_of(points.size());
+  for (const LatticePoint p : points)
+    ++first[number(column(p.x), row(p.y)) + 1];
+  for (std::size_t i = 1; i < first.size(); ++i)
+    first[i] += first[i - 1];
+  std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
+  for (std::uint32_t q = 0; q < points.size(); ++q)
+    ring_of[next[number(column(points[q].x), row(points[q].y))]++] = q;
+
+  // Long spans meet many cells.
+  std::size_t cells_left = 16 * (spans + points.size());
+  for (std::uint32_t r = 0; r < rings.size(); ++r) {
+    const Simplified& s = rings[r];
+    for (std::size_t k = 0; k < s.spans(); ++k) {
+      const std::uint32_t i = s.kept[k], j = s.span_end(k);
+      LatticeBox box = box_around(s.at(i), s.at(j));
+      for (std::uint32_t m = i + 1; m < j; ++m)
+        widen(box, s.at(m));
+      const std::int32_t left = std::max(column(box.low.x), 0),
+                         right = std::min(column(box.high.x), cells.columns - 1),
+                         low = std::max(row(box.low.y), 0),
+                         high = std::min(row(box.high.y), cells.rows - 1);
+      for (std::int32_t y = low; y <= high; ++y) {
+        for (std::int32_t x = left; x <= right; ++x) {
+          if (cells_left-- == 0) return false;
+          for (std::size_t at = first[number(x, y)]; at < first[number(x, y) + 1]; ++at) {
+            const std::uint32_t q = ring_of[at];
+            if (q != r && !apart(box, {points[q], points[q]}) &&
+                !is_beside_span(s, i, j, points[q]))
+              return false;
+          }
+        }
+      }
+    }
+  }
+  return true;
+}
+
 bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>& rings,
              std::vector<std::vector<char>>& marks) {
   std::vector<Ring> now;
@@ -273,7 +351,7 @@ Pslg douglas_peucker(const Pslg& contours, double tolerance, const std::vector<b
     any = mark_crossings(rings, marks) || any;
     if (!any && mark_misplaced) {
       any = mark_by(mark_misplaced, rings, marks);
-    } else if (!any) {
+    } else if (!any && !is_free_of_jumps(rings)) {
       if (!around) around = rings_around(contours.rings);
       any = mark_jumps(rings, *around, marks);
     }

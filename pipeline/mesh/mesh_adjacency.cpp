@@ -1,39 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/mesh/mesh_adjacency.h"
 
+#include "formats/geometry/edge_table.h"
+
 namespace trocar::pipeline {
 
 Neighbours neighbours(const SliceMesh& mesh) {
   Neighbours out(mesh.triangles.size(), {kNoEdge, kNoEdge, kNoEdge});
-  // The edges that leave each vertex, grouped by counting.
-  std::vector<std::uint32_t> first(mesh.vertices.size() + 1, 0);
-  for (const Triangle& t : mesh.triangles) {
-    for (const std::uint32_t v : t)
-      ++first[v + 1];
-  }
-  for (std::size_t v = 1; v < first.size(); ++v)
-    first[v] += first[v - 1];
-  struct Leaving {
-    std::uint32_t to;
-    EdgeId edge;
-  };
-  std::vector<Leaving> leaving(mesh.triangles.size() * 3);
-  std::vector<std::uint32_t> end(first.begin(), first.end() - 1);
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& v = mesh.triangles[t];
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      // The same edge of the neighbour, if that came before, leaves where this one ends.
-      const std::uint32_t from = v[i], to = v[next_corner(i)];
-      leaving[end[from]++] = {to, edge_id(t, i)};
-      for (std::uint32_t k = first[to]; k < end[to]; ++k) {
-        if (leaving[k].to != from) continue;
-        const EdgeId edge = leaving[k].edge;
-        out[t][i] = edge;
-        out[triangle_of(edge)][index_of(edge)] = edge_id(t, i);
-        break;
-      }
-    }
-  }
+  edge_table(mesh).for_each_pair([&out](std::uint32_t, std::uint32_t, const auto& edges) {
+    if (edges.size() != 2) return true;
+    const std::uint32_t a = edges[0].edge, b = edges[1].edge;
+    out[a / 3][a % 3] = edge_id(b / 3, b % 3);
+    out[b / 3][b % 3] = edge_id(a / 3, a % 3);
+    return true;
+  });
   return out;
 }
 

@@ -14,7 +14,7 @@ namespace trocar::pipeline {
 /// kNoEdge at the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 
-/// Of a valid mesh. O(n): edges are matched among those that start at one vertex.
+/// Of a valid mesh. O(n).
 Neighbours neighbours(const SliceMesh& mesh);
 
 }  // namespace trocar::pipeline

@@ -91,16 +91,22 @@ MeshQuality measure_quality(const Refined& refined, const Lattice& lattice, doub
   if (refined.mesh.triangles.empty()) return out;
   const SmallInputAngles small(refined);
   const double sine = std::sin(min_angle_deg * std::numbers::pi / 180);
-  double min_angle = std::numbers::pi;
+  double min_angle = std::numbers::pi, smallest_sine2 = 1;
   std::int64_t max_doubled_area = 0;
   for (std::uint32_t k = 0; k < refined.mesh.triangles.size(); ++k) {
     const Triangle& t = refined.mesh.triangles[k];
     const LatticePoint a = refined.mesh.vertices[t[0]], b = refined.mesh.vertices[t[1]],
                        c = refined.mesh.vertices[t[2]];
     max_doubled_area = std::max(max_doubled_area, orient2d(a, b, c));
+    const bool is_sharp = is_angle_below(a, b, c, sine * sine);
+    // Angles take long: only those of triangles that are sharp or may have the smallest one.
+    if (!is_sharp && !is_angle_below(a, b, c, smallest_sine2 * (1 + 1e-9))) continue;
     const double angle = std::min({angle_at(a, b, c), angle_at(b, c, a), angle_at(c, a, b)});
-    min_angle = std::min(min_angle, angle);
-    if (!is_angle_below(a, b, c, sine * sine)) continue;
+    if (angle < min_angle) {
+      min_angle = angle;
+      smallest_sine2 = std::sin(angle) * std::sin(angle);
+    }
+    if (!is_sharp) continue;
     SharpTriangle sharp{k, angle * 180 / std::numbers::pi, 360, {}};
     if (const std::int32_t s = small.at(t); s >= 0) {
       const Refined::Segment& segment = refined.segments[static_cast<std::size_t>(s)];
