@@ -69,8 +69,8 @@ class PixelShares {
     const Triangle& t = mesh_.triangles[row.triangle];
     const LatticePoint a = mesh_.vertices[t[0]], b = mesh_.vertices[t[1]], c = mesh_.vertices[t[2]];
     const double x = (row.first_x + offset_x_) * dx_ - a.x, y = (row.y + offset_y_) * dy_ - a.y;
-    const double bx = std::int64_t{b.x} - a.x, by = std::int64_t{b.y} - a.y;
-    const double cx = std::int64_t{c.x} - a.x, cy = std::int64_t{c.y} - a.y;
+    const double bx = static_cast<double>(b.x) - a.x, by = static_cast<double>(b.y) - a.y;
+    const double cx = static_cast<double>(c.x) - a.x, cy = static_cast<double>(c.y) - a.y;
     const double scale = 1 / static_cast<double>(orient2d(a, b, c));
     const Share of_b{(x * cy - y * cx) * scale, dx_ * cy * scale};
     const Share of_c{(y * bx - x * by) * scale, -dx_ * by * scale};

@@ -28,7 +28,7 @@ inline ShortestEdge shortest_edge(const TriangleCorners& v) noexcept {
                                       distance2(v[2], v[0])};
   // (Without branches, as it cannot be predicted.)
   const std::uint32_t is_second = d[1] < d[0] ? 1 : 0,
-                      is_third = (d[2] < d[0]) & (d[2] < d[1]) ? 1 : 0;
+                      is_third = ((d[2] < d[0]) & (d[2] < d[1])) ? 1 : 0;
   const std::uint32_t edge = (is_second & (is_third ^ 1)) | is_third << 1;
   return {edge, d[edge]};
 }
