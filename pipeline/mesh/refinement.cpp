@@ -899,6 +899,7 @@ class Refiner {
           const double x = px + (qx - px) * (py / (py - qy));
           from = std::min(from, x), to = std::max(to, x);
         }
+        if (from > to) continue;  // the row touches the triangle's highest corner
         const auto step = static_cast<double>(dx), first = static_cast<double>(shift);
         for (auto column = static_cast<std::int64_t>(std::ceil((from - first) / step));
              static_cast<double>(shift + column * dx) <= to; ++column)
