@@ -5,9 +5,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <random>
 #include <set>
+#include <span>
 #include <utility>
+
+#include "formats/geometry/edge_table.h"
 
 namespace trocar {
 namespace {
@@ -235,6 +239,33 @@ TEST(IsConstrainedDelaunay, DetectsAFlippedDiagonal) {
   const std::vector<LatticePoint> kite = {{0, 0}, {10, -1}, {20, 0}, {10, 1}};
   EXPECT_TRUE(is_constrained_delaunay({kite, {{0, 1, 3}, {1, 2, 3}}}));
   EXPECT_FALSE(is_constrained_delaunay({kite, {{0, 1, 2}, {0, 2, 3}}}));
+}
+
+TEST(EdgeTable, IsInOrder) {
+  std::mt19937_64 rng(3);
+  for (std::uint32_t n = 3; n < 60; n += 4) {
+    SliceMesh mesh;
+    mesh.vertices.resize(n);
+    for (std::uint32_t k = 0; k < 3 * n; ++k) {
+      const auto a = static_cast<std::uint32_t>(rng() % n);
+      mesh.triangles.push_back({a, (a + 1) % n, (a + 2) % n});
+      std::shuffle(mesh.triangles.back().begin(), mesh.triangles.back().end(), rng);
+    }
+    std::vector<std::array<std::uint32_t, 3>> wanted, found;  // lower vertex, higher one, edge
+    for (std::uint32_t edge = 0; edge < 9 * n; ++edge) {
+      const Triangle& t = mesh.triangles[edge / 3];
+      const auto [low, high] = std::minmax({t[edge % 3], t[(edge + 1) % 3]});
+      wanted.push_back({low, high, edge});
+    }
+    std::sort(wanted.begin(), wanted.end());
+    edge_table(mesh).for_each_pair(
+        [&](std::uint32_t low, std::uint32_t high, std::span<const EdgeTable::Entry> edges) {
+          for (const EdgeTable::Entry& e : edges)
+            found.push_back({low, e.high == high ? high : n, e.edge});
+          return true;
+        });
+    ASSERT_EQ(found, wanted);
+  }
 }
 
 }  // namespace

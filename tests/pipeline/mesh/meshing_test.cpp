@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <map>
@@ -114,6 +115,21 @@ void expect_valid_refinement(const Pslg& pslg, const RefinementOptions& options,
   EXPECT_TRUE(is_constrained_delaunay(refined.mesh)) << what;
   EXPECT_NE(refined.outcome, RefinementOutcome::kVertexBudget) << what;
   const MeshQuality quality = measure_quality(refined, kLattice, options.min_angle_deg);
+  double smallest_deg = 180;
+  for (const Triangle& t : refined.mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const LatticePoint at = refined.mesh.vertices[t[i]],
+                         p = refined.mesh.vertices[t[(i + 1) % 3]],
+                         q = refined.mesh.vertices[t[(i + 2) % 3]];
+      smallest_deg =
+          std::min(smallest_deg, std::atan2(static_cast<double>(orient2d(at, p, q)),
+                                            static_cast<double>(diametral_dot(p, q, at))) *
+                                     180 / std::numbers::pi);
+    }
+  }
+  if (!refined.mesh.triangles.empty()) {
+    EXPECT_NEAR(quality.min_angle_deg, smallest_deg, 1e-9) << what;
+  }
   EXPECT_EQ(quality.below_unexplained, 0U) << what;
   EXPECT_EQ(quality.negative_stiffness_edges, 0U) << what;
   EXPECT_EQ(quality.below_min_angle, quality.below_at_small_input_angle) << what;
