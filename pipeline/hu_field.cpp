@@ -8,6 +8,8 @@
 #include <numeric>
 #include <utility>
 
+#include "pipeline/mesh/part_groups.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -87,27 +89,6 @@ double bounded(float hu) {
   return std::clamp<double>(hu, kHuLow, kHuHigh);
 }
 
-// The connected parts of a mesh: a vertex of its part, by vertex.
-class Parts {
- public:
-  explicit Parts(const SliceMesh& mesh) : up_(mesh.vertices.size()) {
-    std::iota(up_.begin(), up_.end(), 0U);
-    for (const Triangle& t : mesh.triangles) {
-      join(t[0], t[1]);
-      join(t[0], t[2]);
-    }
-  }
-  std::uint32_t of(std::uint32_t v) {
-    while (up_[v] != v)
-      v = up_[v] = up_[up_[v]];
-    return v;
-  }
-
- private:
-  void join(std::uint32_t a, std::uint32_t b) { up_[of(a)] = of(b); }
-  std::vector<std::uint32_t> up_;
-};
-
 double nearest_pixel(LatticePoint p, const Image& hu, const PixelGrid& grid) {
   const auto index = [&](std::int32_t c, double spacing_mm, int offset, int count) {
     const double i = std::rint(grid.lattice.to_mm(c) / spacing_mm) - offset;
@@ -161,15 +142,6 @@ SparseMatrix zeros_for(const SliceMesh& mesh) {
   return out;
 }
 
-// Eigen's minimum degree ordering, without its detour by the sum of the matrix and its transpose:
-// SimplicialLDLT hands over all of a symmetric matrix.
-struct SymmetricOrdering {
-  using PermutationType = Eigen::AMDOrdering<std::int32_t>::PermutationType;
-  void operator()(const SparseMatrix& whole, PermutationType& order) const {
-    Eigen::AMDOrdering<std::int32_t>()(whole.selfadjointView<Eigen::Lower>(), order);
-  }
-};
-
 // The normal equations of the fit.
 struct Normal {
   SparseMatrix matrix;  // lower half
@@ -177,20 +149,20 @@ struct Normal {
   Eigen::VectorXd weights;  // by vertex: sum of its shares over the pixels
 };
 
-Normal normal_equations(const SliceMesh& mesh, const Image& hu, const PixelGrid& grid,
+Normal normal_equations(const PartGroups::Group& group, const Image& hu, const PixelGrid& grid,
                         const std::vector<PixelRow>& rows, double smoothing) {
+  const SliceMesh& mesh = group.mesh;
   const auto n = static_cast<std::int32_t>(mesh.vertices.size());
   Normal out{zeros_for(mesh), Eigen::VectorXd::Zero(n), Eigen::VectorXd::Zero(n)};
   const auto add = [&out](std::uint32_t a, std::uint32_t b, double value) {
     out.matrix.coeffRef(std::max(a, b), std::min(a, b)) += value;
   };
-  Parts parts(mesh);
   std::vector<char> has_pixels(mesh.vertices.size(), 0);
   const PixelShares all_shares(mesh, grid);
   auto row = rows.begin();
   for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     const Triangle& v = mesh.triangles[t];
-    if (row != rows.end() && row->triangle == t) has_pixels[parts.of(v[0])] = 1;
+    if (row != rows.end() && row->triangle == t) has_pixels[group.part[v[0]]] = 1;
     // Edges within the mesh belong to two triangles, those of its boundary to one: they count half.
     std::array<std::array<double, 3>, 3> sums{};
     for (std::size_t i = 0; i < 3; ++i) {
@@ -222,11 +194,31 @@ Normal normal_equations(const SliceMesh& mesh, const Image& hu, const PixelGrid&
   }
   // Parts without pixels: as if there were one at each vertex.
   for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (has_pixels[parts.of(v)] != 0) continue;
+    if (has_pixels[group.part[v]] != 0) continue;
     add(v, v, 1);
     out.right[v] += nearest_pixel(mesh.vertices[v], hu, grid);
   }
   return out;
+}
+
+// By sparse Cholesky factors in Eigen's minimum degree ordering, of the pattern alone:
+// SimplicialLDLT itself orders a copy of the whole symmetric matrix with its values.
+Eigen::VectorXd solution(const Normal& normal) {
+  using Pattern = Eigen::SparseMatrix<char, Eigen::ColMajor, std::int32_t>;
+  using Ordering = Eigen::AMDOrdering<std::int32_t>;
+  const SparseMatrix& a = normal.matrix;
+  const std::vector<char> no_values(static_cast<std::size_t>(a.nonZeros()), 0);
+  const Eigen::Map<const Pattern> pattern(a.rows(), a.cols(), a.nonZeros(), a.outerIndexPtr(),
+                                          a.innerIndexPtr(), no_values.data());
+  Ordering::PermutationType back;
+  Ordering()(pattern.selfadjointView<Eigen::Lower>(), back);
+  const Ordering::PermutationType there = back.inverse();
+  SparseMatrix ordered(a.rows(), a.cols());
+  ordered.selfadjointView<Eigen::Upper>() = a.selfadjointView<Eigen::Lower>().twistedBy(there);
+  const Eigen::SimplicialLDLT<SparseMatrix, Eigen::Upper, Eigen::NaturalOrdering<std::int32_t>>
+      factors(ordered);
+  const Eigen::VectorXd right = there * normal.right;
+  return back * factors.solve(right);
 }
 
 // Each value to the nearest step; then, while the mean over the pixels is off, those that are
@@ -318,11 +310,24 @@ HuField fit_hu_field(const SliceMesh& mesh, const Image& hu, const PixelGrid& gr
                      const HuFieldOptions& options) {
   HuField out;
   if (mesh.vertices.empty()) return out;
-  const std::vector<PixelRow> rows = pixel_rows(mesh, grid, hu.width, hu.height);
-  const Normal normal = normal_equations(mesh, hu, grid, rows, options.smoothing);
-  const Eigen::SimplicialLDLT<SparseMatrix, Eigen::Lower, SymmetricOrdering> factors(normal.matrix);
-  out.values = rounded(factors.solve(normal.right), normal.weights, options.step);
-  measure(mesh, hu, grid, rows, out);
+  const auto n = static_cast<Eigen::Index>(mesh.vertices.size());
+  Eigen::VectorXd fit(n), weights(n);
+  std::vector<PixelRow> all_rows;
+  PartGroups groups(mesh);
+  for (std::size_t g = 0; g < groups.count(); ++g) {
+    const PartGroups::Group& group = groups.group(g);
+    const std::vector<PixelRow> rows = pixel_rows(group.mesh, grid, hu.width, hu.height);
+    const Normal normal = normal_equations(group, hu, grid, rows, options.smoothing);
+    const Eigen::VectorXd values = solution(normal);
+    for (std::size_t i = 0; i < group.vertices.size(); ++i) {
+      fit[group.vertices[i]] = values[static_cast<Eigen::Index>(i)];
+      weights[group.vertices[i]] = normal.weights[static_cast<Eigen::Index>(i)];
+    }
+    for (const PixelRow& row : rows)
+      all_rows.push_back({group.triangles[row.triangle], row.y, row.first_x, row.end_x});
+  }
+  out.values = rounded(fit, weights, options.step);
+  measure(mesh, hu, grid, all_rows, out);
   return out;
 }
 

@@ -47,8 +47,8 @@ std::vector<PixelRow> pixel_rows(const SliceMesh& mesh, const PixelGrid& grid, i
 
 /// The field of a valid mesh over an image of HU. A connected part of the mesh without any pixel's
 /// centre takes the values of the pixels nearest to its vertices. Rounded so that the slice's bias
-/// stays far below a step. By sparse Cholesky factors: O(n^1.5) for n vertices, a million take 8 s
-/// and 600 MB. The same input gives the same bits.
+/// stays far below a step. By sparse Cholesky factors of each connected part: O(n^1.5) for a part
+/// of n vertices. The same input gives the same bits.
 HuField fit_hu_field(const SliceMesh& mesh, const Image& hu, const PixelGrid& grid,
                      const HuFieldOptions& options = {});
 

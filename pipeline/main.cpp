@@ -26,6 +26,7 @@
 #include "pipeline/asset_tools.h"
 #include "pipeline/batch.h"
 #include "pipeline/batch_command.h"
+#include "pipeline/keep_memory.h"
 #include "pipeline/mesh_scan.h"
 #include "pipeline/presets.h"
 #include "pipeline/preview.h"
@@ -556,5 +557,6 @@ int run_within_memory(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  trocar::pipeline::keep_freed_memory();
   return trocar::run_program(kName, [&] { return run_within_memory(argc, argv); });
 }

@@ -67,6 +67,7 @@ struct FillNode {
 };
 
 // Memory that is kept from slice to slice: fresh pages took a fifth of the time.
+constexpr std::size_t kMostKeptTriangles = 1 << 17;  // 8 MB
 struct Workspace {
   RefinementMesh mesh;
   RefinementOutline outline;
@@ -127,6 +128,7 @@ class Refiner {
     }
     if (keep_area_ || has_shared_) outline_.find_loops();
     if (keep_area_) outline_.find_room(mesh_.points);
+    origins_.reserve(mesh_.points.capacity());
     origins_.assign(mesh_.points.size(), {VertexOrigin::kCorner});
     encroached_.clear();
     bad_.clear();
@@ -970,11 +972,10 @@ double affordable_area_mm2(const Triangulation& from, const Lattice& lattice, do
 }
 
 Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
-                         const RefinementOptions& wanted) {
+                         const RefinementOptions& wanted, Workspace& memory) {
   RefinementOptions options = wanted;
   options.max_area_mm2 = affordable_area_mm2(from, lattice, wanted.max_area_mm2);
   options.least_area_mm2 = affordable_area_mm2(from, lattice, wanted.least_area_mm2);
-  thread_local Workspace memory;
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
     const RefinementOptions attempt{
         angle_deg,           options.max_area_mm2,   std::min(max_vertices, kMostVertices),
@@ -1017,15 +1018,22 @@ bool is_angle_below(LatticePoint a, LatticePoint b, LatticePoint c, double sine2
 
 Refined refine(const Triangulation& from, const Lattice& lattice,
                const RefinementOptions& options) {
+  thread_local Workspace memory;
+  const auto refined = [&](const Triangulation& unrotated, const RefinementOptions& wanted) {
+    Refined out = refine_unrotated(unrotated, lattice, wanted, memory);
+    // What a large slice has taken is worth more to its next stages.
+    if (memory.mesh.triangles.capacity() > kMostKeptTriangles) memory = {};
+    return out;
+  };
   const CanonicalRotation rotate = rotation_by_centroid(from.mesh.vertices);
-  if (rotate.is_identity()) return refine_unrotated(from, lattice, options);
+  if (rotate.is_identity()) return refined(from, options);
   Triangulation rotated = from;
   for (LatticePoint& p : rotated.mesh.vertices)
     p = rotate(p);
   RefinementOptions rotated_too = options;
   if (options.area_mm2_at)
     rotated_too.area_mm2_at = [&](LatticePoint p) { return options.area_mm2_at(rotate.back(p)); };
-  Refined out = refine_unrotated(rotated, lattice, rotated_too);
+  Refined out = refined(rotated, rotated_too);
   for (LatticePoint& p : out.mesh.vertices)
     p = rotate.back(p);
   return out;

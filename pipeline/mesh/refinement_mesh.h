@@ -133,6 +133,11 @@ class RefinementMesh {
   /// is the outline's edge from a to b.
   template <typename Segment>
   void assign(const Triangulation& from, Segment segment) {
+    // What long outlines grow to, without a copy on the way; pages that are not used cost nothing.
+    constexpr std::size_t kGrowth = 2;
+    points.reserve(kGrowth * from.mesh.vertices.size());
+    star_.reserve(kGrowth * from.mesh.vertices.size());
+    triangles.reserve(kGrowth * from.mesh.triangles.size());
     points.assign(from.mesh.vertices.begin(), from.mesh.vertices.end());
     triangles.resize(from.mesh.triangles.size());
     for (std::uint32_t t = 0; t < triangles.size(); ++t) {

@@ -56,6 +56,7 @@ bool are_near(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
 
 void RefinementOutline::clear(std::size_t vertices) {
   segments_.clear();
+  segments_.reserve(vertices);
   twins_.clear();
   into_.assign(vertices, -1);
   angle_deg_.assign(vertices, 360);
@@ -89,6 +90,7 @@ void RefinementOutline::find_twins(const std::vector<LatticePoint>& points) {
     auto ends() const { return std::pair{low, high}; }
   };
   std::vector<Item> items;
+  items.reserve(n);
   for (std::uint32_t s = 0; s < n; ++s) {
     const auto [low, high] = std::minmax(points[segments_[s].from], points[segments_[s].to]);
     items.push_back({low, high, s});

@@ -17,6 +17,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/base/json_text.h"
+#include "pipeline/keep_memory.h"
 #include "pipeline/mesh_slice.h"
 #include "pipeline/report.h"
 #include "tests/bench/sweep_main.h"
@@ -198,5 +199,6 @@ Result<json> run(const json& plan) {
 }  // namespace
 
 int main() {
+  trocar::pipeline::keep_freed_memory();
   return trocar::test::sweep_main("noise_sweep", run);
 }

@@ -217,6 +217,51 @@ TEST(HuField, EqualsDenseLeastSquares) {
   }
 }
 
+// Each connected part of a mesh as if it were alone, also where they are fitted in several groups
+// (with one part that is larger than a group), whatever the order of vertices and triangles.
+TEST(HuField, PartsDoNotDependOnEachOther) {
+  constexpr int kAcross = 70;
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> noise(-300, 1500);
+  const PixelGrid grid{0.5, 0.5, 0, 0, kLattice};
+  const Image hu = image_of(960, 560, [&](int, int) { return noise(random); });
+  const SliceMesh large = meshed({{star(random, 100, 100, 90, 40)}}, 0.25);
+  ASSERT_GT(large.vertices.size(), 40'000U);
+  std::vector<SliceMesh> parts{large};
+  for (int i = 0; i < kAcross * kAcross; ++i) {
+    const double x_mm = 4 * (i % kAcross) + 202, y_mm = 4 * (i / kAcross) + 2;
+    parts.push_back(meshed({{star(random, x_mm, y_mm, 1.9, 9)}}));
+  }
+  std::vector<std::pair<std::size_t, std::size_t>> all;  // part, and vertex of it
+  for (std::size_t k = 0; k < parts.size(); ++k)
+    for (std::size_t v = 0; v < parts[k].vertices.size(); ++v)
+      all.emplace_back(k, v);
+  std::shuffle(all.begin(), all.end(), random);
+  SliceMesh mesh;
+  std::map<std::pair<std::size_t, std::size_t>, std::uint32_t> number;
+  for (const auto& [k, v] : all) {
+    number[{k, v}] = static_cast<std::uint32_t>(mesh.vertices.size());
+    mesh.vertices.push_back(parts[k].vertices[v]);
+  }
+  for (std::size_t k = 0; k < parts.size(); ++k)
+    for (const Triangle& t : parts[k].triangles)
+      mesh.triangles.push_back({number[{k, t[0]}], number[{k, t[1]}], number[{k, t[2]}]});
+  std::shuffle(mesh.triangles.begin(), mesh.triangles.end(), random);
+
+  const HuField field = fit_hu_field(mesh, hu, grid, {0.01, 0});
+  std::int64_t pixels = 0;
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    const HuField alone = fit_hu_field(parts[k], hu, grid, {0.01, 0});
+    pixels += alone.pixels;
+    for (std::size_t v = 0; v < parts[k].vertices.size(); ++v) {
+      const float value = field.values[number[{k, v}]];
+      ASSERT_NEAR(value, alone.values[v], 1e-3) << k << " " << v;
+    }
+  }
+  EXPECT_EQ(field.pixels, pixels);
+  EXPECT_NEAR(field.bias_hu, 0, 1e-3);
+}
+
 // The stated bias and error are those of the values over the pixels.
 TEST(HuField, StatesItsError) {
   const SliceMesh mesh = random_mesh(3);

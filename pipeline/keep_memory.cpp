@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "pipeline/keep_memory.h"
+
+#include <malloc.h>
+
+#include <limits>
+
+namespace trocar::pipeline {
+
+void keep_freed_memory() {
+#ifdef __GLIBC__
+  mallopt(M_MMAP_THRESHOLD, std::numeric_limits<int>::max());
+  mallopt(M_TRIM_THRESHOLD, -1);  // never
+#endif
+}
+
+}  // namespace trocar::pipeline
