@@ -52,10 +52,12 @@ struct Node {
 };
 // What is needed less often.
 struct NodeState {
-  std::uint32_t ring;
-  Place place;                     // on the contour, within the tolerance of p
+  std::uint32_t ring, k;           // k, t: on the contour, within the tolerance of p
+  double t = 0;
   double displacement = kUnknown;  // by the collapse of the edge to the next node
   double queued = kNever;          // the same when it was queued: the least of its tickets
+  Place place() const { return {k, t}; }
+  void put(Place place) { k = place.k, t = place.t; }
 };
 
 // The edge bc between a and d, as node numbers and as points.
@@ -165,13 +167,13 @@ class Collapser {
       rings_.push_back({first, n, on_contour, n, open ? first + n - 1 : kNone, 0});
       for (std::uint32_t k = 0; k < n; ++k) {
         nodes_.push_back({ring[k], first + (k > 0 ? k : n) - 1, first + (k + 1 < n ? k + 1 : 0)});
-        states_.push_back({r, {k, 0}});
+        states_.push_back({r, k});
         hints_.push_back(first + k);
-        points_.push_back(point(ring[k]));
+        points_.push_back(ring[k]);
         const LatticePoint next = k + 1 < n ? ring[k + 1] : ring[open ? k : 0];
         grid_.add(on_contour + k, ring[k], next, on_contour);
       }
-      points_.push_back(point(ring[0]));
+      points_.push_back(ring[0]);
       hints_.push_back(first);
     }
   }
@@ -224,7 +226,7 @@ class Collapser {
   // The contour's edge that the node began with.
   std::array<double, 4> home(std::uint32_t i) const {
     const std::size_t at = i + states_[i].ring;
-    const Point p = points_[at], next = points_[at + 1];
+    const Point p = point(points_[at]), next = point(points_[at + 1]);
     return {p.x, p.y, next.x, next.y};
   }
 
@@ -313,7 +315,7 @@ class Collapser {
     for (std::size_t k = 2; k < edges; ++k)
       nodes_[path.nodes[k]] = {{}, kept, kNone};
     nodes_[kept] = {*e, first, last};
-    states_[kept].place = *place;
+    states_[kept].put(*place);
     nodes_[last].previous = kept;
     return true;
   }
@@ -414,7 +416,7 @@ class Collapser {
     states_[s.ic].queued = states_[s.ic].displacement = kNever;
     nodes_[s.ic].next = kNone;
     nodes_[s.ib].p = found->e;
-    states_[s.ib].place = found->place;
+    states_[s.ib].put(found->place);
     nodes_[s.ib].next = s.id;
     nodes_[s.id].previous = s.ib;
     const std::array changed{nodes_[s.ia].previous, s.ia, s.ib, s.id};
@@ -498,8 +500,8 @@ class Collapser {
                                     double tolerance2) const {
     const RingState& ring = rings_[states_[a].ring];
     const std::uint32_t n = ring.contour_size;
-    const Point* const contour = points_.data() + ring.contour_first;
-    const Place from = states_[a].place, to = states_[d].place;
+    const LatticePoint* const contour = points_.data() + ring.contour_first;
+    const Place from = states_[a].place(), to = states_[d].place();
     std::uint32_t inner = to.k >= from.k ? to.k - from.k : to.k + n - from.k;
     if (inner == 0 && to.t < from.t) inner = n;  // all round
     const Point at = point(e);
@@ -508,7 +510,7 @@ class Collapser {
     double least = std::numeric_limits<double>::max();
     std::uint32_t nearest_piece = 0;
     for (std::uint32_t j = 0, k = from.k; j <= inner; ++j) {
-      const Point p = contour[k], q = contour[k + 1];
+      const Point p = point(contour[k]), q = point(contour[k + 1]);
       const double low = j == 0 ? from.t : 0, high = j == inner ? to.t : 1;
       const double t = std::clamp(fraction_along(p, q, at), low, high);
       const double d2 = distance2_between({p.x + t * (q.x - p.x), p.y + t * (q.y - p.y)}, at);
@@ -519,7 +521,7 @@ class Collapser {
     const auto are_near = [&](Point end, std::uint32_t first, std::uint32_t last) {
       std::uint32_t k = from.k + first < n ? from.k + first : from.k + first - n;
       for (std::uint32_t j = first; j <= last; ++j) {
-        if (segment_distance2(end, at, contour[k]) > tolerance2) return false;
+        if (segment_distance2(end, at, point(contour[k])) > tolerance2) return false;
         k = k + 1 < n ? k + 1 : 0;
       }
       return true;
@@ -538,7 +540,7 @@ class Collapser {
 
   // Does the outline's edge from this node stand for the contour from vertex k on?
   bool stands_for(std::uint32_t i, std::uint32_t k, std::uint32_t n) const {
-    const Place from = states_[i].place, to = states_[nodes_[i].next].place;
+    const Place from = states_[i].place(), to = states_[nodes_[i].next].place();
     std::uint32_t to_k = along(from.k, k, n), to_end = along(from.k, to.k, n);
     if (to_k == 0 && from.t > 0) to_k = n;
     if (to_end == 0 && to.t < from.t) to_end = n;
@@ -553,15 +555,15 @@ class Collapser {
       i = nodes_[i].previous;
     const RingState& ring = rings_[states_[i].ring];
     const std::uint32_t k = vertex - ring.contour_first, n = ring.contour_size;
-    const std::uint32_t ahead = along(states_[i].place.k, k, n);
-    const bool is_ahead = ahead > 0 ? ahead <= n / 2 : states_[i].place.t == 0;
+    const std::uint32_t ahead = along(states_[i].k, k, n);
+    const bool is_ahead = ahead > 0 ? ahead <= n / 2 : states_[i].t == 0;
     std::uint32_t left = ring.size;
     for (; left > 0 && !stands_for(i, k, n); --left)
       i = is_ahead ? nodes_[i].next : nodes_[i].previous;
     if (left == 0) return kNone;
     hints_[vertex] = i;
     const auto begins_there = [&](std::uint32_t j) {
-      return states_[j].place.k == k && states_[j].place.t == 0;
+      return states_[j].k == k && states_[j].t == 0;
     };
     if (begins_there(i)) {
       for (; left > 0 && begins_there(nodes_[i].previous); --left)
@@ -619,7 +621,7 @@ class Collapser {
         if (is_in_the_way(i)) return true;
         i = nodes_[i].next;
       } while (i != start &&
-               along(first, states_[i].place.k, other.contour_size) <= run.last - run.first);
+               along(first, states_[i].k, other.contour_size) <= run.last - run.first);
       return false;
     });
   }
@@ -631,7 +633,7 @@ class Collapser {
   std::vector<Node> nodes_;
   std::vector<NodeState> states_;       // by node
   std::vector<ContourGrid::Run> runs_;  // of is_clear()
-  std::vector<Point> points_;           // of the contours, each ring's first one again at its end
+  std::vector<LatticePoint> points_;    // of the contours, each ring's first one again at its end
   std::vector<std::uint32_t> hints_;    // by vertex of the contours: where node_at() begins
   std::vector<RingState> rings_;
   bool is_queueing_ = false;
