@@ -52,7 +52,7 @@ struct Node {
 };
 // What is needed less often.
 struct NodeState {
-  std::uint32_t ring, k;           // k, t: on the contour, within the tolerance of p
+  std::uint32_t ring, k;  // k, t: on the contour, within the tolerance of p
   double t = 0;
   double displacement = kUnknown;  // by the collapse of the edge to the next node
   double queued = kNever;          // the same when it was queued: the least of its tickets

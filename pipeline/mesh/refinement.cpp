@@ -13,10 +13,13 @@
 #include "formats/geometry/split_places.h"
 #include "formats/geometry/steiner_places.h"
 #include "formats/geometry/triangle_shape.h"
+#include "pipeline/mesh/fill_nodes.h"
+#include "pipeline/mesh/insertion_look.h"
 #include "pipeline/mesh/refinement_mesh.h"
 #include "pipeline/mesh/refinement_outline.h"
 #include "pipeline/mesh/refinement_queue.h"
 #include "pipeline/mesh/shared_edges.h"
+#include "pipeline/mesh/triangle_bounds.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -46,24 +49,9 @@ constexpr std::uint32_t kMostVertices = 100'000'000;
 constexpr std::size_t kSteepBudget = 4;
 constexpr double kAngleStep_deg = 0.25;
 
-// A new point, and the mesh with it.
-struct Candidate {
-  LatticePoint p;
-  InsertionCavity cavity;
-  int growth = 0;  // of the number of bad triangles and encroached edges, or kImpossible
-  int flaws = 0;   // the number of these around the new point
-};
-constexpr int kImpossible = std::numeric_limits<int>::max();
-
 struct EncroachedTicket {
   EdgeId edge;
   std::uint32_t generation;
-};
-
-// A point that may fill a large triangle.
-struct FillNode {
-  std::uint32_t triangle;  // where it lay before any were inserted
-  LatticePoint p;
 };
 
 // Memory that is kept from slice to slice: fresh pages took a fifth of the time.
@@ -81,6 +69,11 @@ struct Workspace {
 };
 
 class Refiner {
+  using Of = InsertionLook::Of;
+  using Places = InsertionLook::Places;
+  using Rim = InsertionCavity::Rim;
+  using Tally = InsertionLook::Tally;
+
  public:
   Refiner(const Triangulation& from, const Lattice& lattice, const RefinementOptions& options,
           Workspace& memory)
@@ -103,20 +96,13 @@ class Refiner {
         keep_area_(options.keep_area),
         has_shared_(options.shared_borders),
         farthest2_(options.farthest_steps * options.farthest_steps),
-        area_mm2_at_(options.area_mm2_at),
-        has_area_at_(options.area_mm2_at != nullptr),
+        bounds_(lattice, options),
+        look_(memory.mesh, bounds_),
         circle_(options.min_angle_deg * std::numbers::pi / 180) {
     for (std::size_t k = 0; k < aside_.size(); ++k) {
       const double angle = kAside_deg[k] * std::numbers::pi / 180;
       aside_[k] = circle_.at(std::sin(angle), std::cos(angle));
     }
-    const double sine = std::sin(options.min_angle_deg * std::numbers::pi / 180);
-    const double step2 = lattice.step_mm() * lattice.step_mm();
-    limits_ = {sine * sine, 2 * options.max_area_mm2 / step2};
-    doubled_per_mm2_ = 2 / step2;
-    least_doubled_area_ = options.least_area_mm2 * doubled_per_mm2_;
-    rim_limits_ = {limits_.sine2, has_area_at_ ? std::min(least_doubled_area_, limits_.doubled_area)
-                                               : limits_.doubled_area};
     outline_.clear(from.mesh.vertices.size());
     mesh_.assign(from, [&](std::uint32_t a, std::uint32_t b) { return outline_.add(a, b); });
     outline_.close(mesh_.points);
@@ -138,7 +124,7 @@ class Refiner {
     for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
       note_encroached_edges(t);
       const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
-      const TriangleShape shape = measured(at(v[0]), at(v[1]), at(v[2]));
+      const TriangleShape shape = bounds_.shape(at(v[0]), at(v[1]), at(v[2]));
       queue(t, shape.is_bad(), shape.shortest2);
     }
     fill_large();
@@ -161,22 +147,6 @@ class Refiner {
  private:
   LatticePoint at(std::uint32_t v) const { return mesh_.points[v]; }
   double distance(std::uint32_t a, std::uint32_t b) const { return edge_length(at(a), at(b)); }
-
-  // By the place, if there is a bound by place.
-  double largest_doubled_area(LatticePoint a, LatticePoint b, LatticePoint c) const {
-    if (!area_mm2_at_) return limits_.doubled_area;
-    const auto third = [](std::int64_t sum) { return static_cast<std::int32_t>(sum / 3); };
-    const LatticePoint centroid{third(std::int64_t{a.x} + b.x + c.x),
-                                third(std::int64_t{a.y} + b.y + c.y)};
-    return std::min(limits_.doubled_area,
-                    std::max(least_doubled_area_, area_mm2_at_(centroid) * doubled_per_mm2_));
-  }
-  TriangleShape measured(LatticePoint a, LatticePoint b, LatticePoint c) const {
-    TriangleShape shape = shape_of(a, b, c, limits_);
-    if (area_mm2_at_ && static_cast<double>(shape.doubled_area) > least_doubled_area_)
-      shape.is_large = static_cast<double>(shape.doubled_area) > largest_doubled_area(a, b, c);
-    return shape;
-  }
 
   // ---- bad triangles and encroached edges ----
 
@@ -213,214 +183,13 @@ class Refiner {
     if (is_bad) bad_.push(shortest2, {t, mesh_.triangles[t].generation});
   }
 
-  // ---- what an insertion would change ----
-
-  using Rim = InsertionCavity::Rim;
-
-  // What is found in four triangles between edges of a rim and points, as masks.
-  struct Look {
-    Four is_bad, is_turned, is_near, is_obtuse_at_p, is_obtuse_at_a, is_obtuse_at_b;
-  };
-  using FourTriangles = std::array<TriangleCorners, 4>;
-  // In any case, but slow.
-  [[gnu::noinline]] Look look_at_each(const FourTriangles& triangles, double min_distance2) const {
-    Look out{};
-    for (std::size_t k = 0; k < 4; ++k) {
-      const auto [a, b, p] = triangles[k];
-      const TriangleShape shape = measured(a, b, p);
-      const auto mask = [](bool is) { return is ? -1 : 0; };
-      out.is_bad[k] = mask(shape.is_bad());
-      out.is_turned[k] = mask(shape.doubled_area <= 0);
-      out.is_near[k] = mask(static_cast<double>(distance2(a, p)) < min_distance2);
-      out.is_obtuse_at_p[k] = mask(diametral_dot(a, b, p) < 0);
-      out.is_obtuse_at_a[k] = mask(diametral_dot(b, p, a) < 0);
-      out.is_obtuse_at_b[k] = mask(diametral_dot(p, a, b) < 0);
-    }
-    return out;
-  }
-  [[gnu::noinline]] Four is_each_large(const FourTriangles& triangles) const {
-    Four out{};
-    for (std::size_t k = 0; k < 4; ++k)
-      out[k] = measured(triangles[k][0], triangles[k][1], triangles[k][2]).is_large ? -1 : 0;
-    return out;
-  }
-
-  // The least distance from other vertices, squared.
-  struct Clearance {
-    explicit Clearance(double distance2)
-        : exact(distance2), whole(static_cast<std::int32_t>(std::min(distance2, 0x1p30))) {
-      whole += whole < distance2 ? 1 : 0;
-    }
-    double exact;
-    std::int32_t whole;  // rounded up
-  };
-  // `triangles` gives the same four as `from`, `to` and `p`.
-  template <typename Triangles>
-  [[gnu::always_inline]] Look look(bool is_in_reach, FourPoints from, FourPoints to, FourPoints p,
-                                   const Clearance& clearance, Triangles triangles) const {
-    if (!is_in_reach) [[unlikely]]
-      return look_at_each(triangles(), clearance.exact);
-    const RimView v = rim_view(from, to, p);
-    const Sharpness sharp = sharpness(v, rim_limits_);
-    if (is_any(sharp.is_unsure)) [[unlikely]]
-      return look_at_each(triangles(), clearance.exact);
-    Four is_large = v.doubled_area > rim_limits_.doubled_area;
-    if (has_area_at_ && is_any(is_large)) [[unlikely]]
-      is_large = is_each_large(triangles());
-    return {sharp.is_sharp | is_large,
-            v.doubled_area <= 0,
-            v.pa2 < four_of(clearance.whole),
-            v.at_p < 0,
-            v.at_a < 0,
-            v.at_b < 0};
-  }
-
-  // What is found in all triangles between a rim and a point together.
-  struct Tally {
-    int flaws = 0;            // bad triangles, and encroached edges where an edge is split
-    bool is_turned = false;   // the point is not on the left of an edge
-    bool is_near = false;     // it is too near to a vertex
-    bool is_blocked = false;  // it encroaches upon an edge of the outline
-  };
-  enum class Of { kFree, kSplit };
-  // The mesh with the candidate.
-  template <Of kOf>
-  [[gnu::always_inline]] Tally look_ahead(Candidate& candidate, double min_distance2) const {
-    InsertionCavity& cavity = candidate.cavity;
-    const Clearance clearance(min_distance2);
-    Four flaws{}, is_turned{}, is_near{}, is_blocked{};
-    const std::span<RimQuad> quads = cavity.quads();
-    for (std::size_t k = 0; k < quads.size(); ++k) {
-      RimQuad& r = quads[k];
-      const FourPoints origin{};  // is the point
-      const Look seen = look(cavity.is_in_reach(), r.a, r.b, origin, clearance, [&] {
-        const Rim* const rim = cavity.rim_of_quad(k);
-        FourTriangles out;
-        for (std::size_t i = 0; i < 4; ++i)
-          out[i] = {at(rim[i].a), at(rim[i].b), candidate.p};
-        return out;
-      });
-      r.is_bad = seen.is_bad & r.is_edge;
-      if (kOf == Of::kSplit) {
-        const Four here = r.is_outline & r.is_edge & seen.is_obtuse_at_p,
-                   before = r.is_before & seen.is_obtuse_at_a,
-                   after = r.is_after & seen.is_obtuse_at_b;
-        r.is_blocked = here | before | after;
-        flaws += r.is_bad + here + before + after;
-      } else {
-        r.is_blocked = r.is_outline & r.is_edge & (seen.is_turned | seen.is_obtuse_at_p);
-        flaws += r.is_bad;
-      }
-      is_blocked |= r.is_blocked;
-      is_turned |= seen.is_turned;
-      is_near |= seen.is_near;
-    }
-    const Tally out{count_of(flaws), is_any(is_turned), is_any(is_near), is_any(is_blocked)};
-    candidate.flaws = out.flaws;
-    candidate.growth = out.flaws - cavity.bad_triangles();
-    return out;
-  }
-
-  // Places close to each other have nearly the same cavity, so four are compared by the cavity of
-  // another. (All four, even if the first is good enough: that cannot be predicted.)
-  using Places = std::array<LatticePoint, 4>;
-
-  // Of each place: the number of bad triangles, and of encroached edges where an edge is split, if
-  // it were inserted into this cavity; many if it cannot have this cavity.
-  static constexpr std::int32_t kMany = 1 << 20;
-  template <Of kOf>
-  [[gnu::always_inline]] Four flaws_of(const Places& places, const InsertionCavity& cavity) const {
-    const auto [p, is_in_reach] = from_origin_of(cavity, places);
-    const Clearance clearance(0);
-    Four flaws{}, is_turned{};
-    const std::span<const RimQuad> quads = cavity.quads();
-    for (std::size_t k = 0; k < cavity.rim().size(); ++k) {
-      const RimQuad& r = quads[k / 4];
-      const Look seen =
-          look(is_in_reach, four_times(r.a, k % 4), four_times(r.b, k % 4), p, clearance, [&] {
-            const Rim& edge = cavity.rim()[k];
-            FourTriangles out;
-            for (std::size_t i = 0; i < 4; ++i)
-              out[i] = {at(edge.a), at(edge.b), places[i]};
-            return out;
-          });
-      flaws += seen.is_bad;
-      if (kOf == Of::kSplit)
-        flaws += (four_of(r.is_outline[k % 4]) & seen.is_obtuse_at_p) +
-                 (four_of(r.is_before[k % 4]) & seen.is_obtuse_at_a) +
-                 (four_of(r.is_after[k % 4]) & seen.is_obtuse_at_b);
-      is_turned |= seen.is_turned;
-    }
-    return -flaws | (is_turned & four_of(kMany));
-  }
-  // Of the places that the mask allows, the first with the fewest.
-  struct Fewest {
-    std::int32_t flaws;
-    std::size_t place;
-  };
-  static Fewest fewest_of(Four flaws, Four is_place) {
-    const Four keys = 4 * (flaws | (~is_place & four_of(kMany))) + Four{0, 1, 2, 3};
-    const std::int32_t key = std::min(std::min(keys[0], keys[1]), std::min(keys[2], keys[3]));
-    return {key >> 2, static_cast<std::size_t>(key & 3)};
-  }
-  struct FromOrigin {
-    FourPoints p;
-    bool is_in_reach;
-  };
-  [[gnu::always_inline]] static FromOrigin from_origin_of(const InsertionCavity& cavity,
-                                                          const Places& p) {
-    const LatticePoint o = cavity.origin;
-    const FourPoints away = narrowed(from_origin(p[0], p[1], o), from_origin(p[2], p[3], o));
-    return {away, cavity.is_in_reach() && !is_any(is_beyond_rim_reach(away))};
-  }
-
-  // Which of the places are not too near to a vertex and do not encroach, as a mask.
-  [[gnu::always_inline]] Four allowed_by(const InsertionCavity& cavity, const Places& places,
-                                         double min_distance2) const {
-    const auto [p, is_in_reach] = from_origin_of(cavity, places);
-    if (!is_in_reach) [[unlikely]]
-      return allowed_by_each(cavity, places, min_distance2);
-    const Four clearance = four_of(Clearance(min_distance2).whole);
-    Four is_excluded{};
-    for (const RimQuad& r : cavity.quads()) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        const FourPoints a = four_times(r.a, k) - p, b = four_times(r.b, k) - p;
-        is_excluded |= (dots(a, a) < clearance) | (four_of(r.is_outline[k]) & (dots(a, b) < 0));
-      }
-    }
-    return ~is_excluded;
-  }
-  [[gnu::noinline]] Four allowed_by_each(const InsertionCavity& cavity, const Places& places,
-                                         double min_distance2) const {
-    Four out = four_of(-1);
-    for (const Rim& r : cavity.rim()) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        if (static_cast<double>(distance2(at(r.a), places[k])) < min_distance2 ||
-            (r.is_outline() && diametral_dot(at(r.a), at(r.b), places[k]) < 0))
-          out[k] = 0;
-      }
-    }
-    return out;
-  }
-
-  // Calls visit(k) for the edges of the rim for which the mask is set.
-  template <typename Visit>
-  [[gnu::always_inline]] static void for_each_edge(const InsertionCavity& cavity,
-                                                   Four RimQuad::*mask, Visit visit) {
-    const std::span<const RimQuad> quads = cavity.quads();
-    for (std::size_t k = 0; k < quads.size(); ++k) {
-      for (unsigned bits = bits_of(quads[k].*mask); bits != 0; bits &= bits - 1)
-        visit(4 * k + static_cast<std::size_t>(std::countr_zero(bits)));
-    }
-  }
-
   // Does a point within the circumcircle of t lie in the material, encroach upon no edge and keep
   // its distance from other vertices?
   bool is_allowed(std::uint32_t t, LatticePoint p, double min_distance2, Candidate& out) {
     if (!mesh_.circumcircle_contains(t, p)) return false;
     out.p = p;
     mesh_.find_cavity(t, p, out.cavity);
-    const Tally seen = look_ahead<Of::kFree>(out, min_distance2);
+    const Tally seen = look_.ahead<Of::kFree>(out, min_distance2);
     return !(seen.is_turned | seen.is_near | seen.is_blocked);
   }
 
@@ -429,12 +198,12 @@ class Refiner {
   EdgeId find_in_the_way(std::uint32_t t, LatticePoint p, Candidate& out) {
     out.p = p;
     mesh_.find_cavity(t, p, out.cavity);
-    const Tally seen = look_ahead<Of::kFree>(out, 0);
+    const Tally seen = look_.ahead<Of::kFree>(out, 0);
     if (seen.is_turned) out.growth = kImpossible;
     if (!seen.is_turned && !seen.is_blocked) return kNoEdge;
     EdgeId longest = kNoEdge;
     std::int64_t length2 = 0;
-    for_each_edge(out.cavity, &RimQuad::is_blocked, [&](std::size_t k) {
+    InsertionLook::for_each_edge(out.cavity, &RimQuad::is_blocked, [&](std::size_t k) {
       const Rim& r = out.cavity.rim()[k];
       const std::int64_t ab2 = distance2(at(r.a), at(r.b));
       if (ab2 > length2) length2 = ab2, longest = r.inside;
@@ -457,7 +226,7 @@ class Refiner {
   bool look_at_split(EdgeId s, LatticePoint p, Candidate& out) {
     out.p = p;
     mesh_.find_split_cavity(s, p, out.cavity);
-    return !look_ahead<Of::kSplit>(out, 0).is_turned;
+    return !look_.ahead<Of::kSplit>(out, 0).is_turned;
   }
 
   // An input segment, and how far its splits may lie from it: each is rounded inwards, so repeated
@@ -586,7 +355,8 @@ class Refiner {
         for (std::size_t i = 0; i < 4; ++i)
           is_place[i] =
               -static_cast<std::int32_t>(find_place(kSplits[i + 1], places[i]) & (i >= k));
-        const Fewest best = fewest_of(flaws_of<Of::kSplit>(places, best_.cavity), is_place);
+        const InsertionLook::Fewest best =
+            InsertionLook::fewest_of(look_.flaws_of<Of::kSplit>(places, best_.cavity), is_place);
         if (best.flaws < best_.flaws && look_at_split(s, places[best.place], trial_) &&
             trial_.growth < best_.growth)
           std::swap(best_, trial_);
@@ -599,8 +369,9 @@ class Refiner {
   }
   // After its insertion.
   [[gnu::always_inline]] void note_encroached_edges(const Candidate& split) {
-    for_each_edge(split.cavity, &RimQuad::is_blocked,
-                  [&](std::size_t k) { note_encroached_edges(split.cavity.fresh_triangle(k)); });
+    InsertionLook::for_each_edge(split.cavity, &RimQuad::is_blocked, [&](std::size_t k) {
+      note_encroached_edges(split.cavity.fresh_triangle(k));
+    });
   }
 
   // ---- splitting edges that two regions share ----
@@ -639,8 +410,8 @@ class Refiner {
           if (is_found) break;
         } else {
           const Places place{*p, *p, *p, *p};
-          const int flaws = flaws_of<Of::kSplit>(place, best_.cavity)[0] +
-                            flaws_of<Of::kSplit>(place, best_beyond_.cavity)[0];
+          const int flaws = look_.flaws_of<Of::kSplit>(place, best_.cavity)[0] +
+                            look_.flaws_of<Of::kSplit>(place, best_beyond_.cavity)[0];
           if (flaws < fewest) fewest = flaws, better = p;
         }
       }
@@ -670,7 +441,7 @@ class Refiner {
       for (std::size_t k = 0; k < candidate.cavity.rim().size(); ++k)
         shared_.note(mesh_, candidate.cavity.fresh_triangle(k));
     }
-    for_each_edge(candidate.cavity, &RimQuad::is_bad, [&](std::size_t k) {
+    InsertionLook::for_each_edge(candidate.cavity, &RimQuad::is_bad, [&](std::size_t k) {
       const std::uint32_t t = candidate.cavity.fresh_triangle(k);
       queue(t, true, shortest2(mesh_.triangles[t]));
     });
@@ -681,7 +452,7 @@ class Refiner {
 
   void improve(std::uint32_t t) {
     const std::array<std::uint32_t, 3> v = mesh_.triangles[t].v;
-    const TriangleShape shape = measured(at(v[0]), at(v[1]), at(v[2]));
+    const TriangleShape shape = bounds_.shape(at(v[0]), at(v[1]), at(v[2]));
     const std::uint32_t shortest = shortest_edge({at(v[0]), at(v[1]), at(v[2])}).edge;
     if (!shape.is_large) {
       if (shape.shortest2 < kShortestEdge * kShortestEdge) return leave(t);
@@ -737,7 +508,7 @@ class Refiner {
       places[k] = point_over(a, b, {aside_[k].along * allowance, aside_[k].away * allowance});
     // Like the off-centre, they keep the shortest edge's length as a distance from other vertices,
     // so that refinement ends as it does without them.
-    unsigned left = bits_of(allowed_by(best_.cavity, places, shape.shortest2));
+    unsigned left = bits_of(look_.allowed_by(best_.cavity, places, shape.shortest2));
     while (left != 0) {
       const auto k = static_cast<unsigned>(std::countr_zero(left));
       left &= left - 1;
@@ -746,7 +517,7 @@ class Refiner {
       is_found = true;
       std::swap(best_, trial_);
       if (growth < -1) break;
-      left = bits_of(allowed_by(best_.cavity, places, shape.shortest2)) & (14U << k);
+      left = bits_of(look_.allowed_by(best_.cavity, places, shape.shortest2)) & (14U << k);
     }
     return is_found;
   }
@@ -754,7 +525,7 @@ class Refiner {
   // The same for a triangle that is too large: the apexes of equilateral triangles over its edges,
   // and the edges' midpoints.
   bool find_more_even(std::uint32_t t, const std::array<std::uint32_t, 3>& v) {
-    const double most = largest_doubled_area(at(v[0]), at(v[1]), at(v[2]));
+    const double most = bounds_.largest_doubled_area(at(v[0]), at(v[1]), at(v[2]));
     const double even_edge = kEvenEdge * std::sqrt(2 / std::numbers::sqrt3 * most);
     const double even2 = even_edge * even_edge, min_distance2 = 0.25 * even2;
     // The first and the second edge; the third.
@@ -774,10 +545,12 @@ class Refiner {
     }
     one_edge[2] = one_edge[3] = one_edge[0];
     const auto fewest = [&](const Places& places, Four is_place) {
-      return fewest_of(flaws_of<Of::kFree>(places, best_.cavity),
-                       is_place & allowed_by(best_.cavity, places, min_distance2));
+      return InsertionLook::fewest_of(
+          look_.flaws_of<Of::kFree>(places, best_.cavity),
+          is_place & look_.allowed_by(best_.cavity, places, min_distance2));
     };
-    const Fewest of_two = fewest(two_edges, is_in_two), of_one = fewest(one_edge, is_in_one);
+    const InsertionLook::Fewest of_two = fewest(two_edges, is_in_two),
+                                of_one = fewest(one_edge, is_in_one);
     const bool is_third = of_one.flaws < of_two.flaws;
     if (std::min(of_one.flaws, of_two.flaws) >= best_.flaws ||
         !is_allowed(t, is_third ? one_edge[of_one.place] : two_edges[of_two.place], min_distance2,
@@ -819,16 +592,17 @@ class Refiner {
   // Where the largest area asks for many triangles, most of them can be those of a lattice of
   // equilateral triangles of that area: nothing has to be searched for inside it.
   void fill_large() {
-    if (has_area_at_ || from_.mesh.triangles.empty()) return;
-    const double wanted = static_cast<double>(doubled_area(from_.mesh)) / limits_.doubled_area;
-    const double edge = std::sqrt(2 / std::numbers::sqrt3 * limits_.doubled_area);
+    if (bounds_.has_area_at() || from_.mesh.triangles.empty()) return;
+    const double wanted =
+        static_cast<double>(doubled_area(from_.mesh)) / bounds_.everywhere().doubled_area;
+    const double edge = fill_edge(bounds_.everywhere().doubled_area);
     if (edge < kLeastFillEdge_steps ||
         wanted < kLeastFilled * static_cast<double>(from_.mesh.vertices.size()))
       return;
     split_encroached();
     split_long(kFillPart * edge);
     split_encroached();
-    list_nodes(edge, wanted);
+    list_fill_nodes(mesh_, bounds_.everywhere().doubled_area, wanted, nodes_);
     const double away2 = edge * edge * kFillAway * kFillAway;
     for (const FillNode& node : nodes_) {
       if (mesh_.points.size() >= max_vertices_) return;
@@ -869,49 +643,6 @@ class Refiner {
     }
   }
 
-  // The points of the lattice with edges of about this length that lie in large triangles, or on
-  // their sides; twice where on a side of two. `triangles` is how many there are about.
-  void list_nodes(double edge, double triangles) {
-    nodes_.clear();
-    const auto dx = 2 * static_cast<std::int64_t>(edge / 2),
-               dy = static_cast<std::int64_t>(limits_.doubled_area / static_cast<double>(dx));
-    // All places are relative to this one, so that a mesh moves with its outline.
-    LatticePoint o = at(0);
-    for (const LatticePoint p : mesh_.points)
-      o = {std::min(o.x, p.x), std::min(o.y, p.y)};
-    // Not more than a small part of the time, for any outline: it need not fill all.
-    auto rows_left =
-        static_cast<std::int64_t>(16 * (triangles + static_cast<double>(mesh_.points.size())));
-    for (std::uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
-      const std::array<std::uint32_t, 3>& v = mesh_.triangles[t].v;
-      const LatticePoint a = at(v[0]), b = at(v[1]), c = at(v[2]);
-      if (static_cast<double>(orient2d(a, b, c)) <= limits_.doubled_area) continue;
-      const std::int64_t low = std::min({a.y, b.y, c.y}) - std::int64_t{o.y},
-                         high = std::max({a.y, b.y, c.y}) - std::int64_t{o.y};
-      for (std::int64_t row = (low + dy - 1) / dy; row * dy <= high; ++row) {
-        if (--rows_left < 0) return;
-        const std::int64_t y = row * dy, shift = row % 2 * (dx / 2);
-        double from = std::numeric_limits<double>::max(), to = -from;
-        for (const auto& [p, q] : {std::pair{a, b}, std::pair{b, c}, std::pair{c, a}}) {
-          const auto px = static_cast<double>(std::int64_t{p.x} - o.x),
-                     py = static_cast<double>(std::int64_t{p.y} - o.y - y),
-                     qx = static_cast<double>(std::int64_t{q.x} - o.x),
-                     qy = static_cast<double>(std::int64_t{q.y} - o.y - y);
-          if ((py < 0) == (qy < 0)) continue;
-          const double x = px + (qx - px) * (py / (py - qy));
-          from = std::min(from, x), to = std::max(to, x);
-        }
-        if (from > to) continue;  // the row touches the triangle's highest corner
-        const auto step = static_cast<double>(dx), first = static_cast<double>(shift);
-        for (auto column = static_cast<std::int64_t>(std::ceil((from - first) / step));
-             static_cast<double>(shift + column * dx) <= to; ++column)
-          nodes_.push_back({t,
-                            {static_cast<std::int32_t>(o.x + shift + column * dx),
-                             static_cast<std::int32_t>(o.y + y)}});
-      }
-    }
-  }
-
   Refined finish() {
     if (out_.outcome == RefinementOutcome::kRefined && out_.bad_at_lattice_step > 0)
       out_.outcome = RefinementOutcome::kLatticeTooCoarse;
@@ -941,13 +672,10 @@ class Refiner {
   std::uint32_t max_vertices_;
   bool keep_area_, has_shared_;
   double farthest2_;
-  const std::function<double(LatticePoint)>& area_mm2_at_;
-  bool has_area_at_;
-  double doubled_per_mm2_ = 0, least_doubled_area_ = 0;
+  TriangleBounds bounds_;
+  InsertionLook look_;
   AngleCircle circle_;  // for the wanted angle
   std::array<Place, kAside_deg.size()> aside_{};
-  ShapeLimits limits_{};
-  RimLimits rim_limits_;
   Refined out_;
 };
 
