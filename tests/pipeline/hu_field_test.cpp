@@ -229,8 +229,8 @@ TEST(HuField, PartsDoNotDependOnEachOther) {
   ASSERT_GT(large.vertices.size(), 40'000U);
   std::vector<SliceMesh> parts{large};
   for (int i = 0; i < kAcross * kAcross; ++i) {
-    const double x_mm = 4 * (i % kAcross) + 202, y_mm = 4 * (i / kAcross) + 2;
-    parts.push_back(meshed({{star(random, x_mm, y_mm, 1.9, 9)}}));
+    const int column = i % kAcross, row = i / kAcross;
+    parts.push_back(meshed({{star(random, 4 * column + 202, 4 * row + 2, 1.9, 9)}}));
   }
   std::vector<std::pair<std::size_t, std::size_t>> all;  // part, and vertex of it
   for (std::size_t k = 0; k < parts.size(); ++k)
