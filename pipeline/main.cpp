@@ -32,6 +32,7 @@
 #include "pipeline/preview.h"
 #include "pipeline/preview_file.h"
 #include "pipeline/preview_sheet.h"
+#include "pipeline/read/dicom_dictionary.h"
 #include "pipeline/review_command.h"
 #include "pipeline/scan_list.h"
 #include "pipeline/second_opinion.h"
@@ -558,5 +559,6 @@ int run_within_memory(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   trocar::pipeline::keep_freed_memory();
+  trocar::pipeline::leave_out_dicom_dictionary();
   return trocar::run_program(kName, [&] { return run_within_memory(argc, argv); });
 }

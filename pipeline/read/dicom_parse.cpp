@@ -12,6 +12,7 @@
 #include <cstdlib>
 #include <mutex>
 
+#include "pipeline/read/dicom_dictionary.h"
 #include "pipeline/read/dicom_headers.h"
 
 namespace trocar::pipeline {
@@ -79,6 +80,7 @@ void set_up_dcmtk() {
   static std::once_flag once;
   std::call_once(once, [] {
     OFLog::configure(OFLogger::OFF_LOG_LEVEL);
+    add_known_dicom_elements();
     DcmRLEDecoderRegistration::registerCodecs();
     DJDecoderRegistration::registerCodecs();
     DJLSDecoderRegistration::registerCodecs();

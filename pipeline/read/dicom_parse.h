@@ -11,8 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// Registers DCMTK's codecs (RLE, JPEG, JPEG-LS) and silences its log. Thread-safe; only the first
-/// call has an effect.
+/// Registers DCMTK's codecs (RLE, JPEG, JPEG-LS) and the elements read here, and silences its log.
+/// Thread-safe; only the first call has an effect.
 void set_up_dcmtk();
 
 /// Loads `file`; values longer than some kilobytes stay in the file until they are needed (except
