@@ -165,17 +165,28 @@ std::set<int> wanted_labels(const Segmentation& how) {
   return labels == nullptr || labels->all ? std::set<int>() : labels->labels;
 }
 
-// The quantisation grid of all slices: every vertex lies in the image, or in its crop.
+// How far beyond the edge of the image's outermost pixels, where contours end, a vertex may be put.
+double farthest_beyond_mm(const MeshOptions& options) {
+  const double step_mm = options.lattice.step_mm();  // for what is rounded to the lattice
+  return std::max(options.simplification.tolerance_mm, kFarthestFromOutline_steps * step_mm) +
+         step_mm;
+}
+
+// The quantisation grid of all slices, which holds every vertex: the image, or its crop, with a
+// margin.
 Result<DracoGrid> common_grid(const SliceStack& stack, int first, int last,
                               const MeshOptions& options) {
   const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
   const Crop& c = options.crop ? *options.crop : whole;
-  std::array<double, 4> box{};  // mm; with a margin of one pixel
+  std::array<double, 4> box{};  // mm
   for (int k = first; k <= last; ++k) {
     const SlicePlane& plane = stack.plane(k);
     const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
-    const std::array<double, 4> here{(c.x0 - 1) * u, (c.y0 - 1) * v, (c.x1 + 1) * u,
-                                     (c.y1 + 1) * v};
+    const double beyond = farthest_beyond_mm(options);
+    const double margin_u = 0.5 * u + std::max(0.5 * u, beyond),
+                 margin_v = 0.5 * v + std::max(0.5 * v, beyond);
+    const std::array<double, 4> here{c.x0 * u - margin_u, c.y0 * v - margin_v, c.x1 * u + margin_u,
+                                     c.y1 * v + margin_v};
     for (std::size_t i = 0; i < 4; ++i)
       box[i] =
           k == first ? here[i] : (i < 2 ? std::min(box[i], here[i]) : std::max(box[i], here[i]));

@@ -5,6 +5,7 @@ import gzip
 import json
 import os
 import pathlib
+import random
 import shutil
 import signal
 import struct
@@ -349,6 +350,24 @@ def spacing_of_a_file_without_one(programs, scan, work):
     check(made["with"] == made["without"] == made["nan"], f"--spacing: {made}")
 
 
+def material_at_the_border(programs, _, work):
+    """Where material reaches the image's border, a wide tolerance lets its outline leave the image."""
+    random_numbers = random.Random(2)
+    side = 96
+    header = bytearray(352)
+    struct.pack_into("<i", header, 0, 348)
+    struct.pack_into("<8h", header, 40, 3, side, side, 3, 1, 1, 1, 1)
+    struct.pack_into("<2h", header, 70, 4, 16)
+    struct.pack_into("<4f", header, 76, 1, 0.3, 0.3, 1)
+    struct.pack_into("<2f", header, 108, 352, 1)
+    header[123] = 2
+    header[344:348] = b"n+1\0"
+    values = [random_numbers.choice((0, 1500)) for _ in range(3 * side * side)]
+    (work / "border.nii").write_bytes(bytes(header) + struct.pack(f"<{len(values)}h", *values))
+    for tolerance in ("0", "0.2", "1", "3", "1000"):
+        run(programs / "trocar-mesh", work / "border.nii", "--tolerance", tolerance, "--quiet", "-o", work / "border.glb")
+
+
 def outputs_complete_or_none(programs, scan, work):
     """A pipe as an output, a file beyond `ulimit -f`, a signal: an error, and no file is left."""
     mesh, sample_ct, volume = programs / "trocar-mesh", programs / "trocar-sample-ct", scan / "sample.nii.gz"
@@ -479,8 +498,8 @@ def main():
     for part in (one_clear_line, refuses_an_empty_asset, refuses_other_outputs_than_glb, suggests_a_command, takes_labels,
                  presets_are_their_options,
                  names_what_is_no_number, says_permission_denied, groups_its_warnings,
-                 reports_to_be_shared, warns, limits_its_memory, spacing_of_a_file_without_one, outputs_complete_or_none,
-                 export_complete_and_of_one_asset):
+                 reports_to_be_shared, warns, limits_its_memory, spacing_of_a_file_without_one, material_at_the_border,
+                 outputs_complete_or_none, export_complete_and_of_one_asset):
         part(programs, scan, work)
     shutil.rmtree(work)
     return outcome()
