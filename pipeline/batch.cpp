@@ -178,11 +178,11 @@ Result<DracoGrid> common_grid(const SliceStack& stack, int first, int last,
                               const MeshOptions& options) {
   const Crop whole{0, stack.width() - 1, 0, stack.height() - 1};
   const Crop& c = options.crop ? *options.crop : whole;
+  const double beyond = farthest_beyond_mm(options);
   std::array<double, 4> box{};  // mm
   for (int k = first; k <= last; ++k) {
     const SlicePlane& plane = stack.plane(k);
     const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
-    const double beyond = farthest_beyond_mm(options);
     const double margin_u = 0.5 * u + std::max(0.5 * u, beyond),
                  margin_v = 0.5 * v + std::max(0.5 * v, beyond);
     const std::array<double, 4> here{c.x0 * u - margin_u, c.y0 * v - margin_v, c.x1 * u + margin_u,

@@ -4,25 +4,22 @@
 #include <numeric>
 #include <utility>
 
+#include "formats/base/disjoint_sets.h"
+
 namespace trocar::pipeline {
 namespace {
 
-// By vertex: one vertex of its connected part.
+// By vertex: the least vertex of its connected part.
 std::vector<std::uint32_t> parts_of(const SliceMesh& mesh) {
-  std::vector<std::uint32_t> up(mesh.vertices.size());
-  std::iota(up.begin(), up.end(), 0U);
-  const auto top = [&up](std::uint32_t v) {
-    while (up[v] != v)
-      v = up[v] = up[up[v]];
-    return v;
-  };
+  DisjointSets parts(mesh.vertices.size());
   for (const Triangle& t : mesh.triangles) {
-    for (const std::uint32_t v : {t[1], t[2]})
-      up[top(t[0])] = top(v);
+    parts.join(t[0], t[1]);
+    parts.join(t[0], t[2]);
   }
-  for (std::uint32_t v = 0; v < up.size(); ++v)
-    up[v] = top(v);
-  return up;
+  std::vector<std::uint32_t> out(parts.size());
+  for (std::uint32_t v = 0; v < out.size(); ++v)
+    out[v] = parts.root(v);
+  return out;
 }
 
 }  // namespace
@@ -44,7 +41,7 @@ PartGroups::List PartGroups::listed(std::size_t count, std::size_t groups,
 
 PartGroups::PartGroups(const SliceMesh& mesh)
     : mesh_(mesh), part_(parts_of(mesh)), number_(mesh.vertices.size()) {
-  // By the vertex that stands for its part.
+  // By the least vertex of the part.
   std::vector<std::uint32_t> size(part_.size(), 0), group(part_.size(), 0);
   for (const std::uint32_t part : part_)
     ++size[part];

@@ -20,8 +20,7 @@ class PartGroups {
   struct Group {
     std::span<const std::uint32_t> vertices, triangles;  ///< of the whole mesh, ascending
     SliceMesh mesh;                                      ///< these alone, in this order
-    std::vector<std::uint32_t>
-        part;  ///< by vertex of `mesh`: one vertex of its part, the same for all
+    std::vector<std::uint32_t> part;  ///< by vertex of `mesh`: the least vertex of its part
   };
 
   /// Every vertex and triangle of `mesh` is in one group. `mesh` has at least one vertex, and is
@@ -43,7 +42,7 @@ class PartGroups {
   static List listed(std::size_t count, std::size_t groups, const GroupOf& group_of);
 
   const SliceMesh& mesh_;
-  std::vector<std::uint32_t> part_;  // by vertex: one vertex of its part
+  std::vector<std::uint32_t> part_;  // by vertex: the least of its part
   List vertices_, triangles_;
   std::vector<std::uint32_t> number_;  // by vertex: its number in its group
   Group group_;
